@@ -1,0 +1,1 @@
+"""InstDrive's desktop editor."""

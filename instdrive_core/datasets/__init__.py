@@ -1,0 +1,1 @@
+"""Driving clips: one file per data set behind one `Clip`."""

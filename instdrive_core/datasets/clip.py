@@ -1,0 +1,120 @@
+"""A driving clip as the rest of the program sees it, whatever data set it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, UInt8, UInt32
+from numpy import ndarray
+
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.track import Track
+
+HOLD_OUT_PERIOD, HOLD_OUT_PHASE = 10, 4
+
+
+def is_held_out(index: int) -> bool:
+    """Whether a time step is kept for evaluation (i % 10 == 4); its images, masks and sweeps train nothing."""
+    return index % HOLD_OUT_PERIOD == HOLD_OUT_PHASE
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One photo. The camera is already at the clip's image scale and relative to the clip's origin."""
+
+    view: CameraView
+    load_image: Callable[[], UInt8[ndarray, "h w 3"]]
+    """Reads the photo at the clip's image scale, RGB."""
+    valid: Bool[ndarray, "h w"] | None = None
+    """False on the ego vehicle; None = all valid."""
+
+    @property
+    def key(self) -> str:
+        """``camera_name/NN``: unique in the clip, and the mask files' relative stem."""
+        return f"{self.view.name}/{self.view.index:02d}"
+
+
+@dataclass(frozen=True)
+class SweepPoints:
+    """One LiDAR sweep, relative to the clip's origin."""
+
+    points: Float32[ndarray, "n 3"]
+    """World coordinates in metres."""
+    intensity: Float32[ndarray, " n"]
+    """[0, 1]."""
+    sensor: UInt8[ndarray, " n"]
+    """0 = the spinning LiDAR, 1 = a second, forward one."""
+    classes: UInt8[ndarray, " n"] | None
+    """Semantic class per point; None where the clip has none."""
+    instance_labels: UInt32[ndarray, " n"] | None = None
+    """Exact instance per point (synthetic clips only, for evaluation)."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A LiDAR sweep that is read when asked for."""
+
+    index: int
+    time: float
+    load: Callable[[], SweepPoints]
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Cameras, LiDAR, cuboids of one drive. Times are seconds since the first time step listed on disk."""
+
+    path: str
+    name: str
+    origin: Float64[ndarray, "3"]
+    """World position subtracted from everything else (metres)."""
+    frames: tuple[Frame, ...]
+    """Ordered by (index, camera)."""
+    sweeps: tuple[Sweep, ...]
+    tracks: tuple[Track, ...]
+    """Deduplicated; `moving` is set by path length > 1 m."""
+    class_names: dict[int, str]
+    """Semantic classes; empty where the clip has none."""
+    camera_names: tuple[str, ...]
+
+    def training_frames(self) -> tuple[Frame, ...]:
+        """Frames that may train."""
+        return tuple(frame for frame in self.frames if not frame.view.held_out)
+
+    def held_out_frames(self) -> tuple[Frame, ...]:
+        """Frames of the evaluation split."""
+        return tuple(frame for frame in self.frames if frame.view.held_out)
+
+    def training_sweeps(self) -> tuple[Sweep, ...]:
+        """Sweeps that may train."""
+        return tuple(sweep for sweep in self.sweeps if not is_held_out(sweep.index))
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """Which part of a clip to load, and at which size."""
+
+    cameras: str = "6"
+    """Camera set: 1 (front), 3 (front and front sides), 6 (all), or names joined by commas."""
+    scale: float = 0.25
+    """Image scale; PandaSet photos are 1920×1080."""
+    first_frame: int | None = None
+    """First time step to use; default: the clip's first."""
+    last_frame: int | None = None
+    """Last time step to use, inclusive; default: the clip's last."""
+
+
+def load_clip(path: str, options: ClipOptions) -> Clip:
+    """Open a clip of any known data set.
+
+    Raises DataError where the folder is no clip or a file in it is damaged, OptionError for unknown cameras.
+    """
+    from instdrive_core.datasets.pandaset import load_pandaset
+
+    return load_pandaset(path, options)
+
+
+def center_of(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
+    """A clip origin: the mean position, rounded to whole metres so that it prints well."""
+    return np.round(points.mean(axis=0))

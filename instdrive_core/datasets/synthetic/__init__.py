@@ -1,0 +1,1 @@
+"""A procedural street, written in PandaSet's layout."""

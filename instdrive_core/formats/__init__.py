@@ -1,0 +1,1 @@
+"""Scene files: one file per format, registered once in registry.py."""

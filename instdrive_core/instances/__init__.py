@@ -1,0 +1,1 @@
+"""Instance IDs as arrays: the static codebook, the bijective colour map, the table of instances, spatial components."""

@@ -1,0 +1,94 @@
+"""What is known of each instance, beside the per-Gaussian ID array."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, UInt32
+from numpy import ndarray
+
+from instdrive_core.instances.colormap import colors_from_ids
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One selectable thing: a spatial component of one codeword within one node."""
+
+    id: int
+    """1 … 2^24 - 1; 0 means no instance and is never in the table."""
+    name: str
+    node: int = 0
+    """0 = background, k = actor k - 1 of the scene."""
+    codeword: int = 0
+    count: int = 0
+    """Gaussians that carry the ID."""
+    class_name: str = ""
+    """Class from the data set or the user; empty where unknown."""
+    bounds: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0,) * 3, (0.0,) * 3)
+    """Lower and upper corner of the Gaussians' means in metres, in the node's own frame."""
+
+    @property
+    def color(self) -> tuple[int, int, int]:
+        """RGB8 of this ID in the bijective colour map."""
+        r, g, b = colors_from_ids(np.array(self.id, np.uint32))
+        return int(r), int(g), int(b)
+
+
+@dataclass
+class InstanceTable:
+    """Instances by ID, in ID order."""
+
+    instances: dict[int, Instance] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.instances)
+
+    def __iter__(self) -> Iterator[Instance]:
+        return iter(sorted(self.instances.values(), key=lambda instance: instance.id))
+
+    def __contains__(self, instance_id: int) -> bool:
+        return instance_id in self.instances
+
+    def __getitem__(self, instance_id: int) -> Instance:
+        return self.instances[instance_id]
+
+    def set(self, instance: Instance) -> None:
+        """Add or replace an instance."""
+        self.instances[instance.id] = instance
+
+    def renamed(self, instance_id: int, name: str) -> Instance:
+        """A copy of an instance under another name."""
+        return replace(self.instances[instance_id], name=name)
+
+
+def table_from_ids(
+    instance_ids: UInt32[ndarray, "n"],
+    means: Float[ndarray, "n 3"],
+    codewords: UInt32[ndarray, "n"] | None = None,
+    nodes: ndarray | None = None,
+    names: dict[int, str] | None = None,
+    classes: dict[int, str] | None = None,
+) -> InstanceTable:
+    """Count and bound every ID above 0. Codeword and node are those of the ID's first Gaussian."""
+    order = np.argsort(instance_ids, kind="stable")
+    ids, starts, counts = np.unique(instance_ids[order], return_index=True, return_counts=True)
+    table = InstanceTable()
+    for instance_id, start, count in zip(ids.tolist(), starts.tolist(), counts.tolist(), strict=True):
+        if instance_id == 0:
+            continue
+        rows = order[start : start + count]
+        low, high = means[rows].min(axis=0), means[rows].max(axis=0)
+        table.set(
+            Instance(
+                id=instance_id,
+                name=(names or {}).get(instance_id, f"instance {instance_id}"),
+                node=int(nodes[rows[0]]) if nodes is not None else 0,
+                codeword=int(codewords[rows[0]]) if codewords is not None else 0,
+                count=count,
+                class_name=(classes or {}).get(instance_id, ""),
+                bounds=(tuple(map(float, low)), tuple(map(float, high))),
+            )
+        )
+    return table

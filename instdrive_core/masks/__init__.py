@@ -1,0 +1,1 @@
+"""Per-frame instance masks: one file per source."""

@@ -1,0 +1,73 @@
+"""Quaternions (wxyz) and rotation matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+
+def normalized(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
+    """Unit quaternions; a zero quaternion becomes the identity."""
+    norms = np.linalg.norm(quats, axis=-1, keepdims=True)
+    identity = np.zeros_like(quats)
+    identity[..., 0] = 1
+    return np.where(norms > 1e-12, quats / np.maximum(norms, 1e-12), identity)
+
+
+def matrix_from_quaternion(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 3 3"]:
+    """Rotation matrices from quaternions wxyz of any length."""
+    w, x, y, z = np.moveaxis(normalized(quats), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_from_matrix(matrices: Float[ndarray, "*n 3 3"]) -> Float[ndarray, "*n 4"]:
+    """Unit quaternions wxyz (w ≥ 0) from rotation matrices, by the largest of the four candidates."""
+    m = np.asarray(matrices)
+    r = {(i, j): m[..., i, j] for i in range(3) for j in range(3)}
+    trace = r[0, 0] + r[1, 1] + r[2, 2]
+    candidates = np.stack(
+        [
+            np.stack([1 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]], -1),
+            np.stack([r[2, 1] - r[1, 2], 1 + 2 * r[0, 0] - trace, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]], -1),
+            np.stack([r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], 1 + 2 * r[1, 1] - trace, r[1, 2] + r[2, 1]], -1),
+            np.stack([r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 + 2 * r[2, 2] - trace], -1),
+        ],
+        axis=-2,
+    )
+    sizes = np.stack([candidates[..., k, k] for k in range(4)], axis=-1)
+    best = np.argmax(sizes, axis=-1)
+    quats = normalized(np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :])
+    return np.where(quats[..., :1] < 0, -quats, quats)
+
+
+def multiplied(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
+    """Hamilton product: rotate by `right`, then by `left`."""
+    lw, lx, ly, lz = np.moveaxis(left, -1, 0)
+    rw, rx, ry, rz = np.moveaxis(right, -1, 0)
+    return np.stack(
+        [
+            lw * rw - lx * rx - ly * ry - lz * rz,
+            lw * rx + lx * rw + ly * rz - lz * ry,
+            lw * ry - lx * rz + ly * rw + lz * rx,
+            lw * rz + lx * ry - ly * rx + lz * rw,
+        ],
+        axis=-1,
+    )
+
+
+def slerp(start: Float[ndarray, "4"], end: Float[ndarray, "4"], fraction: float) -> Float[ndarray, "4"]:
+    """Spherical interpolation along the shorter arc; `fraction` 0 gives `start`, 1 gives `end`."""
+    start, end = normalized(start), normalized(end)
+    cosine = float(start @ end)
+    if cosine < 0:
+        end, cosine = -end, -cosine
+    if cosine > 0.9995:
+        return normalized(start + fraction * (end - start))
+    angle = np.arccos(cosine)
+    return (np.sin((1 - fraction) * angle) * start + np.sin(fraction * angle) * end) / np.sin(angle)

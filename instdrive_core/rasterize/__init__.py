@@ -1,0 +1,1 @@
+"""Gaussians × camera → per-pixel channels, on the CPU."""

@@ -1,0 +1,100 @@
+"""Pinhole cameras in OpenCV axes (x right, y down, z forward); pixel centres lie at +0.5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A posed pinhole camera."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    world_from_camera: Float64[ndarray, "4 4"]
+    """Rigid, relative to the scene's origin (metres)."""
+
+    @property
+    def camera_from_world(self) -> Float64[ndarray, "4 4"]:
+        """The inverse of `world_from_camera`."""
+        rotation, position = self.world_from_camera[:3, :3], self.world_from_camera[:3, 3]
+        inverse = np.eye(4)
+        inverse[:3, :3] = rotation.T
+        inverse[:3, 3] = -rotation.T @ position
+        return inverse
+
+    @property
+    def position(self) -> Float64[ndarray, "3"]:
+        """Camera centre in the world."""
+        return self.world_from_camera[:3, 3]
+
+    @property
+    def intrinsics(self) -> Float64[ndarray, "3 3"]:
+        """The matrix K."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same view on another raster."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
+        )
+
+    def scaled(self, factor: float) -> Camera:
+        """The same view at `factor` times the resolution, rounded to whole pixels."""
+        return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
+
+    def project(self, points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, " n"]]:
+        """Pixel coordinates and depths (z, metres) of world points; points at z ≤ 0 project to meaningless pixels."""
+        matrix = self.camera_from_world
+        local = points @ matrix[:3, :3].T + matrix[:3, 3]
+        depth = local[:, 2]
+        safe = np.where(np.abs(depth) > 1e-9, depth, 1e-9)
+        pixels = local[:, :2] / safe[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
+        return pixels, depth
+
+    def ray_directions(self) -> Float64[ndarray, "h w 3"]:
+        """Unit viewing directions in the world through all pixel centres."""
+        x = (np.arange(self.width) + 0.5 - self.cx) / self.fx
+        y = (np.arange(self.height) + 0.5 - self.cy) / self.fy
+        local = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=-1)
+        local /= np.linalg.norm(local, axis=-1, keepdims=True)
+        return local @ self.world_from_camera[:3, :3].T
+
+
+def look_at(position: ndarray, target: ndarray, up: ndarray = np.array([0.0, 0.0, 1.0])) -> Float64[ndarray, "4 4"]:
+    """world_from_camera of a camera at `position` that looks at `target`."""
+    forward = np.asarray(target, float) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return pose
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """One photo's camera: what the editor's dataset cameras and the timeline show."""
+
+    camera: Camera
+    name: str
+    """Camera name, e.g. ``front_camera``."""
+    index: int
+    """Time step of the clip."""
+    time: float
+    """Seconds since the clip's first time step."""
+    photo: str = ""
+    """Path of the photo; empty where there is none."""
+    held_out: bool = False

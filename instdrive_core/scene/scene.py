@@ -1,0 +1,87 @@
+"""A scene: background and actors in one array of Gaussians, sky, instances, cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
+from numpy import ndarray
+
+from instdrive_core.instances.table import InstanceTable
+from instdrive_core.maths.rotations import matrix_from_quaternion, multiplied, normalized, quaternion_from_matrix
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.sky import Sky
+from instdrive_core.scene.track import Track
+
+
+@dataclass
+class Scene:
+    """What is edited and exported. Splat id = row, stable in a session; row order = background, then actors.
+
+    Node 0 is the background; node k is `actors[k - 1]`, whose Gaussians live in that track's box frame.
+    """
+
+    gaussians: Gaussians
+    instance_ids: UInt32[ndarray, " n"]
+    """0 = none. Sole writer: `edits/instances.py`."""
+    codewords: UInt32[ndarray, " n"]
+    """Written by training only."""
+    nodes: UInt16[ndarray, " n"]
+    table: InstanceTable = field(default_factory=InstanceTable)
+    actors: tuple[Track, ...] = ()
+    sky: Sky | None = None
+    views: tuple[CameraView, ...] = ()
+    origin: Float64[ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+    """World position (metres) of the scene's coordinate origin; UTM-sized poses do not fit float32."""
+    code_bits: int = 0
+    """d of the codebook {-1, 1}^d; 0 where the scene has no codewords."""
+
+    def __post_init__(self) -> None:
+        count = len(self.gaussians)
+        for name in ("instance_ids", "codewords", "nodes"):
+            if getattr(self, name).shape != (count,):
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected ({count},)")
+        if count and int(self.nodes.max()) > len(self.actors):
+            raise ValueError(f"nodes name actor {int(self.nodes.max())}, the scene has {len(self.actors)}")
+
+    def __len__(self) -> int:
+        return len(self.gaussians)
+
+    def at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+        """The pose palette at `time` (seconds): world_from_node of background and actors, and which of them exist then."""
+        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+        present = [True, *(actor.covers(time) for actor in self.actors)]
+        return np.stack(poses), np.array(present, np.uint8)
+
+
+def scene_from_gaussians(gaussians: Gaussians) -> Scene:
+    """A static scene without instances around bare Gaussians."""
+    count = len(gaussians)
+    zeros = np.zeros(count, np.uint32)
+    return Scene(gaussians, zeros, zeros.copy(), np.zeros(count, np.uint16))
+
+
+def placed(
+    means: Float32[ndarray, "n 3"],
+    quats: Float32[ndarray, "n 4"],
+    nodes: UInt16[ndarray, " n"],
+    poses: Float64[ndarray, "m 4 4"],
+) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"]]:
+    """Means and quaternions in the world, given each row's node and the pose palette. Background rows are returned as they are."""
+    moved = np.flatnonzero(nodes)
+    if not len(moved):
+        return means, quats
+    means, quats = means.copy(), quats.copy()
+    matrices = poses[nodes[moved]]
+    rotated = np.einsum("nij,nj->ni", matrices[:, :3, :3], means[moved]) + matrices[:, :3, 3]
+    turns = quaternion_from_matrix(poses[:, :3, :3])[nodes[moved]]
+    means[moved] = rotated
+    quats[moved] = multiplied(turns, normalized(quats[moved]))
+    return means, quats
+
+
+def node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:
+    """The rotation part of a pose palette, orthonormalised through quaternions."""
+    return matrix_from_quaternion(quaternion_from_matrix(poses[:, :3, :3]))

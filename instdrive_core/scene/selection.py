@@ -1,0 +1,78 @@
+"""Edit state: one byte per splat, with one writer that tracks what must be uploaded again."""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+import numpy as np
+from jaxtyping import Bool, Int, UInt8
+from numpy import ndarray
+
+
+class Flag(IntFlag):
+    """Bits of a splat's state."""
+
+    SELECTED = 1
+    HIDDEN = 2
+    LOCKED = 4
+    DELETED = 8
+
+
+class SplatState:
+    """The state bytes of N splats. Arrays grow by appending only; deletion is a flag, dropped at export."""
+
+    def __init__(self, count: int) -> None:
+        self._flags = np.zeros(count, np.uint8)
+        self._dirty: tuple[int, int] | None = (0, count)
+        self.version = 0
+        """Rises with every change."""
+
+    def __len__(self) -> int:
+        return len(self._flags)
+
+    @property
+    def flags(self) -> UInt8[ndarray, " n"]:
+        """A read-only view."""
+        view = self._flags.view()
+        view.flags.writeable = False
+        return view
+
+    def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
+        """Rows that have any of the bits of `flag`."""
+        return np.flatnonzero(self._flags & flag)
+
+    def mask(self, flag: Flag) -> Bool[ndarray, " n"]:
+        """Whether each row has any of the bits of `flag`."""
+        return (self._flags & flag) != 0
+
+    @property
+    def drawn(self) -> Bool[ndarray, " n"]:
+        """Rows that are neither hidden nor deleted."""
+        return (self._flags & (Flag.HIDDEN | Flag.DELETED)) == 0
+
+    def change(self, rows: Int[ndarray, " m"], flag: Flag, on: bool) -> Int[ndarray, " k"]:
+        """Set or clear a bit; returns the rows that really changed (the delta an edit stores)."""
+        before = (self._flags[rows] & flag) == flag
+        changed = np.asarray(rows)[before != on]
+        if len(changed):
+            if on:
+                self._flags[changed] |= flag
+            else:
+                self._flags[changed] &= ~flag & 0xFF
+            self._touch(int(changed.min()), int(changed.max()) + 1)
+        return changed
+
+    def append(self, count: int) -> None:
+        """Add `count` splats with no bit set."""
+        start = len(self._flags)
+        self._flags = np.concatenate([self._flags, np.zeros(count, np.uint8)])
+        self._touch(start, start + count)
+
+    def take_dirty(self) -> tuple[int, int] | None:
+        """The row range changed since the last call, or None."""
+        dirty, self._dirty = self._dirty, None
+        return dirty
+
+    def _touch(self, start: int, stop: int) -> None:
+        self.version += 1
+        self._dirty = (start, stop) if self._dirty is None else (min(start, self._dirty[0]), max(stop, self._dirty[1]))

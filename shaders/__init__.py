@@ -1,0 +1,1 @@
+"""GLSL sources, shipped as package data of instdrive_app."""
