@@ -1,0 +1,50 @@
+# make demo   train a synthetic drive, evaluate it, open (or script) the editor on it
+# make test   the whole test suite
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 xvfb xauth xdotool python3-venv
+RUN ?= runs/demo
+
+.PHONY: demo test lint bench pictures system clean
+.DEFAULT_GOAL := demo
+
+demo: $(VENV)/.ready
+	$(BIN)/instdrive demo --out $(RUN)
+
+test: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.ready-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+bench: $(VENV)/.ready-dev
+	$(BIN)/python -m benchmarks.rasterize --workload W2 --state init
+	$(BIN)/python -m benchmarks.rasterize --workload W2 --state trained
+
+pictures: $(VENV)/.ready-dev
+	$(BIN)/python -m benchmarks.pictures
+
+$(VENV)/bin/python: | system
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.ready: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(VENV)/.ready-dev: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+# OpenGL, a virtual display and venv support come from Debian packages; nothing is installed when all are there.
+system:
+	@if command -v apt-get >/dev/null && ! dpkg-query -W $(PACKAGES) >/dev/null 2>&1; then \
+		$(SUDO) apt-get update -qq && \
+		DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -qq --no-install-recommends $(PACKAGES); \
+	fi
+
+clean:
+	rm -rf $(VENV) runs build dist *.egg-info
