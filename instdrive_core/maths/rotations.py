@@ -46,19 +46,16 @@ def quaternion_from_matrix(matrices: Float[ndarray, "*n 3 3"]) -> Float[ndarray,
     return np.where(quats[..., :1] < 0, -quats, quats)
 
 
+def multiplication_matrices(left: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4 4"]:
+    """Matrices M with M @ right = left x right (Hamilton product)."""
+    w, x, y, z = np.moveaxis(left, -1, 0)
+    rows = [[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
 def multiplied(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
     """Hamilton product: rotate by `right`, then by `left`."""
-    lw, lx, ly, lz = np.moveaxis(left, -1, 0)
-    rw, rx, ry, rz = np.moveaxis(right, -1, 0)
-    return np.stack(
-        [
-            lw * rw - lx * rx - ly * ry - lz * rz,
-            lw * rx + lx * rw + ly * rz - lz * ry,
-            lw * ry - lx * rz + ly * rw + lz * rx,
-            lw * rz + lx * ry - ly * rx + lz * rw,
-        ],
-        axis=-1,
-    )
+    return np.einsum("...ij,...j->...i", multiplication_matrices(left), right)
 
 
 def slerp(start: Float[ndarray, "4"], end: Float[ndarray, "4"], fraction: float) -> Float[ndarray, "4"]:

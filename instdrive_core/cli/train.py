@@ -1,0 +1,43 @@
+"""`instdrive train`: a clip becomes a scene with instances."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import Positional, arg
+
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.training.config import Method, Preset, train_config
+
+
+def train(
+    clip: Positional[Path],
+    out: Annotated[Path, arg(aliases=["-o"])],
+    method: Method = "instdrive",
+    preset: Preset = "quick",
+    seed: int = 0,
+    masks: Path | None = None,
+    resume: bool = False,
+    options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
+) -> None:
+    """Train a driving clip into Gaussians with instance IDs.
+
+    Args:
+        clip: Folder of the clip, in PandaSet's layout.
+        out: Folder of the run; `instdrive edit` opens it.
+        method: Losses: `instdrive` (ours) or `paper` (the printed forms).
+        preset: Length: `demo` (≤ 5 minutes on 2 cores), `quick` (≤ 15 minutes) or `paper` (30,000 iterations).
+        seed: Of everything random.
+        masks: Folder of masks; default: the clip's own `masks/`, else masks made from its annotations.
+        resume: Go on from the folder's checkpoint.
+        options: Which part of the clip to use.
+    """
+    from instdrive_core.cli.train_progress import TrainProgress
+    from instdrive_core.training.run import RunRequest, run_training
+
+    request = RunRequest(clip, out, options, train_config(method, preset, seed), masks, resume)
+    with TrainProgress() as progress:
+        run_training(request, progress.on_event, progress.on_note)
+    print(f"trained scene: {out} (open it with: instdrive edit {out})")

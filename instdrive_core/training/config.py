@@ -1,0 +1,172 @@
+"""Everything a training run can be told, and the presets and methods that set it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+Method = Literal["instdrive", "paper"]
+Preset = Literal["demo", "quick", "paper"]
+
+
+@dataclass(frozen=True)
+class InitConfig:
+    """Where the first Gaussians come from (drivestudio's Street-Gaussians configuration, scaled down)."""
+
+    lidar_points: int = 100_000
+    """LiDAR points kept for the background, after voxel thinning."""
+    near_points: int = 8_000
+    """Random points around the cameras, where LiDAR sees nothing."""
+    far_points: int = 12_000
+    """Random points far out, in inverse distance."""
+    actor_points: int = 3_000
+    """Largest number of points per moving object."""
+    opacity: float = 0.1
+    """First opacity."""
+
+
+@dataclass(frozen=True)
+class GeometryConfig:
+    """The RGB stage: appearance and shape."""
+
+    iterations: int = 2_000
+    """Steps of one image each."""
+    coarse_iterations: int = 600
+    """Of these, the first so many run at half the resolution."""
+    sh_degree: int = 1
+    """Degree of the spherical harmonics, 0 to 3."""
+    ssim_weight: float = 0.2
+    """RGB term: (1 - w) L1 + w (1 - SSIM)."""
+    depth_weight: float = 0.02
+    """LiDAR depth, L1 in metres below 80 m."""
+    sky_weight: float = 0.05
+    """Opacity inside the sky mask."""
+    means_lr: float = 1.6e-4
+    """Times the scene radius; falls exponentially to a hundredth."""
+    sh_dc_lr: float = 2.5e-3
+    """Constant colour."""
+    sh_rest_lr: float = 1.25e-4
+    """View-dependent colour."""
+    opacity_lr: float = 0.05
+    """Opacity logits."""
+    scale_lr: float = 5e-3
+    """Log scales."""
+    rotation_lr: float = 1e-3
+    """Quaternions."""
+    sky_lr: float = 0.01
+    """Sky cube map."""
+    sky_resolution: int = 128
+    """Texels along one side of a cube face."""
+
+
+@dataclass(frozen=True)
+class InstanceConfig:
+    """The instance losses (InstDrive, sec. 3.2 and 3.3). Defaults are ours; `--method paper` sets the printed forms."""
+
+    schedule: Literal["after", "joint"] = "after"
+    """`after`: on frozen geometry with cached blending weights. `joint`: in every RGB step, as printed."""
+    iterations: int = 2_000
+    """Steps of the `after` schedule; `joint` follows the RGB stage's."""
+    feature_dim: int = 16
+    """d of the codebook {-1, 1}^d."""
+    tanh: bool = True
+    """Losses act on tanh of the rendered feature; off: on the raw feature."""
+    repulsion_offset: float = 1.0
+    """ε in the inter-mask term 1 / (distance² + ε)."""
+    init_std: float = 0.1
+    """Standard deviation of the first features."""
+    feature_lr: float = 0.05
+    """Adam's step for features."""
+    contrastive_weight: float = 1.0
+    """Pull inside a mask, push between masks of one image."""
+    voxel_weight: float = 1.0
+    """Agreement inside randomly shifted voxels."""
+    pseudo_weight: float = 0.1
+    """Towards the codeword that wins the vote inside each mask."""
+    pseudo_start: float = 1 / 3
+    """Share of the run after which pseudo supervision begins."""
+    voxel_every: int = 5
+    """Steps between two voxel losses."""
+    voxel_size: float = 0.5
+    """Metres."""
+    pixels_per_view: int = 4_096
+    """Pixels per step, stratified over masks; `joint` samples them from the rendered map."""
+    min_alpha: float = 0.5
+    """Pixels with less accumulated opacity are left out."""
+    whole_actors: bool = True
+    """A moving object is one instance: its Gaussians take the codeword most of them have."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run, complete: same config, seed and thread count give the same bits."""
+
+    method: Method = "instdrive"
+    preset: Preset = "quick"
+    seed: int = 0
+    init: InitConfig = field(default_factory=InitConfig)
+    geometry: GeometryConfig = field(default_factory=GeometryConfig)
+    instances: InstanceConfig = field(default_factory=InstanceConfig)
+    checkpoint_every: int = 500
+    """Steps between checkpoints."""
+    report_every: int = 10
+    """Steps between two progress events."""
+
+    @property
+    def instance_iterations(self) -> int:
+        """Steps of the instance stage that follows the RGB stage."""
+        return self.instances.iterations if self.instances.schedule == "after" else 0
+
+    def to_json(self) -> dict[str, Any]:
+        """As nested plain values."""
+        return asdict(self)
+
+    @staticmethod
+    def from_json(values: dict[str, Any]) -> TrainConfig:
+        """The inverse of `to_json`."""
+        return TrainConfig(
+            **{
+                **values,
+                "init": InitConfig(**values["init"]),
+                "geometry": GeometryConfig(**values["geometry"]),
+                "instances": InstanceConfig(**values["instances"]),
+            }
+        )
+
+
+def printed_form(instances: InstanceConfig) -> InstanceConfig:
+    """The paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term."""
+    return replace(
+        instances,
+        schedule="joint",
+        feature_dim=8,
+        tanh=False,
+        repulsion_offset=1e-4,
+        feature_lr=2.5e-3,
+        contrastive_weight=0.1,
+        voxel_weight=0.1,
+        pseudo_weight=0.1,
+        whole_actors=False,
+    )
+
+
+def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: int = 0) -> TrainConfig:
+    """The configuration behind `--method` and `--preset`."""
+    config = TrainConfig(method=method, preset=preset, seed=seed)
+    if preset == "demo":
+        config = replace(
+            config,
+            init=InitConfig(lidar_points=60_000, near_points=4_000, far_points=6_000, actor_points=2_000),
+            geometry=replace(config.geometry, iterations=1_200, coarse_iterations=400),
+            instances=replace(config.instances, iterations=1_500),
+        )
+    elif preset == "paper":
+        config = replace(
+            config,
+            init=InitConfig(lidar_points=800_000, near_points=100_000, far_points=100_000, actor_points=5_000),
+            geometry=replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3),
+            instances=replace(config.instances, iterations=10_000),
+        )
+    if method == "paper":
+        config = replace(config, instances=printed_form(config.instances))
+    return config

@@ -1,0 +1,47 @@
+"""What a trainer tells whoever listens: a progress bar, a log file, the editor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Stage = Literal["rgb", "instances"]
+
+
+@dataclass(frozen=True)
+class StepDone:
+    """Progress, every `report_every` steps."""
+
+    stage: Stage
+    iteration: int
+    """Steps done in this stage."""
+    total: int
+    loss: float
+    psnr: float | None
+    """Of the training image of the last step, dB; None in the instance stage."""
+    gaussians: int
+    seconds: float
+    """Since training started, resumed parts included."""
+    terms: dict[str, float] = field(default_factory=dict)
+    """Each weighted loss term by name."""
+
+
+@dataclass(frozen=True)
+class StageStarted:
+    """A stage begins, or goes on after a resume."""
+
+    stage: Stage
+    iteration: int
+    total: int
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class CheckpointDue:
+    """The trainer stands between two steps at a point worth keeping."""
+
+    stage: Stage
+    iteration: int
+
+
+Event = StepDone | StageStarted | CheckpointDue

@@ -1,0 +1,56 @@
+"""From trained features to a scene: codewords, spatial components, names."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, UInt16, UInt32
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.instances.codebook import quantized
+from instdrive_core.instances.components import split_components
+from instdrive_core.instances.table import table_from_ids
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.sky import Sky
+from instdrive_core.training.config import TrainConfig
+from instdrive_core.training.model import SceneModel
+from instdrive_core.training.naming import display_names, instance_classes
+
+
+def finished_scene(model: SceneModel, clip: Clip, config: TrainConfig, has_instances: bool) -> Scene:
+    """The editable scene. Without masks nothing was learned about instances: every ID is 0."""
+    gaussians = model.gaussians()
+    count = len(gaussians)
+    codewords, ids = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
+    classes: dict[int, str] = {}
+    if has_instances:
+        codewords = quantized(gaussians.features)
+        if config.instances.whole_actors:
+            codewords = unified_actor_codewords(codewords, model.nodes, gaussians.opacities)
+        ids = split_components(gaussians.means, gaussians.scales, model.nodes, codewords, gaussians.opacities)
+        classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in model.actors])
+    names = display_names(ids, classes)
+    return Scene(
+        gaussians=gaussians,
+        instance_ids=ids,
+        codewords=codewords,
+        nodes=model.nodes,
+        table=table_from_ids(ids, gaussians.means, codewords, model.nodes, names, classes),
+        actors=model.actors,
+        sky=Sky(model.parameters["sky"].detach().numpy().clip(0, 1)),
+        views=tuple(frame.view for frame in clip.frames),
+        origin=clip.origin,
+        code_bits=gaussians.features.shape[1] if has_instances else 0,
+    )
+
+
+def unified_actor_codewords(
+    codewords: UInt32[ndarray, " n"], nodes: UInt16[ndarray, " n"], opacities: Float32[ndarray, " n"]
+) -> UInt32[ndarray, " n"]:
+    """Each moving object's Gaussians take the codeword with the largest summed opacity among them."""
+    unified = codewords.copy()
+    for node in np.unique(nodes[nodes > 0]).tolist():
+        rows = np.flatnonzero(nodes == node)
+        codes, inverse = np.unique(codewords[rows], return_inverse=True)
+        unified[rows] = codes[np.argmax(np.bincount(inverse, weights=opacities[rows]))]
+    return unified

@@ -1,0 +1,109 @@
+"""The instance losses (InstDrive, eqs. 3-8) as functions of sampled pixels' features and of Gaussians' features."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from numpy import ndarray
+from torch import Tensor
+
+from instdrive_core.instances.codebook import code_vectors, quantized
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Rows grouped: pixels by mask, or Gaussians by voxel. `segment` counts from 0."""
+
+    segment: Int[Tensor, " p"]
+    sizes: Float[Tensor, " m"]
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return len(self.sizes)
+
+
+def segments_of(labels: Int[ndarray, " p"]) -> Segments:
+    """Masks present among the pixels, renumbered from 0. Labels are > 0."""
+    _, segment, sizes = np.unique(labels, return_inverse=True, return_counts=True)
+    return Segments(torch.from_numpy(segment.astype(np.int64)), torch.from_numpy(sizes.astype(np.float32)))
+
+
+def segment_means(values: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, "m d"]:
+    """Prototypes: the mean over each segment."""
+    sums = torch.zeros(segments.count, values.shape[1], dtype=values.dtype).index_add(0, segments.segment, values)
+    return sums / segments.sizes[:, None]
+
+
+def contrastive_loss(
+    features: Float[Tensor, "p d"], segments: Segments, repulsion_offset: float
+) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
+    """Pull and push: mean squared distance to the own prototype, mean 1 / (distance² + offset) between prototypes."""
+    prototypes = segment_means(features, segments)
+    squared = (features - prototypes[segments.segment]).square().sum(dim=1)
+    weights = 1.0 / (segments.sizes[segments.segment] * segments.count)
+    pull = (squared * weights).sum()
+    if segments.count < 2:
+        return pull, torch.zeros(())
+    distances = (prototypes[:, None] - prototypes[None]).square().sum(dim=2)
+    inverse = 1.0 / (distances + repulsion_offset)
+    pairs = segments.count * (segments.count - 1)
+    push = (inverse.sum() - inverse.diagonal().sum()) / pairs
+    return pull, push
+
+
+def voted_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
+    """The most frequent codeword inside each mask (ties: the smaller number)."""
+    codes = quantized(features).astype(np.int64)
+    keys = segments.segment.numpy() * (1 << 32) + codes
+    pairs, counts = np.unique(keys, return_counts=True)
+    owner = pairs >> 32
+    order = np.lexsort((pairs, -counts, owner))
+    first = np.unique(owner[order], return_index=True)[1]
+    return pairs[order][first] & 0xFFFFFFFF
+
+
+def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, ""]:
+    """Mean squared distance to the codeword that wins the vote inside each pixel's mask; the target has no gradient."""
+    values = features.detach().numpy()
+    winners = voted_codewords(values, segments)
+    targets = torch.from_numpy(code_vectors(winners.astype(np.uint32), values.shape[1]))
+    return (features - targets[segments.segment]).square().sum(dim=1).mean()
+
+
+def voxel_segments(
+    positions: Float[ndarray, "n 3"], nodes: Int[ndarray, " n"], size: float, offset: Float[ndarray, "3"]
+) -> Segments:
+    """Gaussians grouped by the voxel of their own node that holds them; `offset` shifts the grid (metres)."""
+    cells = np.floor((positions + offset) / size).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0)
+    extent = cells.max(axis=0, initial=0) + 1
+    keys = ((nodes.astype(np.int64) * extent[0] + cells[:, 0]) * extent[1] + cells[:, 1]) * extent[2] + cells[:, 2]
+    _, segment, sizes = np.unique(keys, return_inverse=True, return_counts=True)
+    return Segments(torch.from_numpy(segment), torch.from_numpy(sizes.astype(np.float32)))
+
+
+def voxel_loss(features: Float[Tensor, "n d"], voxels: Segments) -> Float[Tensor, ""]:
+    """(1/|V|) Σ_v (1/|G_v|) Σ_g ‖f_g - mean_v‖² over occupied voxels."""
+    means = segment_means(features, voxels)
+    squared = (features - means[voxels.segment]).square().sum(dim=1)
+    return (squared / voxels.sizes[voxels.segment]).sum() / max(voxels.count, 1)
+
+
+def stratified_pixels(
+    labels: Int[ndarray, "h w"], budget: int, rng: np.random.Generator, min_per_mask: int = 8
+) -> Int[ndarray, " p"]:
+    """About `budget` flat pixel indices, the same number from every mask (label > 0), without repetition, sorted."""
+    flat = labels.ravel()
+    inside = np.flatnonzero(flat)
+    if not len(inside):
+        return inside
+    shuffled = rng.permutation(inside)
+    order = shuffled[np.argsort(flat[shuffled], kind="stable")]
+    _, starts, counts = np.unique(flat[order], return_index=True, return_counts=True)
+    share = max(min_per_mask, budget // len(counts))
+    rank = np.arange(len(order)) - np.repeat(starts, counts)
+    return np.sort(order[rank < share])
