@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int
 from numpy import ndarray
 
 
@@ -63,15 +63,21 @@ class Camera:
 
     def ray_directions(self) -> Float64[ndarray, "h w 3"]:
         """Unit viewing directions in the world through all pixel centres."""
-        x = (np.arange(self.width) + 0.5 - self.cx) / self.fx
-        y = (np.arange(self.height) + 0.5 - self.cy) / self.fy
-        local = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=-1)
+        pixels = np.arange(self.width * self.height)
+        return self.rays_of_pixels(pixels).reshape(self.height, self.width, 3)
+
+    def rays_of_pixels(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
+        """Unit viewing directions in the world through some pixels' centres; `pixels` are flat row-major indices."""
+        rows, columns = np.divmod(pixels, self.width)
+        x, y = (columns + 0.5 - self.cx) / self.fx, (rows + 0.5 - self.cy) / self.fy
+        local = np.stack([x, y, np.ones(len(pixels))], axis=-1)
         local /= np.linalg.norm(local, axis=-1, keepdims=True)
         return local @ self.world_from_camera[:3, :3].T
 
 
-def look_at(position: ndarray, target: ndarray, up: ndarray = np.array([0.0, 0.0, 1.0])) -> Float64[ndarray, "4 4"]:
-    """world_from_camera of a camera at `position` that looks at `target`."""
+def look_at(position: Float[ndarray, "3"], target: Float[ndarray, "3"]) -> Float64[ndarray, "4 4"]:
+    """world_from_camera of a camera at `position` that looks at `target`, world z up."""
+    up = np.array([0.0, 0.0, 1.0])
     forward = np.asarray(target, float) - position
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, up)

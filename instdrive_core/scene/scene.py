@@ -37,12 +37,17 @@ class Scene:
     """World position (metres) of the scene's coordinate origin; UTM-sized poses do not fit float32."""
     code_bits: int = 0
     """d of the codebook {-1, 1}^d; 0 where the scene has no codewords."""
+    extra: dict[str, ndarray] = field(default_factory=dict)
+    """Per-splat columns (n,) that the program does not know; kept from file to file."""
 
     def __post_init__(self) -> None:
         count = len(self.gaussians)
         for name in ("instance_ids", "codewords", "nodes"):
             if getattr(self, name).shape != (count,):
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected ({count},)")
+        for name, column in self.extra.items():
+            if column.shape != (count,):
+                raise ValueError(f"extra column {name} has shape {column.shape}, expected ({count},)")
         if count and int(self.nodes.max()) > len(self.actors):
             raise ValueError(f"nodes name actor {int(self.nodes.max())}, the scene has {len(self.actors)}")
 
@@ -50,7 +55,7 @@ class Scene:
         return len(self.gaussians)
 
     def at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-        """The pose palette at `time` (seconds): world_from_node of background and actors, and which of them exist then."""
+        """The pose palette at `time` (s): world_from_node of background and actors, and which of them exist then."""
         poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
         present = [True, *(actor.covers(time) for actor in self.actors)]
         return np.stack(poses), np.array(present, np.uint8)
@@ -69,7 +74,7 @@ def placed(
     nodes: UInt16[ndarray, " n"],
     poses: Float64[ndarray, "m 4 4"],
 ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n 4"]]:
-    """Means and quaternions in the world, given each row's node and the pose palette. Background rows are returned as they are."""
+    """Means and quaternions in the world, given each row's node and the pose palette; background rows stay."""
     moved = np.flatnonzero(nodes)
     if not len(moved):
         return means, quats

@@ -1,4 +1,4 @@
-"""Instance features on frozen geometry: the rendered feature map is linear in the features, F_pix = W F with W sparse."""
+"""Instance features on frozen geometry: the rendered feature map is linear in them, F_pix = W F with W sparse."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def cached_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"
 
 class _WeightedFeatures(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, features: Tensor, weights: BlendWeights) -> Tensor:  # noqa: ANN001
+    def forward(ctx, features: Tensor, weights: BlendWeights) -> Tensor:
         ctx.weights, ctx.count = weights, len(features)
         return torch.from_numpy(apply_weights(weights, features.detach().numpy()))
 
     @staticmethod
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:  # noqa: ANN001
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
         full = apply_weights_transposed(ctx.weights, grad.contiguous().numpy(), ctx.count)
         return torch.from_numpy(full), None
 

@@ -65,21 +65,16 @@ class SceneModel:
             torch.cat([logits[:first], shown]),
         )
 
-    def sky_colors(self, taps: tuple[Tensor, Tensor]) -> Float[Tensor, "p 3"]:
-        """Sky colour of each pixel from its precomputed texels and weights."""
-        indices, weights = taps
-        return (self.parameters["sky"].reshape(-1, 3)[indices] * weights[..., None]).sum(dim=1)
+    def sky_colors(self, directions: Float64[ndarray, "p 3"]) -> Float[Tensor, "p 3"]:
+        """Bilinear sky colour along each direction."""
+        indices, weights = cube_taps(directions, self.parameters["sky"].shape[1])
+        texels = self.parameters["sky"].reshape(-1, 3)[torch.from_numpy(indices.astype(np.int64))]
+        return (texels * torch.from_numpy(weights)[..., None]).sum(dim=1)
 
     def gaussians(self) -> Gaussians:
         """A numpy copy, every actor in its box frame."""
         arrays = {name: value.detach().numpy().copy() for name, value in self.parameters.items() if name != "sky"}
         return Gaussians(**arrays)
-
-
-def sky_taps(directions: Float64[ndarray, "h w 3"], resolution: int) -> tuple[Tensor, Tensor]:
-    """`cube_taps` of an image's rays as tensors: indices (p, 4) int64, weights (p, 4)."""
-    indices, weights = cube_taps(directions.reshape(-1, 3), resolution)
-    return torch.from_numpy(indices.astype(np.int64)), torch.from_numpy(weights)
 
 
 def model_from_gaussians(

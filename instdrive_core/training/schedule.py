@@ -24,7 +24,7 @@ def is_coarse(config: GeometryConfig, iteration: int) -> bool:
 
 
 def view_of_step(seed: int, stage: int, iteration: int, views: int) -> int:
-    """Each epoch visits every view once in its own order; a function of the iteration, so a resumed run goes on alike."""
+    """Each epoch visits every view once in its own order: a function of the iteration, so that runs can resume."""
     epoch, position = divmod(iteration, views)
     order: Int[ndarray, " v"] = np.random.default_rng((seed, 1, stage, epoch)).permutation(views)
     return int(order[position])

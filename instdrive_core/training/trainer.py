@@ -1,4 +1,4 @@
-"""The trainer: an RGB stage on images, then an instance stage on cached blending weights. No files, no user interface."""
+"""The trainer: an RGB stage on images, then an instance stage on cached blending weights. Knows no files and no UI."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from instdrive_core.training.autograd import rasterize, sh_colors
 from instdrive_core.training.config import InstanceConfig, TrainConfig
 from instdrive_core.training.events import CheckpointDue, Event, Stage, StageStarted, StepDone
 from instdrive_core.training.feature_weights import CachedView, cached_view, weighted_features
-from instdrive_core.training.model import SceneModel, sky_taps
+from instdrive_core.training.model import SceneModel
 from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
 from instdrive_core.training.views import TrainingView
 
@@ -180,8 +180,8 @@ class Trainer:
         open_pixels = torch.nonzero(alpha.detach().flatten() < 1 - _SKY_SHOWS).flatten()
         if not len(open_pixels):
             return drawn
-        directions = view.camera.ray_directions().reshape(-1, 3)[open_pixels.numpy()]
-        sky = self.model.sky_colors(sky_taps(directions, self.config.geometry.sky_resolution))
+        directions = view.camera.rays_of_pixels(open_pixels.numpy())
+        sky = self.model.sky_colors(directions)
         behind = sky * (1 - alpha.flatten()[open_pixels])[:, None]
         return drawn.reshape(-1, 3).index_add(0, open_pixels, behind).reshape(drawn.shape)
 
