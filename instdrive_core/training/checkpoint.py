@@ -16,7 +16,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import write_bytes_atomically
+from instdrive_core.formats.atomic import write_bytes
 from instdrive_core.training.config import TrainConfig
 from instdrive_core.training.trainer import Trainer
 
@@ -66,7 +66,7 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         "adam_steps": steps,
     }
     contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
-    write_bytes_atomically(path, save(contiguous, metadata={"instdrive": json.dumps(facts)}))
+    write_bytes(path, save(contiguous, metadata={"instdrive": json.dumps(facts)}))
 
 
 def load_checkpoint(path: Path) -> Checkpoint:

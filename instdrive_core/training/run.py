@@ -15,7 +15,7 @@ import torch
 from instdrive_core.datasets.clip import Clip, ClipOptions, load_clip
 from instdrive_core.datasets.sweeps import SweepCache
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.formats.atomic import write_text_atomically
+from instdrive_core.formats.atomic import write_bytes
 from instdrive_core.formats.scene_folder import write_scene_folder
 from instdrive_core.masks.labelmap import MaskFolder
 from instdrive_core.masks.sources import ensure_masks
@@ -167,4 +167,4 @@ def _facts(request: RunRequest, masks: MaskFolder | None, trainer: Trainer, inst
 
 
 def _write_json(path: Path, values: dict[str, Any]) -> None:
-    write_text_atomically(path, json.dumps(values, indent=1) + "\n")
+    write_bytes(path, (json.dumps(values, indent=1) + "\n").encode())
