@@ -1,4 +1,4 @@
-"""The instance losses (InstDrive, eqs. 3-8) as functions of sampled pixels' features and of Gaussians' features."""
+"""The instance losses on sampled pixels: contrastive and pseudo supervision (InstDrive, sec. 3.2 and 3.3)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from instdrive_core.instances.codebook import code_vectors, quantized
 
 @dataclass(frozen=True)
 class Segments:
-    """Rows grouped: pixels by mask, or Gaussians by voxel. `segment` counts from 0."""
+    """Pixels grouped by mask; `segment` counts from 0."""
 
     segment: Int[Tensor, " p"]
     sizes: Float[Tensor, " m"]
@@ -72,25 +72,6 @@ def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Ten
     winners = voted_codewords(values, segments)
     targets = torch.from_numpy(code_vectors(winners.astype(np.uint32), values.shape[1]))
     return (features - targets[segments.segment]).square().sum(dim=1).mean()
-
-
-def voxel_segments(
-    positions: Float[ndarray, "n 3"], nodes: Int[ndarray, " n"], size: float, offset: Float[ndarray, "3"]
-) -> Segments:
-    """Gaussians grouped by the voxel of their own node that holds them; `offset` shifts the grid (metres)."""
-    cells = np.floor((positions + offset) / size).astype(np.int64)
-    cells -= cells.min(axis=0, initial=0)
-    extent = cells.max(axis=0, initial=0) + 1
-    keys = ((nodes.astype(np.int64) * extent[0] + cells[:, 0]) * extent[1] + cells[:, 1]) * extent[2] + cells[:, 2]
-    _, segment, sizes = np.unique(keys, return_inverse=True, return_counts=True)
-    return Segments(torch.from_numpy(segment), torch.from_numpy(sizes.astype(np.float32)))
-
-
-def voxel_loss(features: Float[Tensor, "n d"], voxels: Segments) -> Float[Tensor, ""]:
-    """(1/|V|) Σ_v (1/|G_v|) Σ_g ‖f_g - mean_v‖² over occupied voxels."""
-    means = segment_means(features, voxels)
-    squared = (features - means[voxels.segment]).square().sum(dim=1)
-    return (squared / voxels.sizes[voxels.segment]).sum() / max(voxels.count, 1)
 
 
 def stratified_pixels(

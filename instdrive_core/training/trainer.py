@@ -19,6 +19,7 @@ from instdrive_core.training.feature_weights import CachedView, cached_view, wei
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
 from instdrive_core.training.views import TrainingView
+from instdrive_core.training.voxel_loss import occupied_voxels, voxel_loss
 
 _RGB, _INSTANCES, _SAMPLING = 0, 1, 2
 """Streams of random numbers."""
@@ -162,8 +163,8 @@ class Trainer:
         config, p = self.config.instances, self.model.parameters
         offset = step_rng(self.config.seed, stage, self.iteration).uniform(0, config.voxel_size, 3)
         positions = p["means"].detach().numpy()
-        voxels = inst.voxel_segments(positions, self.model.nodes, config.voxel_size, offset)
-        return inst.voxel_loss(_activated(p["features"], config), voxels)
+        voxels = occupied_voxels(positions, self.model.nodes, config.voxel_size, offset)
+        return voxel_loss(_activated(p["features"], config), voxels)
 
     def _joint_instance_terms(self, view: TrainingView, features: Tensor, alpha: np.ndarray) -> dict[str, Tensor]:
         config = self.config.instances

@@ -64,9 +64,7 @@ def test_a_clip_whose_lidar_no_camera_sees_is_refused():
 
 
 def test_nearest_depth_wins_a_pixel():
-    pixels, depths = nearest_per_pixel(
-        np.array([4, 2, 4, 2], np.int32), np.array([3.0, 9.0, 1.0, 8.0], np.float32)
-    )
+    pixels, depths = nearest_per_pixel(np.array([4, 2, 4, 2], np.int32), np.array([3.0, 9.0, 1.0, 8.0], np.float32))
     assert pixels.tolist() == [2, 4]
     assert depths.tolist() == [8.0, 1.0]
 

@@ -31,7 +31,6 @@ def test_losses_have_the_gradient_of_finite_differences():
     segments = inst.segments_of(np.repeat([1, 2, 3], 4))
     segments = inst.Segments(segments.segment, segments.sizes.double())
     assert torch.autograd.gradcheck(lambda f: sum(inst.contrastive_loss(f, segments, 0.5)), features)
-    assert torch.autograd.gradcheck(lambda f: inst.voxel_loss(f, segments), features)
     assert torch.autograd.gradcheck(lambda f: inst.pseudo_loss(f, segments), features)
 
 
@@ -56,23 +55,6 @@ def test_pseudo_loss_is_zero_on_codewords_and_pulls_dissenters():
     dissenting = agreed.clone()
     dissenting[2] = torch.tensor([-1.0, -1.0])
     assert float(inst.pseudo_loss(dissenting, segments)) == pytest.approx(4 / 3)
-
-
-def test_voxels_never_join_nodes_and_follow_the_offset():
-    positions = np.array([[0.1, 0.1, 0.1], [0.2, 0.1, 0.1], [0.2, 0.1, 0.1], [0.6, 0.1, 0.1]], np.float32)
-    nodes = np.array([0, 0, 1, 0], np.uint16)
-    still = inst.voxel_segments(positions, nodes, 0.5, np.zeros(3)).segment.tolist()
-    assert still[0] == still[1]
-    assert still[2] not in (still[0], still[3])
-    assert still[3] != still[0]
-    shifted = inst.voxel_segments(positions, nodes, 0.5, np.array([0.35, 0, 0])).segment.tolist()
-    assert shifted[3] == shifted[1] != shifted[0]
-
-
-def test_voxel_loss_is_the_mean_spread_over_voxels():
-    features = torch.tensor([[0.0], [2.0], [5.0]])
-    loss = inst.voxel_loss(features, inst.segments_of(np.array([1, 1, 2])))
-    assert float(loss) == pytest.approx((1.0 + 0.0) / 2)
 
 
 def test_stratified_pixels_give_each_mask_its_share():
