@@ -63,6 +63,11 @@ class InstanceTable:
         return replace(self.instances[instance_id], name=name)
 
 
+def default_name(instance_id: int) -> str:
+    """What an instance is called before anyone named it."""
+    return f"instance {instance_id}"
+
+
 def table_from_ids(
     instance_ids: UInt32[ndarray, "n"],
     means: Float[ndarray, "n 3"],
@@ -83,7 +88,7 @@ def table_from_ids(
         table.set(
             Instance(
                 id=instance_id,
-                name=(names or {}).get(instance_id, f"instance {instance_id}"),
+                name=(names or {}).get(instance_id, default_name(instance_id)),
                 node=int(nodes[rows[0]]) if nodes is not None else 0,
                 codeword=int(codewords[rows[0]]) if codewords is not None else 0,
                 count=count,

@@ -39,26 +39,27 @@ class SplatState:
 
     def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
         """Rows that have any of the bits of `flag`."""
-        return np.flatnonzero(self._flags & flag)
+        return np.flatnonzero(self._flags & np.uint8(flag))
 
     def mask(self, flag: Flag) -> Bool[ndarray, " n"]:
         """Whether each row has any of the bits of `flag`."""
-        return (self._flags & flag) != 0
+        return (self._flags & np.uint8(flag)) != 0
 
     @property
     def drawn(self) -> Bool[ndarray, " n"]:
         """Rows that are neither hidden nor deleted."""
-        return (self._flags & (Flag.HIDDEN | Flag.DELETED)) == 0
+        return (self._flags & np.uint8(Flag.HIDDEN | Flag.DELETED)) == 0
 
     def change(self, rows: Int[ndarray, " m"], flag: Flag, on: bool) -> Int[ndarray, " k"]:
         """Set or clear a bit; returns the rows that really changed (the delta an edit stores)."""
-        before = (self._flags[rows] & flag) == flag
+        bit = np.uint8(flag)
+        before = (self._flags[rows] & bit) == bit
         changed = np.asarray(rows)[before != on]
         if len(changed):
             if on:
-                self._flags[changed] |= flag
+                self._flags[changed] |= bit
             else:
-                self._flags[changed] &= ~flag & 0xFF
+                self._flags[changed] &= ~bit
             self._touch(int(changed.min()), int(changed.max()) + 1)
         return changed
 

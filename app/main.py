@@ -1,0 +1,89 @@
+"""The ``instdrive`` command: finds the command named, imports only that one, and runs it."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """Where a command lives, and the first line of its docstring, repeated so that help imports nothing."""
+
+    target: str
+    """``module:function``"""
+    help: str
+
+
+COMMANDS = {
+    "demo": Command(
+        "instdrive_app.demo_command:demo", "Train a synthetic drive, evaluate it, and open the editor on it."
+    ),
+    "edit": Command("instdrive_app.edit_command:edit", "Open a scene in the editor window."),
+    "synth": Command("instdrive_core.cli.synth:synth", "Write a procedural street drive in PandaSet's layout."),
+    "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the photos of a clip."),
+    "train": Command("instdrive_core.cli.train:train", "Turn a driving clip into Gaussians with instance IDs."),
+    "eval": Command("instdrive_core.cli.eval:eval", "Measure a trained run against held-out photos and labels."),
+    "apply": Command("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
+    "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
+    "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit status: 0, 2 after an error that is the user's to read, 130 after Ctrl+C."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(_help())
+        return 0
+    if arguments[0] in ("-V", "--version"):
+        print(f"instdrive {_version()}")
+        return 0
+    name, rest = arguments[0], arguments[1:]
+    if name not in COMMANDS:
+        print(f"instdrive: there is no command {name!r}. Commands: {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    return _run(name, rest)
+
+
+def _run(name: str, arguments: list[str]) -> int:
+    from instdrive_core.errors import InstDriveError
+
+    try:
+        import tyro
+
+        module, function = COMMANDS[name].target.split(":")
+        command = getattr(importlib.import_module(module), function)
+        tyro.cli(command, prog=f"instdrive {name}", args=arguments)
+    except InstDriveError as error:
+        print(f"instdrive {name}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"instdrive {name}: stopped", file=sys.stderr)
+        return 130
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    return 0
+
+
+def _help() -> str:
+    width = max(len(name) for name in COMMANDS)
+    lines = [
+        "usage: instdrive COMMAND [OPTIONS]",
+        "",
+        "Turn a drive into a 3D scene whose objects can be clicked and edited.",
+    ]
+    lines += ["", "commands:", *(f"  {name:<{width}}  {command.help}" for name, command in COMMANDS.items())]
+    return "\n".join([*lines, "", "Options of a command: instdrive COMMAND --help. Version: instdrive --version."])
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("instdrive")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

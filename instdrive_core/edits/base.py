@@ -1,0 +1,57 @@
+"""What every edit is: a small class that does and undoes one change and remembers only what it touched."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any, ClassVar
+
+from instdrive_core.errors import EditError
+
+
+class Edit(ABC):
+    """One undoable change to a `Document`.
+
+    Subclasses are dataclasses: fields given to the constructor are the edit's parameters, from which `do` can be
+    replayed on an equal document; everything `undo` needs is kept in fields with ``init=False``.
+    The document's type is not named here because a document holds a history of edits.
+    """
+
+    kind: ClassVar[str]
+    """The name under which the edit is serialised; never changes once released."""
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What the history panel shows, e.g. ``Delete instance 17``."""
+
+    @abstractmethod
+    def do(self, document: Any) -> bool:
+        """Change the document; returns whether anything changed. Raises EditError before the first write."""
+
+    @abstractmethod
+    def undo(self, document: Any) -> None:
+        """Restore, bit by bit, what the last `do` changed."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Kind and parameters, ready for json.dumps."""
+        parameters = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
+        return {"kind": self.kind, **parameters}
+
+
+def checked_ids(ids: Iterable[int]) -> tuple[int, ...]:
+    """Instance IDs as a rising tuple without repeats. Raises EditError where one is no positive whole number."""
+    unique = set()
+    for instance_id in ids:
+        if isinstance(instance_id, bool) or not isinstance(instance_id, int) or instance_id < 1:
+            raise EditError(f"instance ID {instance_id!r} is not a whole number above 0")
+        unique.add(instance_id)
+    if not unique:
+        raise EditError("no instance IDs were given; name at least one")
+    return tuple(sorted(unique))
+
+
+def counted(ids: tuple[int, ...]) -> str:
+    """``instance 17`` or ``3 instances``, for titles."""
+    return f"instance {ids[0]}" if len(ids) == 1 else f"{len(ids)} instances"

@@ -1,0 +1,96 @@
+"""Recolouring instances through the colour palette; a new recolour replaces the one before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from instdrive_core.edits.base import Edit, checked_ids, counted
+from instdrive_core.edits.delete import editable
+from instdrive_core.edits.document import Document
+from instdrive_core.errors import EditError
+from instdrive_core.maths.activations import sigmoid
+from instdrive_core.maths.spherical_harmonics import color_from_dc
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.palette import PaletteFullError
+
+RecolorMode = Literal["tint", "solid"]
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+"""Rec. 709 weights of R, G, B."""
+MEAN_LUMA_FLOOR = 0.05
+"""Darker instances are not brightened by more than 20 times."""
+
+
+@dataclass
+class RecolorInstances(Edit):
+    """Give instances a colour: `tint` keeps light, shade and view dependence; `solid` is the colour from everywhere."""
+
+    kind: ClassVar[str] = "recolor_instances"
+    ids: tuple[int, ...]
+    mode: RecolorMode
+    color: tuple[float, float, float]
+    """RGB in [0, 1]."""
+    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _size_before: int = field(default=1, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+        if self.mode not in get_args(RecolorMode):
+            raise EditError(f"recolour mode {self.mode!r} is not one of {', '.join(get_args(RecolorMode))}")
+        if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
+            raise EditError(f"colour {self.color!r} is not three numbers from 0 to 1")
+        self.color = (float(self.color[0]), float(self.color[1]), float(self.color[2]))
+
+    @property
+    def title(self) -> str:
+        """``Tint instance 17 #d02020``."""
+        code = "".join(f"{round(channel * 255):02x}" for channel in self.color)
+        return f"{self.mode.capitalize()} {counted(self.ids)} #{code}"
+
+    def do(self, document: Document) -> bool:
+        """Add one entry per instance and point the instance's rows at it."""
+        rows = [editable(document, (instance_id,)) for instance_id in self.ids]
+        matrices = [recolor_matrix(document.scene.gaussians, part, self.mode, self.color) for part in rows]
+        size = len(document.colors)
+        try:
+            entries = [document.colors.add(matrix) for matrix in matrices]
+        except PaletteFullError as error:
+            document.colors.truncate(size)
+            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
+        all_rows = np.concatenate(rows)
+        wanted = np.repeat(np.array(entries, np.uint16), [len(part) for part in rows])
+        changed = document.colors.indices[all_rows] != wanted
+        self._rows, self._size_before = all_rows[changed].astype(np.int32), size
+        self._before = document.colors.assign(self._rows, wanted[changed])
+        return len(self._rows) > 0
+
+    def undo(self, document: Document) -> None:
+        """Point the rows back and drop the entries this edit added."""
+        assert self._rows is not None
+        assert self._before is not None
+        document.colors.assign(self._rows, self._before)
+        document.colors.truncate(self._size_before)
+
+
+def recolor_matrix(
+    gaussians: Gaussians, rows: ndarray, mode: RecolorMode, color: tuple[float, float, float]
+) -> Float32[ndarray, "3 4"]:
+    """The palette entry [A | b] that recolours the Gaussians of one instance.
+
+    `solid`: A = 0, b = colour. `tint`: A = colour ⊗ luma weights / mean luma, b = 0: the instance's mean
+    (weighted by opacity) becomes the colour, and each Gaussian keeps its brightness relative to that mean.
+    """
+    matrix = np.zeros((3, 4))
+    if mode == "solid":
+        matrix[:, 3] = color
+        return matrix.astype(np.float32)
+    luma = np.maximum(color_from_dc(gaussians.sh_dc[rows]), 0) @ LUMA
+    weights = sigmoid(gaussians.opacity_logits[rows]).astype(np.float64)
+    mean = float(luma @ weights / max(weights.sum(), 1e-12))
+    matrix[:, :3] = np.outer(color, LUMA) / max(mean, MEAN_LUMA_FLOOR)
+    return matrix.astype(np.float32)

@@ -1,0 +1,72 @@
+"""Deleting splats: a flag, dropped at export. Locked splats are spared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+from numpy import ndarray
+
+from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.flags import FlagChange, FlagEdit
+from instdrive_core.errors import EditError
+from instdrive_core.scene.selection import Flag
+
+
+@dataclass
+class DeleteInstances(FlagEdit):
+    """Delete whole instances; an actor is deleted at all times."""
+
+    kind: ClassVar[str] = "delete_instances"
+    ids: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+
+    @property
+    def title(self) -> str:
+        """``Delete instance 17``."""
+        return f"Delete {counted(self.ids)}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Deselect and delete the instances' rows."""
+        rows = editable(document, self.ids)
+        return _deletion(rows)
+
+
+@dataclass
+class DeleteSelected(FlagEdit):
+    """Delete the selected splats."""
+
+    kind: ClassVar[str] = "delete_selected"
+
+    @property
+    def title(self) -> str:
+        """``Delete selection``."""
+        return "Delete selection"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Deselect and delete the selected rows."""
+        rows = document.state.rows_with(Flag.SELECTED)
+        if not len(rows):
+            raise EditError("nothing is selected; select what to delete first")
+        return _deletion(rows)
+
+
+def editable(document: Document, ids: tuple[int, ...]) -> ndarray:
+    """Rows of the instances that are neither deleted nor locked. Raises EditError where none is left."""
+    rows = document.rows_of(ids)
+    flags = document.state.flags[rows]
+    free = rows[(flags & (Flag.DELETED | Flag.LOCKED)) == 0]
+    if not len(free):
+        locked = ((flags & Flag.LOCKED) != 0).any()
+        reason = "locked; unlock it first" if locked else "deleted already"
+        raise EditError(f"{counted(ids)}: every splat is {reason}")
+    return free
+
+
+def _deletion(rows: ndarray) -> Iterator[FlagChange]:
+    yield FlagChange(rows, Flag.SELECTED, False)
+    yield FlagChange(rows, Flag.DELETED, True)

@@ -1,0 +1,173 @@
+"""A scene being edited."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int64, UInt32
+from numpy import ndarray
+
+from instdrive_core.edits.base import Edit
+from instdrive_core.edits.history import History
+from instdrive_core.edits.row_index import RowIndex
+from instdrive_core.errors import EditError
+from instdrive_core.scene.palette import ColorPalette
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.selection import Flag, SplatState
+
+
+@dataclass(frozen=True)
+class InstanceSummary:
+    """How many splats of one instance are in which state."""
+
+    count: int
+    """All of them, deleted ones included."""
+    deleted: int
+    hidden: int
+    locked: int
+    selected: int
+    drawn: int
+    """Neither hidden nor deleted."""
+
+    @property
+    def is_deleted(self) -> bool:
+        """Nothing is left."""
+        return self.deleted == self.count
+
+    @property
+    def is_hidden(self) -> bool:
+        """Something is left, and none of it is drawn."""
+        return not self.is_deleted and self.drawn == 0
+
+    @property
+    def is_locked(self) -> bool:
+        """Every splat that is left is locked."""
+        return not self.is_deleted and self.locked >= self.count - self.deleted
+
+    @property
+    def is_selected(self) -> bool:
+        """Any splat is selected."""
+        return self.selected > 0
+
+
+@dataclass(frozen=True)
+class InstanceCounts:
+    """`InstanceSummary` of all instances at once: row k of each array belongs to ``ids[k]``."""
+
+    ids: UInt32[ndarray, " m"]
+    count: Int64[ndarray, " m"]
+    deleted: Int64[ndarray, " m"]
+    hidden: Int64[ndarray, " m"]
+    locked: Int64[ndarray, " m"]
+    selected: Int64[ndarray, " m"]
+    drawn: Int64[ndarray, " m"]
+
+
+class Document:
+    """A scene with its edit state, colour palette and history. All that the editor shows changes through `apply`."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.state = SplatState(len(scene))
+        self.colors = ColorPalette(len(scene))
+        self.history = History()
+        self.table_version = 0
+        """Rises when the instance table or the instance IDs change."""
+        self._by_instance: RowIndex | None = None
+        self._by_codeword: RowIndex | None = None
+        self._counts: tuple[int, InstanceCounts] | None = None
+
+    @property
+    def color_version(self) -> int:
+        """Rises when the colour palette changes."""
+        return self.colors.version
+
+    def apply(self, edit: Edit, gesture: str | None = None) -> None:
+        """Do an edit and push it on the history; one that changes nothing is not pushed.
+
+        Edits of the same `gesture` (a unique name per slider drag) become one step.
+        Raises EditError, with nothing changed, where the edit does not fit the scene.
+        """
+        self.history.apply(edit, self, gesture)
+
+    def undo(self) -> Edit | None:
+        """Undo one step; returns its edit, or None where nothing is left."""
+        return self.history.undo(self)
+
+    def redo(self) -> Edit | None:
+        """Redo one step; returns its edit, or None where nothing is left."""
+        return self.history.redo(self)
+
+    def rows_of(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
+        """Rows of any of these instances, rising, deleted ones included. Raises EditError for an unknown ID."""
+        ids = tuple(instance_ids)
+        unknown = [instance_id for instance_id in ids if instance_id not in self.scene.table]
+        if unknown:
+            raise EditError(f"the scene has no instance {unknown[0]}; its {len(self.scene.table)} IDs are in the table")
+        return self._instance_index().rows(ids)
+
+    def rows_of_codeword(self, codeword: int) -> Int64[ndarray, " k"]:
+        """Rows with this codeword, rising, deleted ones included; none where the scene has no codewords."""
+        if not self.scene.code_bits:
+            return np.zeros(0, np.int64)
+        if self._by_codeword is None:
+            self._by_codeword = RowIndex(self.scene.codewords)
+        return self._by_codeword.rows((codeword,))
+
+    def counts(self) -> InstanceCounts:
+        """The states of all instances, counted once per change of state or IDs."""
+        if self._counts is None or self._counts[0] != self.state.version:
+            self._counts = (self.state.version, self._counted())
+        return self._counts[1]
+
+    def instance_flags(self, instance_id: int) -> InstanceSummary:
+        """The states of one instance's splats. Raises EditError for an unknown ID."""
+        counts = self.counts()
+        position = int(np.searchsorted(counts.ids, instance_id))
+        if instance_id not in self.scene.table:
+            raise EditError(f"the scene has no instance {instance_id}")
+        if position == len(counts.ids) or counts.ids[position] != instance_id:
+            return InstanceSummary(0, 0, 0, 0, 0, 0)
+        columns = (counts.count, counts.deleted, counts.hidden, counts.locked, counts.selected, counts.drawn)
+        return InstanceSummary(*(int(column[position]) for column in columns))
+
+    def selected_instances(self) -> tuple[int, ...]:
+        """Instances with any selected splat, rising."""
+        counts = self.counts()
+        return tuple(counts.ids[counts.selected > 0].tolist())
+
+    def visible_instances(self) -> tuple[int, ...]:
+        """Instances with any splat that is neither hidden nor deleted, rising."""
+        counts = self.counts()
+        return tuple(counts.ids[counts.drawn > 0].tolist())
+
+    def instances_changed(self, ids_changed: bool) -> None:
+        """Told by edits of the table; `ids_changed` where they wrote `scene.instance_ids` too."""
+        self.table_version += 1
+        if ids_changed:
+            self._by_instance, self._counts = None, None
+
+    def _instance_index(self) -> RowIndex:
+        if self._by_instance is None:
+            self._by_instance = RowIndex(self.scene.instance_ids)
+        return self._by_instance
+
+    def _counted(self) -> InstanceCounts:
+        index = self._instance_index()
+        groups = index.group_of_row
+
+        def with_flag(flag: Flag) -> ndarray:
+            return np.bincount(groups[self.state.rows_with(flag)], minlength=len(index.keys))
+
+        columns = {
+            "count": index.counts,
+            "deleted": with_flag(Flag.DELETED),
+            "hidden": with_flag(Flag.HIDDEN),
+            "locked": with_flag(Flag.LOCKED),
+            "selected": with_flag(Flag.SELECTED),
+            "drawn": index.counts - with_flag(Flag.HIDDEN | Flag.DELETED),
+        }
+        real = index.keys > 0
+        return InstanceCounts(index.keys[real], **{name: column[real] for name, column in columns.items()})

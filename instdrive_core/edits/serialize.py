@@ -1,0 +1,76 @@
+"""Edits to JSON and back, so that a project file or a script can replay them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import fields
+from typing import Any
+
+from instdrive_core.edits.base import Edit
+from instdrive_core.edits.color import RecolorInstances
+from instdrive_core.edits.compound import CompoundEdit
+from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectNone
+from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
+from instdrive_core.errors import EditError
+
+EDITS: dict[str, type[Edit]] = {
+    edit.kind: edit
+    for edit in (
+        CompoundEdit,
+        DeleteInstances,
+        DeleteSelected,
+        HideInstances,
+        LockInstances,
+        MergeInstances,
+        RecolorInstances,
+        RenameInstance,
+        SelectCodeword,
+        SelectInstances,
+        SelectNone,
+        SetInstanceClass,
+        ShowAll,
+    )
+}
+"""Every edit by its kind."""
+_MAX_DEPTH = 8
+
+
+def edit_from_json(entry: Any, depth: int = 0) -> Edit:
+    """The edit that `Edit.to_json` described. Raises EditError where the entry is none."""
+    if not isinstance(entry, dict) or entry.get("kind") not in EDITS:
+        kind = entry.get("kind") if isinstance(entry, dict) else entry
+        raise EditError(f"edit kind {kind!r} is not known; known are {', '.join(EDITS)}")
+    edit_type = EDITS[entry["kind"]]
+    expected = {parameter.name for parameter in fields(edit_type) if parameter.init}  # type: ignore[arg-type]
+    parameters = {name: value for name, value in entry.items() if name != "kind"}
+    if unknown := set(parameters) - expected:
+        raise EditError(f"edit {entry['kind']!r} has no parameter {min(unknown)!r}; it has {sorted(expected)}")
+    try:
+        if edit_type is CompoundEdit:
+            if depth == _MAX_DEPTH:
+                raise EditError(f"edits are nested more than {_MAX_DEPTH} deep")
+            parameters["edits"] = tuple(edit_from_json(part, depth + 1) for part in parameters["edits"])
+        return edit_type(**{name: tuple(v) if isinstance(v, list) else v for name, v in parameters.items()})
+    except (TypeError, ValueError, KeyError) as error:
+        raise EditError(f"edit {entry['kind']!r} cannot be made from {parameters}: {error}") from error
+
+
+def edits_to_lines(edits: Iterable[Edit]) -> str:
+    """One JSON object per line."""
+    return "".join(json.dumps(edit.to_json()) + "\n" for edit in edits)
+
+
+def edits_from_lines(text: str) -> list[Edit]:
+    """The inverse of `edits_to_lines`; empty lines are passed over. Raises EditError naming the line at fault."""
+    edits = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            edits.append(edit_from_json(json.loads(line)))
+        except (ValueError, RecursionError, EditError) as error:
+            raise EditError(f"line {number}: {error}") from error
+    return edits

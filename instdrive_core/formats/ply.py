@@ -1,0 +1,168 @@
+"""Scenes as .ply files in INRIA's layout (Kerbl et al. 2023), with instances and features as extra columns.
+
+Reading goes by property name, in any order, type and byte order; columns that are not known are kept. Writing follows
+INRIA's column order: x y z, normals, f_dc, f_rest (channel-major), opacity, scale, rot (w first), then the extra ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy import ndarray
+
+from instdrive_core.errors import DataError
+from instdrive_core.formats.atomic import atomic_file
+from instdrive_core.formats.ply_columns import (
+    ID_LIMITS,
+    NORMALS,
+    check_columns,
+    check_whole_numbers,
+    column_views,
+    feature_views,
+)
+from instdrive_core.formats.ply_comments import comments_for, parsed_comments
+from instdrive_core.formats.ply_header import REMEDY, PlyHeader, read_header
+from instdrive_core.instances.table import table_from_ids
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.scene import Scene
+
+CHUNK_ROWS = 8192
+"""Rows converted at a time: about 2 MB, so that a chunk's columns are taken apart in the cache."""
+_TYPE_NAMES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+
+
+def read_ply(path: str | Path) -> Scene:
+    """Open a .ply of 3D Gaussians, ASCII or binary. Raises DataError where anything about it is wrong."""
+    path = Path(path)
+    with path.open("rb") as file:
+        header = read_header(file, path, path.stat().st_size)
+        names = header.dtype.names or ()
+        rest, features = check_columns(names, path)
+        gaussians = _unfilled(header.count, rest, features)
+        known = column_views(gaussians) | feature_views(gaussians)
+        ids = {name: np.zeros(header.count, np.uint32) for name in ID_LIMITS}
+        extra = {
+            name: np.empty(header.count, header.dtype[name].newbyteorder("="))
+            for name in names
+            if name not in known and name not in ids
+        }
+        start = 0
+        for chunk in _chunks(file, header, path):
+            stop = start + len(chunk)
+            for name in names:
+                if name in ids:
+                    check_whole_numbers(chunk[name], name, path)
+                (known.get(name, ids.get(name, extra.get(name))))[start:stop] = chunk[name]
+            start = stop
+    return _scene(gaussians, ids, extra, header, path)
+
+
+def write_ply(path: str | Path, scene: Scene) -> None:
+    """Write a scene at one moment, atomically. Sky and camera views have no place in a .ply.
+
+    Raises DataError where the scene has moving actors: place them first (`edits.bake.frozen_at`).
+    """
+    if scene.actors:
+        problem = f"a .ply holds one moment, the scene has {len(scene.actors)} actors that move"
+        raise DataError(path, problem, "Say the time to export (--time), or save to a folder, which keeps the tracks")
+    columns = _columns_to_write(scene)
+    dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
+    with atomic_file(path) as file:
+        file.write(_header(scene, dtype))
+        for start in range(0, len(scene), CHUNK_ROWS):
+            chunk = np.empty(min(CHUNK_ROWS, len(scene) - start), dtype)
+            for name, column in columns.items():
+                chunk[name] = column[start : start + CHUNK_ROWS]
+            file.write(chunk.data)
+
+
+def _columns_to_write(scene: Scene) -> dict[str, ndarray]:
+    inria = column_views(scene.gaussians)
+    zeros = np.broadcast_to(np.float32(0), len(scene))
+    normals = {name: scene.extra.get(name, zeros) for name in NORMALS}
+    columns = {name: inria.pop(name) for name in "xyz"} | normals | inria
+    if len(scene.table) or scene.code_bits:
+        columns |= {"instance_id": scene.instance_ids, "codeword": scene.codewords}
+    return columns | feature_views(scene.gaussians) | scene.extra
+
+
+def _header(scene: Scene, dtype: np.dtype) -> bytes:
+    assert dtype.fields is not None
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {comment}" for comment in comments_for(scene)]
+    lines.append(f"element vertex {len(scene)}")
+    lines += [f"property {_TYPE_NAMES[kind.str[1:]]} {name}" for name, (kind, *_) in dtype.fields.items()]
+    return "\n".join([*lines, "end_header", ""]).encode()
+
+
+def _unfilled(count: int, rest: int, features: int) -> Gaussians:
+    shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
+    return Gaussians(*(np.empty((count, *shape), np.float32) for shape in shapes))
+
+
+def _chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
+    if header.is_ascii:
+        yield from _ascii_chunks(file, header, path)
+        return
+    file.seek(header.body_offset)
+    for start in range(0, header.count, CHUNK_ROWS):
+        wanted = min(CHUNK_ROWS, header.count - start)
+        chunk = np.fromfile(file, header.dtype, wanted)
+        if len(chunk) < wanted:
+            raise DataError(path, f"the file ends after {start + len(chunk)} of {header.count} splats", REMEDY)
+        yield chunk
+
+
+def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
+    lines = (line for line in file if line.strip())
+    for _ in islice(lines, header.skipped_lines):
+        pass
+    for start in range(0, header.count, CHUNK_ROWS):
+        part = list(islice(lines, min(CHUNK_ROWS, header.count - start)))
+        if start + len(part) < min(start + CHUNK_ROWS, header.count):
+            raise DataError(path, f"the file ends after {start + len(part)} of {header.count} splats", REMEDY)
+        try:
+            values = np.loadtxt(part, np.float64, comments=None, ndmin=2)
+        except ValueError as error:
+            raise DataError(path, f"splats {start} to {start + len(part)} are not numbers ({error})", REMEDY) from error
+        if values.shape[1] != len(header.dtype):
+            problem = f"a line holds {values.shape[1]} values, the header promises {len(header.dtype)}"
+            raise DataError(path, problem, REMEDY)
+        chunk = np.empty(len(part), header.dtype)
+        for name, column in zip(header.dtype.names or (), values.T, strict=True):
+            chunk[name] = column
+        yield chunk
+
+
+def _scene(
+    gaussians: Gaussians, ids: dict[str, ndarray], extra: dict[str, ndarray], header: PlyHeader, path: Path
+) -> Scene:
+    # INRIA writes zero normals that nobody reads; only real ones are worth their memory.
+    if not any(extra[name].any() for name in NORMALS if name in extra):
+        extra = {name: column for name, column in extra.items() if name not in NORMALS}
+    notes = parsed_comments(header.comments, path)
+    instance_ids, codewords = ids["instance_id"], ids["codeword"]
+    table = table_from_ids(instance_ids, gaussians.means, codewords, None, notes.names, notes.classes)
+    return Scene(
+        gaussians=gaussians,
+        instance_ids=instance_ids,
+        codewords=codewords,
+        nodes=np.zeros(header.count, np.uint16),
+        table=table,
+        origin=notes.origin,
+        code_bits=notes.code_bits,
+        extra=extra,
+    )

@@ -1,0 +1,74 @@
+"""Which .ply property holds which value: the INRIA layout and InstDrive's extra columns."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy import ndarray
+
+from instdrive_core.errors import DataError
+from instdrive_core.instances.colormap import ID_LIMIT
+from instdrive_core.maths.spherical_harmonics import REST_COUNTS
+from instdrive_core.scene.gaussians import Gaussians
+
+REQUIRED = (
+    *("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+)
+NORMALS = ("nx", "ny", "nz")
+ID_LIMITS = {"instance_id": ID_LIMIT, "codeword": 1 << 32}
+"""Whole-number columns and the first value that does not fit them."""
+
+
+def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
+    """The number of SH coefficients above the constant and the feature dimension. Raises DataError."""
+    if "packed_position" in names:
+        raise DataError(path, "this is a compressed .ply", "Convert it to a plain .ply first, e.g. with SuperSplat")
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        problem = f"the columns {', '.join(missing)} are missing"
+        raise DataError(path, problem, "Only .ply files of 3D Gaussians can be opened, not point clouds or meshes")
+    rest, features = _numbered("f_rest_", names, path), _numbered("feature_", names, path)
+    if rest % 3 or rest // 3 not in REST_COUNTS:
+        counts = ", ".join(str(3 * count) for count in REST_COUNTS)
+        raise DataError(path, f"{rest} f_rest columns fit no SH degree", f"There must be one of {counts}")
+    return rest // 3, features
+
+
+def column_views(gaussians: Gaussians) -> dict[str, ndarray]:
+    """Each INRIA property as a view (n,) of the Gaussians' arrays, in the order INRIA writes them (without normals)."""
+    views = {name: gaussians.means[:, axis] for axis, name in enumerate("xyz")}
+    views |= {f"f_dc_{channel}": gaussians.sh_dc[:, channel] for channel in range(3)}
+    rest = gaussians.sh_rest.shape[1]
+    views |= {f"f_rest_{index}": gaussians.sh_rest[:, index % rest, index // rest] for index in range(3 * rest)}
+    views["opacity"] = gaussians.opacity_logits
+    views |= {f"scale_{axis}": gaussians.log_scales[:, axis] for axis in range(3)}
+    views |= {f"rot_{axis}": gaussians.quats[:, axis] for axis in range(4)}
+    return views
+
+
+def feature_views(gaussians: Gaussians) -> dict[str, ndarray]:
+    """``feature_0 …`` as views (n,)."""
+    return {f"feature_{index}": gaussians.features[:, index] for index in range(gaussians.features.shape[1])}
+
+
+def check_whole_numbers(values: ndarray, name: str, path: Path) -> None:
+    """IDs may come in any numeric type, but must be whole numbers in range. Raises DataError."""
+    limit = ID_LIMITS[name]
+    # Written so that NaN fails too.
+    wrong = np.flatnonzero(~((values >= 0) & (values < limit) & (values == np.floor(values))))
+    if len(wrong):
+        problem = f"column {name!r} holds {values[wrong[0]]}, not a whole number from 0 to {limit - 1}"
+        raise DataError(path, problem, "Remove the column or write it as uint")
+
+
+def _numbered(prefix: str, names: tuple[str, ...], path: Path) -> int:
+    numbers = {int(match[1]) for name in names if (match := re.fullmatch(re.escape(prefix) + r"(\d{1,6})", name))}
+    if numbers != set(range(len(numbers))):
+        gap = min(set(range(len(numbers))) - numbers)
+        raise DataError(
+            path, f"{len(numbers)} columns are called {prefix}…, but {prefix}{gap} is missing", "Export again"
+        )
+    return len(numbers)

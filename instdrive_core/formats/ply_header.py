@@ -1,0 +1,145 @@
+"""The header of a .ply file: format, elements, properties, comments, checked against the file's length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from instdrive_core.errors import DataError
+
+MAX_HEADER_BYTES = 16 << 20
+REMEDY = "Export the scene again from the program that made it"
+_FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {
+    name: kind
+    for kind, names in {
+        "i1": ("char", "int8"),
+        "u1": ("uchar", "uint8"),
+        "i2": ("short", "int16"),
+        "u2": ("ushort", "uint16"),
+        "i4": ("int", "int32"),
+        "u4": ("uint", "uint32"),
+        "f4": ("float", "float32"),
+        "f8": ("double", "float64"),
+    }.items()
+    for name in names
+}
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """What a reader needs to know before it touches the body."""
+
+    is_ascii: bool
+    count: int
+    """Rows of the vertex element."""
+    dtype: np.dtype
+    """One vertex, in the file's byte order (native for ASCII)."""
+    body_offset: int
+    """Bytes before the first vertex."""
+    skipped_lines: int
+    """Rows of elements before the vertices (ASCII)."""
+    is_last: bool
+    """Whether nothing follows the vertices."""
+    comments: tuple[str, ...]
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    columns: list[tuple[str, str]]
+    has_list: bool = False
+
+
+def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
+    """Parse the header and check its counts against the file's size. Raises DataError."""
+    lines, end = _header_lines(file, path)
+    order, elements, comments = _parsed(lines, path)
+    names = [element.name for element in elements]
+    if "vertex" not in names:
+        raise DataError(path, f"the header names no vertex element, only {names}", REMEDY)
+    vertex = names.index("vertex")
+    before, element = elements[:vertex], elements[vertex]
+    if element.has_list or any(other.has_list for other in before):
+        raise DataError(path, "a list property stands before or among the vertices; splat files have none", REMEDY)
+    is_ascii = order == "="
+    dtype = np.dtype([(name, order + kind) for name, kind in element.columns])
+    offset = end if is_ascii else end + sum(_row_size(other, order) * other.count for other in before)
+    header = PlyHeader(
+        is_ascii=is_ascii,
+        count=element.count,
+        dtype=dtype,
+        body_offset=offset,
+        skipped_lines=sum(other.count for other in before),
+        is_last=vertex == len(elements) - 1,
+        comments=tuple(comments),
+    )
+    _check_length(header, path, file_size)
+    return header
+
+
+def _header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
+    if file.read(3) != b"ply":
+        raise DataError(path, "the file does not begin with 'ply'", "Check that it is a .ply file")
+    file.seek(0)
+    lines, size = [], 0
+    while size < MAX_HEADER_BYTES:
+        line = file.readline(MAX_HEADER_BYTES)
+        size += len(line)
+        if not line.endswith(b"\n"):
+            break
+        lines.append(line.decode("utf-8", errors="replace").strip())
+        if lines[-1] == "end_header":
+            return lines[1:-1], size
+    raise DataError(path, "the header has no 'end_header' line", REMEDY)
+
+
+def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element], list[str]]:
+    order, elements, comments = "", [], []
+    for line in lines:
+        words = line.split()
+        match words:
+            case ["format", name, "1.0"] if name in _FORMATS:
+                order = _FORMATS[name]
+            case ["comment" | "obj_info", *_]:
+                comments.append(line.partition(" ")[2])
+            case ["element", name, count] if count.isascii() and count.isdigit():
+                elements.append(_Element(name, int(count), []))
+            case ["property", "list", _, _, _] if elements:
+                elements[-1].has_list = True
+            case ["property", kind, name] if elements and kind in _TYPES:
+                if any(name == known for known, _ in elements[-1].columns):
+                    raise DataError(path, f"property {name!r} stands twice in the header", REMEDY)
+                elements[-1].columns.append((name, _TYPES[kind]))
+            case []:
+                continue
+            case _:
+                raise DataError(path, f"the header line {line[:80]!r} is not understood", REMEDY)
+    if not order:
+        raise DataError(path, "the header names no format (ascii, binary_little_endian, binary_big_endian)", REMEDY)
+    return order, elements, comments
+
+
+def _row_size(element: _Element, order: str) -> int:
+    return np.dtype([(name, order + kind) for name, kind in element.columns]).itemsize
+
+
+def _check_length(header: PlyHeader, path: Path, file_size: int) -> None:
+    """A lying count must fail here, before anything is allocated by it."""
+    available = file_size - header.body_offset
+    if header.is_ascii:
+        needed = (header.count + header.skipped_lines) * 2 * max(len(header.dtype), 1) - 1
+        exact = False
+    else:
+        needed = header.count * header.dtype.itemsize
+        exact = header.is_last
+    if available < needed:
+        problem = f"the header promises {header.count} splats, at least {needed} bytes; {max(available, 0)} are there"
+        raise DataError(path, problem, "The file was cut off or its header is wrong; copy or export it again")
+    if exact and available > needed:
+        problem = f"{available - needed} bytes follow the {header.count} splats that the header promises"
+        raise DataError(path, problem, "The header's count is wrong; export the file again")

@@ -1,0 +1,68 @@
+"""Every scene format, registered once: opening and saving by the path's ending or the folder's content."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from instdrive_core.errors import DataError
+from instdrive_core.formats.ply import read_ply, write_ply
+from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
+from instdrive_core.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of scene file."""
+
+    title: str
+    suffix: str
+    """Lower case, with its dot; empty for folders."""
+    read: Callable[[Path], Scene]
+    write: Callable[[Path, Scene], None]
+
+
+FORMATS = (
+    Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply),
+    Format("InstDrive run or scene folder", "", read_scene_folder, write_scene_folder),
+)
+
+
+def open_scene(path: str | Path) -> Scene:
+    """Open a scene file, or a run folder that holds a scene. Raises DataError where it is none, or damaged."""
+    path = Path(path)
+    if not path.exists():
+        raise DataError(path, "there is no such file or folder", "Check the path")
+    if path.name == MANIFEST:
+        path = path.parent
+    if path.is_dir():
+        if not (path / MANIFEST).is_file():
+            problem = f"the folder holds no {MANIFEST}"
+            raise DataError(path, problem, "Open a run folder that training has written a scene to, or a scene file")
+        return _folder_format().read(path)
+    return _format_of(path).read(path)
+
+
+def save_scene(path: str | Path, scene: Scene) -> None:
+    """Write a scene in the format of the path's ending; a path without one becomes a scene folder. Atomic.
+
+    Raises DataError for an ending that is not known or a scene that the format cannot hold.
+    """
+    path = Path(path)
+    fmt = _folder_format() if path.is_dir() or not path.suffix else _format_of(path)
+    fmt.write(path, scene)
+
+
+def _format_of(path: Path) -> Format:
+    for fmt in FORMATS:
+        if fmt.suffix and path.name.lower().endswith(fmt.suffix):
+            return fmt
+    known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix)
+    raise DataError(
+        path, f"files that end in {path.suffix or 'nothing'!r} are not known", f"Known are {known} and folders"
+    )
+
+
+def _folder_format() -> Format:
+    return next(fmt for fmt in FORMATS if not fmt.suffix)

@@ -1,0 +1,141 @@
+"""The native format: a folder with ``scene.json`` and one safetensors file, which keeps tracks, cameras and sky.
+
+The arrays' file is named by its content, and ``scene.json`` names it: replacing ``scene.json`` is the one moment at
+which a new scene takes the place of the old, so a reader or a crash finds one of them whole. The folder may hold other
+files (a run's checkpoints and logs).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from instdrive_core.errors import DataError
+from instdrive_core.formats.atomic import atomic_path, write_bytes
+from instdrive_core.formats.scene_manifest import manifest_of, scene_from_parts
+from instdrive_core.scene.scene import Scene
+
+MANIFEST = "scene.json"
+FORMAT_NAME, FORMAT_VERSION = "instdrive scene", 1
+_ARRAYS_NAME = re.compile(r"scene\.[0-9a-f]{16}\.safetensors")
+_EXACT = {"means", "instance_ids", "codewords", "nodes"}
+"""Stored as they are in a half-precision scene too: float16 metres are centimetres off at 30 m."""
+
+
+def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> None:
+    """Write a scene into a folder, atomically; earlier arrays in it are removed afterwards.
+
+    Args:
+        folder: made where missing; photos of views that share an ancestor with it are stored relative to it.
+        scene: what to write.
+        half: store all but positions and IDs as float16, the sky as 8 bits: for a small sample scene.
+    """
+    folder = Path(folder)
+    arrays = {name: np.ascontiguousarray(array) for name, array in _arrays_of(scene).items()}
+    if half:
+        arrays = {name: _halved(name, array) for name, array in arrays.items()}
+    name = f"scene.{_digest(arrays)}.safetensors"
+    with atomic_path(folder / name) as temporary:
+        save_file(arrays, temporary)
+    manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **manifest_of(scene)}
+    for view in manifest["views"]:
+        view["photo"] = _stored_photo(view["photo"], folder)
+    write_bytes(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    for old in folder.glob("scene.*.safetensors"):
+        if old.name != name and _ARRAYS_NAME.fullmatch(old.name):
+            old.unlink(missing_ok=True)
+
+
+def read_scene_folder(folder: str | Path) -> Scene:
+    """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged."""
+    folder = Path(folder)
+    manifest = _read_manifest(folder)
+    if not (folder / manifest["arrays"]).is_file():
+        # Another program may have saved between two reads and removed the arrays that the old manifest named.
+        manifest = _read_manifest(folder)
+    arrays = _load_arrays(folder / manifest["arrays"])
+    for view in manifest.get("views", ()):
+        if isinstance(view, dict) and view.get("photo"):
+            view["photo"] = os.path.normpath(folder.absolute() / str(view["photo"]))
+    try:
+        return scene_from_parts(manifest, arrays)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise _damaged(folder / MANIFEST, error) from error
+
+
+def _arrays_of(scene: Scene) -> dict[str, ndarray]:
+    arrays = scene.gaussians.arrays()
+    arrays |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
+    arrays |= {f"extra.{name}": column for name, column in scene.extra.items()}
+    if scene.sky is not None:
+        arrays["sky"] = scene.sky.faces
+    if scene.actors:
+        arrays["track_times"] = np.concatenate([actor.times for actor in scene.actors])
+        arrays["track_poses"] = np.concatenate([actor.world_from_box for actor in scene.actors])
+    if scene.views:
+        arrays["view_poses"] = np.stack([view.camera.world_from_camera for view in scene.views])
+    return arrays
+
+
+def _halved(name: str, array: ndarray) -> ndarray:
+    if name == "sky":
+        return np.round(np.clip(array, 0, 1) * 255).astype(np.uint8)
+    if array.dtype == np.float64:
+        return array.astype(np.float32)
+    return array.astype(np.float16) if array.dtype == np.float32 and name not in _EXACT else array
+
+
+def _digest(arrays: dict[str, ndarray]) -> str:
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.reshape(-1).view(np.uint8))
+    return digest.hexdigest()[:16]
+
+
+def _stored_photo(photo: str, folder: Path) -> str:
+    """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
+    if not photo or not os.path.isabs(photo):
+        return photo
+    here = str(folder.absolute())
+    shared = os.path.commonpath([here, photo])
+    return photo if shared == os.path.abspath(os.sep) else Path(os.path.relpath(photo, here)).as_posix()
+
+
+def _read_manifest(folder: Path) -> dict[str, Any]:
+    path = folder / MANIFEST
+    try:
+        manifest = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise _damaged(path, error) from error
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:
+        raise DataError(path, f"'format' is not {FORMAT_NAME!r}", "Check that the folder was written by InstDrive")
+    if manifest.get("version") != FORMAT_VERSION:
+        problem = f"'version' is {manifest.get('version')!r}, this program reads {FORMAT_VERSION}"
+        raise DataError(path, problem, "Update InstDrive or save the scene again")
+    if not isinstance(manifest.get("arrays"), str) or not _ARRAYS_NAME.fullmatch(manifest["arrays"]):
+        problem = f"'arrays' is {manifest.get('arrays')!r}, not the name of an arrays file in the same folder"
+        raise DataError(path, problem, "Save the scene again")
+    return manifest
+
+
+def _load_arrays(path: Path) -> dict[str, ndarray]:
+    try:
+        return load_file(path)
+    except (SafetensorError, OSError) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> DataError:
+    return DataError(
+        path, f"the file is damaged ({type(error).__name__}: {error})", "Restore it or save the scene again"
+    )
