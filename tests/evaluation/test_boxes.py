@@ -1,0 +1,41 @@
+"""Box silhouettes agree with projected corners and stay right where corners lie behind the camera."""
+
+import numpy as np
+import pytest
+
+from instdrive_core.evaluation.boxes import box_silhouette, moving_box_pixels
+from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.track import Track
+
+
+@pytest.fixture
+def camera() -> Camera:
+    return Camera(60.0, 60.0, 40.0, 30.0, 80, 60, look_at(np.array([0.0, -10.0, 0.0]), np.zeros(3)))
+
+
+def test_silhouette_spans_the_projected_front_face(camera):
+    silhouette = box_silhouette(camera, np.eye(4), np.array([4.0, 2.0, 3.0]))
+    corners, _ = camera.project(np.array([[-2.0, -1, 1.5], [2.0, -1, -1.5]]))
+    rows, columns = np.nonzero(silhouette)
+    assert columns.min() + 0.5 == pytest.approx(corners[0, 0], abs=0.51)
+    assert columns.max() + 0.5 == pytest.approx(corners[1, 0], abs=0.51)
+    assert rows.min() + 0.5 == pytest.approx(corners[0, 1], abs=0.51)
+    assert rows.max() + 0.5 == pytest.approx(corners[1, 1], abs=0.51)
+    assert silhouette.sum() == len(np.unique(rows)) * len(np.unique(columns)), "seen face on it is a rectangle"
+
+
+def test_boxes_around_and_behind_the_camera(camera):
+    around, behind = np.eye(4), np.eye(4)
+    around[:3, 3] = camera.position
+    behind[:3, 3] = [0, -30, 0]
+    assert box_silhouette(camera, around, np.full(3, 2.0)).all()
+    assert not box_silhouette(camera, behind, np.full(3, 2.0)).any()
+
+
+def test_only_moving_boxes_that_exist_count(camera):
+    poses = np.stack([np.eye(4)] * 2)
+    parked = Track("a", "car", np.full(3, 2.0), np.array([0.0, 1.0]), poses, moving=False)
+    driving = Track("b", "car", np.full(3, 2.0), np.array([0.0, 1.0]), poses, moving=True)
+    assert not moving_box_pixels(camera, [parked], 0.5).any()
+    assert moving_box_pixels(camera, [parked, driving], 0.5).any()
+    assert not moving_box_pixels(camera, [parked, driving], 3.0).any()
