@@ -45,7 +45,7 @@ def edit_from_json(entry: Any, depth: int = 0) -> Edit:
         raise EditError(f"edit kind {kind!r} is not known; known are {', '.join(EDITS)}")
     edit_type = EDITS[entry["kind"]]
     expected = {parameter.name for parameter in fields(edit_type) if parameter.init}  # type: ignore[arg-type]
-    parameters = {name: value for name, value in entry.items() if name != "kind"}
+    parameters: dict[str, Any] = {name: value for name, value in entry.items() if name != "kind"}
     if unknown := set(parameters) - expected:
         raise EditError(f"edit {entry['kind']!r} has no parameter {min(unknown)!r}; it has {sorted(expected)}")
     try:
@@ -53,7 +53,8 @@ def edit_from_json(entry: Any, depth: int = 0) -> Edit:
             if depth == _MAX_DEPTH:
                 raise EditError(f"edits are nested more than {_MAX_DEPTH} deep")
             parameters["edits"] = tuple(edit_from_json(part, depth + 1) for part in parameters["edits"])
-        return edit_type(**{name: tuple(v) if isinstance(v, list) else v for name, v in parameters.items()})
+        values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
+        return edit_type(**values)
     except (TypeError, ValueError, KeyError) as error:
         raise EditError(f"edit {entry['kind']!r} cannot be made from {parameters}: {error}") from error
 

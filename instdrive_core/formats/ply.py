@@ -52,20 +52,19 @@ def read_ply(path: str | Path) -> Scene:
         names = header.dtype.names or ()
         rest, features = check_columns(names, path)
         gaussians = _unfilled(header.count, rest, features)
-        known = column_views(gaussians) | feature_views(gaussians)
         ids = {name: np.zeros(header.count, np.uint32) for name in ID_LIMITS}
+        known = column_views(gaussians) | feature_views(gaussians) | ids
         extra = {
-            name: np.empty(header.count, header.dtype[name].newbyteorder("="))
-            for name in names
-            if name not in known and name not in ids
+            name: np.empty(header.count, header.dtype[name].newbyteorder("=")) for name in names if name not in known
         }
+        targets = known | extra
         start = 0
         for chunk in _chunks(file, header, path):
             stop = start + len(chunk)
             for name in names:
                 if name in ids:
                     check_whole_numbers(chunk[name], name, path)
-                (known.get(name, ids.get(name, extra.get(name))))[start:stop] = chunk[name]
+                targets[name][start:stop] = chunk[name]
             start = stop
     return _scene(gaussians, ids, extra, header, path)
 
@@ -138,11 +137,12 @@ def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[nda
             values = np.loadtxt(part, np.float64, comments=None, ndmin=2)
         except ValueError as error:
             raise DataError(path, f"splats {start} to {start + len(part)} are not numbers ({error})", REMEDY) from error
-        if values.shape[1] != len(header.dtype):
-            problem = f"a line holds {values.shape[1]} values, the header promises {len(header.dtype)}"
+        names = header.dtype.names or ()
+        if values.shape[1] != len(names):
+            problem = f"a line holds {values.shape[1]} values, the header promises {len(names)}"
             raise DataError(path, problem, REMEDY)
         chunk = np.empty(len(part), header.dtype)
-        for name, column in zip(header.dtype.names or (), values.T, strict=True):
+        for name, column in zip(names, values.T, strict=True):
             chunk[name] = column
         yield chunk
 

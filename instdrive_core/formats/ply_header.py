@@ -132,7 +132,7 @@ def _check_length(header: PlyHeader, path: Path, file_size: int) -> None:
     """A lying count must fail here, before anything is allocated by it."""
     available = file_size - header.body_offset
     if header.is_ascii:
-        needed = (header.count + header.skipped_lines) * 2 * max(len(header.dtype), 1) - 1
+        needed = (header.count + header.skipped_lines) * 2 * max(len(header.dtype.names or ()), 1) - 1
         exact = False
     else:
         needed = header.count * header.dtype.itemsize

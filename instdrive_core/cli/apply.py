@@ -1,0 +1,81 @@
+"""``instdrive apply``: edits from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from instdrive_core.cli.arguments import default_time, known_ids, parsed_assignment, parsed_color
+from instdrive_core.edits.bake import baked
+from instdrive_core.edits.base import Edit
+from instdrive_core.edits.color import RecolorInstances, RecolorMode
+from instdrive_core.edits.delete import DeleteInstances
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.instances import RenameInstance
+from instdrive_core.edits.serialize import edits_from_lines
+from instdrive_core.errors import DataError, EditError
+from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.scene.scene import Scene
+
+
+def apply(
+    scene: tyro.conf.Positional[Path],
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    delete: tuple[int, ...] = (),
+    recolor: tuple[str, ...] = (),
+    recolor_mode: RecolorMode = "tint",
+    rename: tuple[str, ...] = (),
+    edits: Path | None = None,
+    time: float | None = None,
+) -> None:
+    """Edit a scene without a window and export it.
+
+    Args:
+        scene: scene file, or run folder.
+        out: file to write (.ply), or a folder, which keeps tracks, cameras and sky.
+        delete: IDs of instances to delete.
+        recolor: recolours as ID=#rrggbb.
+        recolor_mode: tint keeps light and shade, solid is the plain colour from everywhere.
+        rename: new names as ID=NAME.
+        edits: file with one edit as JSON per line, done before the others.
+        time: seconds into the drive at which a .ply shows moving objects; default: the first photo's.
+    """
+    document = Document(open_scene(scene))
+    for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits):
+        document.apply(edit)
+    if time is None and out.suffix and not out.is_dir() and document.scene.actors:
+        time = default_time(document.scene)
+        print(f"moving objects are placed where they are at {time:g} s (--time)")
+    result = baked(document, time)
+    save_scene(out, result)
+    print(f"{out}: {len(result):,} splats, {len(result.table)} instances ({len(document.history.done)} edits applied)")
+
+
+def _edits(
+    scene: Scene,
+    delete: tuple[int, ...],
+    recolor: tuple[str, ...],
+    mode: RecolorMode,
+    rename: tuple[str, ...],
+    log: Path | None,
+) -> list[Edit]:
+    steps = _edits_of_log(log) if log else []
+    for text in rename:
+        instance_id, name = parsed_assignment(text, "--rename 4=taxi")
+        known_ids([instance_id], scene.table)
+        steps.append(RenameInstance(instance_id, name))
+    for text in recolor:
+        instance_id, color = parsed_assignment(text, "--recolor 4=#d02020")
+        steps.append(RecolorInstances(known_ids([instance_id], scene.table), mode, parsed_color(color)))
+    if delete:
+        steps.append(DeleteInstances(known_ids(delete, scene.table)))
+    return steps
+
+
+def _edits_of_log(path: Path) -> list[Edit]:
+    try:
+        return edits_from_lines(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, EditError) as error:
+        raise DataError(path, f"the edits cannot be read ({error})", "Each line must be one edit as JSON") from error

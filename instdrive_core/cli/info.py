@@ -1,0 +1,71 @@
+"""``instdrive info``: what a file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from instdrive_core.formats.registry import open_scene
+from instdrive_core.scene.scene import Scene
+
+
+def info(scene: tyro.conf.Positional[Path], instances: int = 20) -> None:
+    """Print what a scene file holds.
+
+    Args:
+        scene: scene file, or run folder.
+        instances: how many instances to list, the largest first.
+    """
+    opened = open_scene(scene)
+    for label, value in _facts(opened):
+        print(f"{label + ':':<14}{value}")
+    largest = sorted(opened.table, key=lambda instance: (-instance.count, instance.id))[: max(instances, 0)]
+    if largest:
+        print(f"\n{'ID':>8}  {'splats':>9}  {'codeword':>8}  {'class':<16}name")
+    for instance in largest:
+        columns = f"{instance.id:>8}  {instance.count:>9,}  {instance.codeword:>8}  {instance.class_name or '-':<16}"
+        print(columns + instance.name)
+    if len(opened.table) > len(largest):
+        print(f"… and {len(opened.table) - len(largest)} more (--instances {len(opened.table)})")
+
+
+def _facts(scene: Scene) -> list[tuple[str, str]]:
+    gaussians = scene.gaussians
+    facts = [
+        ("splats", f"{len(scene):,}"),
+        ("colour", f"SH degree {gaussians.sh_degree}"),
+        ("features", f"{gaussians.features.shape[1]} per splat, {scene.code_bits} code bits"),
+    ]
+    if len(scene):
+        finite = np.isfinite(gaussians.means).all(axis=1)
+        low, high = np.quantile(gaussians.means[finite], [0.01, 0.99], axis=0)
+        sizes = np.quantile(np.exp(gaussians.log_scales.max(axis=1)), [0.05, 0.5, 0.95])
+        opaque = np.quantile(gaussians.opacities, [0.05, 0.5, 0.95])
+        facts += [
+            ("extent", f"{_numbers(low)} to {_numbers(high)} m (98 % of the splats)"),
+            ("size", f"{_numbers(sizes)} m (longest axis; 5, 50, 95 %)"),
+            ("opacity", f"{_numbers(opaque)} (5, 50, 95 %)"),
+        ]
+        if not finite.all():
+            facts.append(("damaged", f"{int((~finite).sum()):,} splats have no finite position"))
+    labelled = int(np.count_nonzero(scene.instance_ids))
+    facts.append(("instances", f"{len(scene.table)}, on {labelled:,} splats"))
+    if scene.origin.any():
+        facts.append(("origin", f"{_numbers(scene.origin)} m"))
+    if scene.actors:
+        moving = np.count_nonzero(scene.nodes)
+        facts.append(("actors", f"{len(scene.actors)} moving objects of {moving:,} splats"))
+    if scene.views:
+        cameras = ", ".join(sorted({view.name for view in scene.views}))
+        times = [view.time for view in scene.views]
+        facts.append(("views", f"{len(scene.views)} photos from {min(times):g} to {max(times):g} s ({cameras})"))
+    facts.append(("sky", f"cube map of {scene.sky.faces.shape[1]} px faces" if scene.sky is not None else "none"))
+    if scene.extra:
+        facts.append(("other columns", ", ".join(scene.extra)))
+    return facts
+
+
+def _numbers(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.3g}" for value in values) + ")"
