@@ -1,0 +1,168 @@
+"""All passes of one frame, each drawn again only when something it shows has changed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32, UInt8, UInt32
+from numpy import ndarray
+
+from instdrive_app.render.color_pass import ColorPass
+from instdrive_app.render.gpu_scene import GpuScene
+from instdrive_app.render.id_pass import IdPass
+from instdrive_app.render.outline_pass import OutlinePass
+from instdrive_app.render.present_pass import PresentPass
+from instdrive_app.render.projector import Projector
+from instdrive_app.render.sky_pass import SkyPass
+from instdrive_app.render.targets import Targets
+from instdrive_app.state import FrameSnapshot, ViewMode
+from instdrive_core.edits.document import Document
+from instdrive_core.scene.camera import Camera
+
+DRAFT_FACTOR = 2
+"""While the camera moves, blended views have this many times fewer pixels per axis."""
+FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)
+
+
+class Renderer:
+    """Draws a document as snapshots ask for, off screen; `picture` is what the window shows."""
+
+    def __init__(self, ctx: moderngl.Context, document: Document) -> None:
+        self._ctx, self._document = ctx, document
+        self.scene = GpuScene(ctx, document)
+        self._projector = Projector(ctx, len(document.scene))
+        self._sky, self._color, self._ids = SkyPass(ctx), ColorPass(ctx, self._projector), IdPass(ctx, self._projector)
+        self._present, self._outline = PresentPass(ctx), OutlinePass(ctx)
+        self._targets: Targets | None = None
+        self._keys: dict[str, object] = {}
+        self.blended_draws = 0
+        """How often splats were blended; stands still while nothing changes."""
+
+    @property
+    def picture(self) -> moderngl.Texture:
+        """The last frame, RGBA8, row 0 at the top."""
+        assert self._targets is not None, "render was never called"
+        return self._targets.shown
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """Metres at the near and far end of the depth view's ramp."""
+        low, high = self._projector.depth_range
+        return _round_figure(low, down=True), _round_figure(high, down=False)
+
+    def render(self, snapshot: FrameSnapshot) -> None:
+        """Bring `picture` up to date."""
+        self.scene.update(snapshot.time)
+        targets = self._sized(snapshot)
+        if snapshot.view_mode in FLAT_MODES:
+            self._draw_rows(targets, snapshot)
+        else:
+            self._draw_blended(targets, snapshot)
+        self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)
+        marked = snapshot.hovered or self._document.selected_instances()
+        if snapshot.show_outlines and marked and not snapshot.draft:
+            self._draw_rows(targets, snapshot)
+            self._outline.draw(targets, self.scene, snapshot.hovered)
+
+    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+        """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
+        self.scene.update(snapshot.time)
+        targets = self._sized(snapshot)
+        self._draw_rows(targets, snapshot)
+        return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
+
+    def instance_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int:
+        """The instance that the ID view shows at a pixel; 0 = none, or outside."""
+        self.scene.update(snapshot.time)
+        targets = self._sized(snapshot)
+        if not (0 <= x < targets.size[0] and 0 <= y < targets.size[1]):
+            return 0
+        self._draw_rows(targets, snapshot)
+        pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
+        row = int(np.frombuffer(pixel, np.uint32)[0]) - 1
+        return int(self._document.scene.instance_ids[row]) if row >= 0 else 0
+
+    def read_picture(self) -> UInt8[ndarray, "h w 3"]:
+        """The last frame as RGB."""
+        pixels = np.frombuffer(self.picture.read(alignment=1), np.uint8)
+        return pixels.reshape(self.picture.size[1], self.picture.size[0], 4)[..., :3].copy()
+
+    def read_blended(self) -> Float32[ndarray, "h w 4"]:
+        """The blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
+        assert self._targets is not None, "render was never called"
+        pixels = np.frombuffer(self._targets.blended.read(alignment=1), np.float16)
+        width, height = self._targets.blended_size
+        return pixels.reshape(height, width, 4).astype(np.float32)
+
+    def release(self) -> None:
+        """Free everything on the GPU."""
+        for thing in (self._sky, self._color, self._ids, self._present, self._outline, self._projector, self.scene):
+            thing.release()
+        if self._targets is not None:
+            self._targets.release()
+
+    def _sized(self, snapshot: FrameSnapshot) -> Targets:
+        size = (snapshot.camera.width, snapshot.camera.height)
+        factor = DRAFT_FACTOR if snapshot.draft else 1
+        blended_size = (max(1, size[0] // factor), max(1, size[1] // factor))
+        targets = self._targets
+        if targets is None or targets.size != size or targets.blended_size != blended_size:
+            if targets is not None:
+                targets.release()
+            targets = self._targets = Targets(self._ctx, size, blended_size)
+            self._keys.clear()
+        return targets
+
+    def _project(self, camera: Camera) -> None:
+        key = (_camera_key(camera), self.scene.pose_version)
+        if self._keys.get("order") != key:
+            self._projector.sort(self.scene, camera)
+            self._keys["order"] = key
+        if self._keys.get("records") != (key, self.scene.look_version):
+            self._projector.project(self.scene, camera)
+            self._keys["records"] = (key, self.scene.look_version)
+
+    def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
+        show_depth = snapshot.view_mode is ViewMode.DEPTH
+        key = (_camera_key(snapshot.camera), self.scene.pose_version, self.scene.look_version, show_depth)
+        key = (*key, snapshot.show_sky)
+        if self._keys.get("blended") == key:
+            return
+        camera = snapshot.camera.resized(*targets.blended_size)
+        self._project(camera)
+        if show_depth:
+            self._sky.draw(targets.blended_buffer, camera, None, (0.0, 0.0, 0.0))
+        else:
+            self._sky.draw(targets.blended_buffer, camera, self.scene.sky if snapshot.show_sky else None)
+        self._color.draw(targets.blended_buffer, show_depth)
+        self._keys["blended"] = key
+        self.blended_draws += 1
+
+    def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot) -> None:
+        key = (_camera_key(snapshot.camera), self.scene.pose_version, self.scene.look_version, snapshot.id_opacity)
+        if self._keys.get("rows") == key:
+            return
+        self._project(snapshot.camera)
+        self._ids.draw(targets, snapshot.id_opacity)
+        self._keys["rows"] = key
+
+
+def sharp(snapshot: FrameSnapshot) -> FrameSnapshot:
+    """The same frame at full resolution."""
+    return replace(snapshot, draft=False)
+
+
+def _camera_key(camera: Camera) -> tuple:
+    pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+    return (*pinhole, camera.world_from_camera.tobytes())
+
+
+def _round_figure(value: float, down: bool) -> float:
+    """The next 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
+    steps = [step * power for step in (1.0, 2.0, 5.0, 10.0)]
+    return (
+        max(step for step in steps if step <= value * 1.0001) if down else min(s for s in steps if s >= value * 0.9999)
+    )

@@ -1,0 +1,142 @@
+"""What the user wants to see, and how it becomes one frozen snapshot per frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.scene.camera import Camera, look_at
+
+DEFAULT_ID_OPACITY = 0.3
+"""Splats fainter than this are not drawn in the ID view and cannot be picked."""
+ID_ALPHA_CUT = 0.2
+"""Fragments of lower alpha are holes in the ID view."""
+
+
+class ViewMode(Enum):
+    """What the viewport paints."""
+
+    COLOR = "Colour"
+    INSTANCE = "Instances"
+    CODEWORD = "Codewords"
+    DEPTH = "Depth"
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Pinhole intrinsics of a film of some size in pixels; the film is fitted into whatever viewport shows it."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    @classmethod
+    def of(cls, camera: Camera) -> Lens:
+        """The lens of a posed camera."""
+        return cls(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
+
+    @classmethod
+    def from_field_of_view(cls, degrees: float, width: int = 1600, height: int = 900) -> Lens:
+        """A centred lens with the given vertical field of view."""
+        focal = height / 2 / np.tan(np.radians(degrees) / 2)
+        return cls(focal, focal, width / 2, height / 2, width, height)
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """Where the user looks from, and the distance of the point that orbiting turns around."""
+
+    world_from_camera: Float64[ndarray, "4 4"]
+    lens: Lens
+    pivot_distance: float = 10.0
+    """Metres along the viewing axis."""
+
+    @property
+    def position(self) -> Float64[ndarray, "3"]:
+        """Camera centre."""
+        return self.world_from_camera[:3, 3]
+
+    @property
+    def forward(self) -> Float64[ndarray, "3"]:
+        """Unit viewing direction."""
+        return self.world_from_camera[:3, 2]
+
+    @property
+    def pivot(self) -> Float64[ndarray, "3"]:
+        """The point that orbiting turns around."""
+        return self.position + self.pivot_distance * self.forward
+
+    def fitted(self, width: int, height: int) -> Camera:
+        """The camera of a viewport: the whole film is inside, centred, and what lies around it is shown too."""
+        lens = self.lens
+        scale = min(width / lens.width, height / lens.height)
+        cx = lens.cx * scale + (width - lens.width * scale) / 2
+        cy = lens.cy * scale + (height - lens.height * scale) / 2
+        return Camera(lens.fx * scale, lens.fy * scale, cx, cy, width, height, self.world_from_camera)
+
+    def film_in(self, width: int, height: int) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom of the film in the viewport's pixels."""
+        scale = min(width / self.lens.width, height / self.lens.height)
+        left, top = (width - self.lens.width * scale) / 2, (height - self.lens.height * scale) / 2
+        return left, top, width - left, height - top
+
+
+def default_viewpoint() -> Viewpoint:
+    """Eye height, looking along the world's +y."""
+    pose = look_at(np.array([0.0, -8.0, 3.0]), np.array([0.0, 0.0, 1.0]))
+    return Viewpoint(pose, Lens.from_field_of_view(50.0))
+
+
+@dataclass
+class EditorState:
+    """Everything that changes the picture and is no edit. Written by commands, tools and panels."""
+
+    view_mode: ViewMode = ViewMode.COLOR
+    tool: str = "pick"
+    time: float = 0.0
+    """Seconds since the clip's first time step."""
+    viewpoint: Viewpoint = field(default_factory=default_viewpoint)
+    dataset_view: int | None = None
+    """Index into the scene's views while the viewport looks through one of them."""
+    hovered: int = 0
+    """Instance under the cursor; 0 = none."""
+    id_opacity: float = DEFAULT_ID_OPACITY
+    show_sky: bool = True
+    show_outlines: bool = True
+    draft: bool = False
+    """Draw coarsely because the camera is moving."""
+
+
+@dataclass(frozen=True)
+class FrameSnapshot:
+    """All that the renderer reads of the state, for one frame."""
+
+    camera: Camera
+    time: float
+    view_mode: ViewMode
+    hovered: int
+    id_opacity: float
+    show_sky: bool
+    show_outlines: bool
+    draft: bool
+
+
+def resolve(state: EditorState, width: int, height: int) -> FrameSnapshot:
+    """The frame that `state` asks for in a viewport of this size (pixels, at least 1 × 1)."""
+    return FrameSnapshot(
+        camera=state.viewpoint.fitted(max(width, 1), max(height, 1)),
+        time=state.time,
+        view_mode=state.view_mode,
+        hovered=state.hovered,
+        id_opacity=state.id_opacity,
+        show_sky=state.show_sky,
+        show_outlines=state.show_outlines,
+        draft=state.draft,
+    )
