@@ -26,7 +26,7 @@ class Instance:
     """Gaussians that carry the ID."""
     class_name: str = ""
     """Class from the data set or the user; empty where unknown."""
-    bounds: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0,) * 3, (0.0,) * 3)
+    bounds: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     """Lower and upper corner of the Gaussians' means in metres, in the node's own frame."""
 
     @property
@@ -76,24 +76,36 @@ def table_from_ids(
     names: dict[int, str] | None = None,
     classes: dict[int, str] | None = None,
 ) -> InstanceTable:
-    """Count and bound every ID above 0. Codeword and node are those of the ID's first Gaussian."""
+    """Count and bound every ID above 0. Codeword is the most frequent one of the ID's Gaussians (the lowest of equals),
+    node that of the first."""
     order = np.argsort(instance_ids, kind="stable")
     ids, starts, counts = np.unique(instance_ids[order], return_index=True, return_counts=True)
+    common = _most_frequent(instance_ids, codewords) if codewords is not None else {}
     table = InstanceTable()
     for instance_id, start, count in zip(ids.tolist(), starts.tolist(), counts.tolist(), strict=True):
         if instance_id == 0:
             continue
         rows = order[start : start + count]
-        low, high = means[rows].min(axis=0), means[rows].max(axis=0)
+        low, high = means[rows].min(axis=0).tolist(), means[rows].max(axis=0).tolist()
         table.set(
             Instance(
                 id=instance_id,
                 name=(names or {}).get(instance_id, default_name(instance_id)),
                 node=int(nodes[rows[0]]) if nodes is not None else 0,
-                codeword=int(codewords[rows[0]]) if codewords is not None else 0,
+                codeword=common.get(instance_id, 0),
                 count=count,
                 class_name=(classes or {}).get(instance_id, ""),
-                bounds=(tuple(map(float, low)), tuple(map(float, high))),
+                bounds=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
             )
         )
     return table
+
+
+def _most_frequent(instance_ids: UInt32[ndarray, "n"], codewords: UInt32[ndarray, "n"]) -> dict[int, int]:
+    """The codeword that most Gaussians of each ID carry."""
+    packed = (instance_ids.astype(np.uint64) << np.uint64(32)) | codewords
+    pairs, counts = np.unique(packed, return_counts=True)
+    ids, codes = pairs >> np.uint64(32), pairs & np.uint64(0xFFFFFFFF)
+    # Rising counts, then falling codewords: what a dict keeps is the last, so the most frequent.
+    order = np.lexsort((-codes.astype(np.int64), counts))
+    return dict(zip(ids[order].tolist(), codes[order].tolist(), strict=True))

@@ -1,0 +1,202 @@
+"""Instances as spatial components: Gaussians of one node and one codeword that hang together are one thing.
+
+Nothing in training separates two objects that no photo shows together, so they may share a codeword; space tells them
+apart. Gaussians are gathered into small cells, the cells of a (node, codeword) group are joined to near ones by a
+k-nearest-neighbour graph whose reach follows the local spacing, and components too small to be objects are given away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int, Int64, UInt16, UInt32
+from numpy import ndarray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+
+@dataclass(frozen=True)
+class ComponentConfig:
+    """When Gaussians of one codeword are one object."""
+
+    cell_size: float = 0.1
+    """Metres; Gaussians of a group in one cell always belong together."""
+    neighbors: int = 8
+    """Cells that each cell may be joined to."""
+    spacing_neighbor: int = 4
+    """The local spacing is the distance to the neighbour of this rank."""
+    spacing_factor: float = 3.0
+    """Two cells are joined up to this many times the geometric mean of their spacings …"""
+    max_gap: float = 2.0
+    """… and at most this many metres, …"""
+    extent_factor: float = 1.0
+    """… plus this many middle standard deviations of the Gaussians on both sides."""
+    max_extent: float = 3.0
+    """Metres; larger Gaussians count as this large."""
+    min_support: float = 5.0
+    """A component whose opacities sum to less is a fragment, not an object."""
+    absorb_distance: float = 1.5
+    """Metres up to which a fragment joins a component of its own codeword."""
+    vote_distance: float = 0.5
+    """Metres up to which neighbours of other codewords vote on a fragment."""
+
+
+DEFAULT_CONFIG = ComponentConfig()
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Gaussians gathered by group and place."""
+
+    of_gaussian: Int64[ndarray, " n"]
+    positions: Float64[ndarray, "m 3"]
+    groups: Int64[ndarray, " m"]
+    """Number of the (node, codeword) pair."""
+    nodes: Int64[ndarray, " m"]
+    extents: Float64[ndarray, " m"]
+    support: Float64[ndarray, " m"]
+
+
+def split_components(
+    means: Float[ndarray, "n 3"],
+    scales: Float[ndarray, "n 3"],
+    nodes: UInt16[ndarray, " n"],
+    codewords: UInt32[ndarray, " n"],
+    opacities: Float[ndarray, " n"],
+    config: ComponentConfig = DEFAULT_CONFIG,
+) -> UInt32[ndarray, " n"]:
+    """The instance ID of each Gaussian: 1 for the component of most Gaussians, then falling; 0 = none.
+
+    Args:
+        means: metres, in the frame of each Gaussian's node.
+        scales: standard deviations in metres.
+        nodes: 0 = background, k = actor k - 1; components never reach across nodes.
+        codewords: components never join different ones, only fragments below the minimum support do.
+        opacities: in [0, 1].
+        config: distances and thresholds.
+
+    Fragments join the nearest component of the same codeword, else the instance that most of their neighbours belong
+    to, else none. Gaussians without a finite position get none.
+    """
+    labels = np.zeros(len(means), np.uint32)
+    rows = np.flatnonzero(np.isfinite(means).all(axis=1) & np.isfinite(scales).all(axis=1))
+    if not len(rows):
+        return labels
+    cells = _gathered(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config)
+    components = _connected(cells, config)
+    support = np.bincount(components, weights=cells.support)
+    kept = support >= config.min_support
+    owners = np.where(kept, np.arange(len(support)), -1)
+    _absorb_by_codeword(owners, components, kept, cells, config)
+    _absorb_by_vote(owners, components, kept, cells, config)
+    labels[rows] = _numbered_by_size(owners[components][cells.of_gaussian])
+    return labels
+
+
+def _gathered(
+    means: ndarray, scales: ndarray, nodes: ndarray, codewords: ndarray, opacities: ndarray, config: ComponentConfig
+) -> _Cells:
+    pairs, groups = np.unique((nodes.astype(np.int64) << 32) | codewords, return_inverse=True)
+    steps = np.floor((means - np.median(means, axis=0)) / config.cell_size)
+    # 14 bits an axis: stray Gaussians beyond 8,192 cells share the outermost ones.
+    steps = np.clip(steps, -8192, 8191).astype(np.int64) + 8192
+    keys = ((groups.astype(np.int64) << 42) | (steps[:, 0] << 28)) | (steps[:, 1] << 14) | steps[:, 2]
+    different, cell_of = np.unique(keys, return_inverse=True)
+    counts = np.bincount(cell_of)
+
+    def mean_of(values: ndarray) -> ndarray:
+        return np.bincount(cell_of, weights=values) / counts
+
+    middle = np.median(scales, axis=1)
+    cell_groups = different >> 42
+    return _Cells(
+        of_gaussian=cell_of.astype(np.int64),
+        positions=np.stack([mean_of(means[:, axis]) for axis in range(3)], axis=1),
+        groups=cell_groups,
+        nodes=pairs[cell_groups] >> 32,
+        extents=np.minimum(mean_of(middle), config.max_extent),
+        support=np.bincount(cell_of, weights=opacities),
+    )
+
+
+def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
+    """The component of each cell, by the graph of near cells of one group."""
+    count = len(cells.positions)
+    places, apart = _set_apart(cells.positions, cells.groups)
+    neighbors = min(config.neighbors + 1, count)
+    distances, targets = KDTree(places).query(places, k=np.arange(1, neighbors + 1), workers=-1)
+    inside = distances < apart
+    rank = min(config.spacing_neighbor, neighbors - 1)
+    spacing = np.clip(np.where(inside, distances, np.inf)[:, rank], config.cell_size, config.max_gap)
+    limits = config.spacing_factor * np.sqrt(spacing[:, None] * spacing[np.where(inside, targets, 0)])
+    extents = cells.extents[:, None] + cells.extents[np.where(inside, targets, 0)]
+    near = inside & (distances <= np.minimum(limits, config.max_gap) + config.extent_factor * extents)
+    sources = np.broadcast_to(np.arange(count)[:, None], targets.shape)[near]
+    graph = coo_array((np.ones(len(sources), np.uint8), (sources, targets[near])), shape=(count, count))
+    return connected_components(graph.tocsr(), directed=False)[1].astype(np.int64)
+
+
+def _absorb_by_codeword(
+    owners: Int64[ndarray, " c"],
+    components: Int64[ndarray, " m"],
+    kept: Bool[ndarray, " c"],
+    cells: _Cells,
+    config: ComponentConfig,
+) -> None:
+    """Fragments join the component of their own group that comes nearest to any of their cells."""
+    solid, loose = np.flatnonzero(kept[components]), np.flatnonzero(~kept[components])
+    if not len(solid) or not len(loose):
+        return
+    places, _ = _set_apart(cells.positions, cells.groups)
+    distances, found = KDTree(places[solid]).query(
+        places[loose], distance_upper_bound=config.absorb_distance, workers=-1
+    )
+    hit = np.isfinite(distances)
+    fragments, targets = components[loose[hit]], components[solid[found[hit]]]
+    # Writing the farthest first leaves the nearest.
+    order = np.argsort(-distances[hit], kind="stable")
+    owners[fragments[order]] = targets[order]
+
+
+def _absorb_by_vote(
+    owners: Int64[ndarray, " c"],
+    components: Int64[ndarray, " m"],
+    kept: Bool[ndarray, " c"],
+    cells: _Cells,
+    config: ComponentConfig,
+) -> None:
+    """Fragments still without an owner join the component that holds most of the cells around them."""
+    solid, loose = np.flatnonzero(kept[components]), np.flatnonzero(owners[components] < 0)
+    if not len(solid) or not len(loose):
+        return
+    places, _ = _set_apart(cells.positions, cells.nodes)
+    neighbors = min(config.neighbors, len(solid))
+    distances, found = KDTree(places[solid]).query(
+        places[loose], k=np.arange(1, neighbors + 1), distance_upper_bound=config.vote_distance, workers=-1
+    )
+    hit = np.isfinite(distances)
+    voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
+    ballots, votes = np.unique(np.stack([voters, components[solid[found[hit]]]]), axis=1, return_counts=True)
+    # Fewest votes first, so that the winner is written last; a tie goes to the lower component.
+    order = np.lexsort((-ballots[1], votes))
+    owners[ballots[0][order]] = ballots[1][order]
+
+
+def _set_apart(
+    positions: Float64[ndarray, "m 3"], labels: Int64[ndarray, " m"]
+) -> tuple[Float64[ndarray, "m 4"], float]:
+    """Positions with a fourth axis that keeps different labels farther apart than any two of the same are."""
+    apart = 2 * float(np.linalg.norm(np.ptp(positions, axis=0))) + 1
+    return np.column_stack([positions, labels * apart]), apart
+
+
+def _numbered_by_size(owners: Int[ndarray, " n"]) -> UInt32[ndarray, " n"]:
+    """Owners (-1 = none) as 1, 2, … from most to fewest Gaussians, ties by the lower owner; none becomes 0."""
+    different, inverse, counts = np.unique(owners, return_inverse=True, return_counts=True)
+    real = different >= 0
+    order = np.lexsort((different[real], -counts[real]))
+    numbers = np.zeros(len(different), np.uint32)
+    numbers[np.flatnonzero(real)[order]] = np.arange(1, real.sum() + 1)
+    return numbers[inverse]
