@@ -126,7 +126,7 @@ def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
     count = len(cells.positions)
     places, apart = _set_apart(cells.positions, cells.groups)
     neighbors = min(config.neighbors + 1, count)
-    distances, targets = KDTree(places).query(places, k=np.arange(1, neighbors + 1), workers=-1)
+    distances, targets = _nearest(places, places, neighbors)
     inside = distances < apart
     rank = min(config.spacing_neighbor, neighbors - 1)
     spacing = np.clip(np.where(inside, distances, np.inf)[:, rank], config.cell_size, config.max_gap)
@@ -150,10 +150,8 @@ def _absorb_by_codeword(
     if not len(solid) or not len(loose):
         return
     places, _ = _set_apart(cells.positions, cells.groups)
-    distances, found = KDTree(places[solid]).query(
-        places[loose], distance_upper_bound=config.absorb_distance, workers=-1
-    )
-    hit = np.isfinite(distances)
+    distances, found = (part[:, 0] for part in _nearest(places[solid], places[loose], 1))
+    hit = distances <= config.absorb_distance
     fragments, targets = components[loose[hit]], components[solid[found[hit]]]
     # Writing the farthest first leaves the nearest.
     order = np.argsort(-distances[hit], kind="stable")
@@ -173,15 +171,21 @@ def _absorb_by_vote(
         return
     places, _ = _set_apart(cells.positions, cells.nodes)
     neighbors = min(config.neighbors, len(solid))
-    distances, found = KDTree(places[solid]).query(
-        places[loose], k=np.arange(1, neighbors + 1), distance_upper_bound=config.vote_distance, workers=-1
-    )
-    hit = np.isfinite(distances)
+    distances, found = _nearest(places[solid], places[loose], neighbors)
+    hit = distances <= config.vote_distance
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
     ballots, votes = np.unique(np.stack([voters, components[solid[found[hit]]]]), axis=1, return_counts=True)
     # Fewest votes first, so that the winner is written last; a tie goes to the lower component.
     order = np.lexsort((-ballots[1], votes))
     owners[ballots[0][order]] = ballots[1][order]
+
+
+def _nearest(
+    points: Float64[ndarray, "m 4"], queries: Float64[ndarray, "q 4"], count: int
+) -> tuple[Float64[ndarray, "q k"], Int64[ndarray, "q k"]]:
+    """Distances to and indices of the `count` points nearest to each query."""
+    distances, indices = KDTree(points).query(queries, k=count, workers=-1)
+    return np.reshape(distances, (len(queries), count)), np.reshape(indices, (len(queries), count))
 
 
 def _set_apart(
