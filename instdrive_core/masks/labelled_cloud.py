@@ -1,0 +1,243 @@
+"""Annotated LiDAR of a whole clip as one cloud: what stands still in the world, and each tracked object in its box.
+
+One sweep leaves most pixels of a photo without a point. All sweeps together, each object's points carried into its
+box frame, are dense enough to be drawn as surfaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8, UInt32
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, Sweep
+from instdrive_core.datasets.sweeps import SIBLING_REACH
+from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
+from instdrive_core.scene.track import Track
+
+VEHICLES = frozenset(
+    (
+        "Car",
+        "Pickup Truck",
+        "Medium-sized Truck",
+        "Semi-truck",
+        "Towed Object",
+        "Other Vehicle - Construction Vehicle",
+        "Other Vehicle - Uncommon",
+        "Emergency Vehicle",
+        "Bus",
+        "Train",
+        "Trolley",
+        "Tram / Subway",
+    )
+)
+MOVABLE = VEHICLES | {
+    "Motorcycle",
+    "Other Vehicle - Pedicab",
+    "Personal Mobility Device",
+    "Motorized Scooter",
+    "Bicycle",
+    "Pedestrian",
+    "Pedestrian with Object",
+    "Animals - Bird",
+    "Animals - Other",
+}
+"""Semantic classes whose points belong to a cuboid; outside of one, it is not known to which object."""
+ONE_SURFACE = {"Lane Line Marking": "Road", "Stop Line Marking": "Road", "Other Road Marking": "Road"}
+"""Classes that are painted on another one."""
+NO_SURFACE = frozenset(("Smoke", "Exhaust", "Spray or rain", "Reflection"))
+
+UNKNOWN = 0
+"""ID of points that hide what is behind them, of which object is not known."""
+STATIC_VOXEL, MODEL_VOXEL = 0.1, 0.06
+"""Metres: points are thinned to one per cell of this size."""
+BOX_BOTTOM = 0.12
+"""Metres cut off the lower face of a box: there lies the road."""
+BOX_MARGIN = 0.1
+
+
+@dataclass(frozen=True)
+class LabelledCloud:
+    """All annotated points that may be used."""
+
+    points: Float32[ndarray, "n 3"]
+    """What stands still, in the world."""
+    ids: UInt32[ndarray, " n"]
+    models: dict[int, Float32[ndarray, "k 3"]]
+    """Points of each tracked object, in its box frame, by ID."""
+    tracks: dict[int, Track]
+    instances: dict[int, GroundTruthInstance]
+
+
+def build_cloud(clip: Clip, held_out: bool) -> LabelledCloud:
+    """Gather the annotated points of a clip's sweeps, those of held-out time steps only with `held_out`."""
+    stuff = sorted({ONE_SURFACE.get(name, name) for name in clip.class_names.values()} - MOVABLE - NO_SURFACE)
+    stuff_ids = {name: number + 1 for number, name in enumerate(stuff)}
+    tracks = {len(stuff) + 1 + number: track for number, track in enumerate(clip.tracks)}
+    id_of_class = _ids_of_classes(clip.class_names, stuff_ids)
+    fits = np.stack([_classes_that_fit(clip.class_names, track.label) for track in clip.tracks] or [np.ones(256, bool)])
+    static: list[tuple[ndarray, ndarray]] = []
+    models: dict[int, list[ndarray]] = {number: [] for number in tracks}
+    for sweep in clip.sweeps if held_out else clip.training_sweeps():
+        points, ids, on_objects = _split_sweep(sweep, tracks, id_of_class, fits)
+        static.append(_thinned(points, ids, STATIC_VOXEL))
+        for number, local in on_objects.items():
+            models[number].append(local)
+    points = np.concatenate([np.zeros((0, 3), np.float32), *(part for part, _ in static)])
+    ids = np.concatenate([np.zeros(0, np.uint32), *(part for _, part in static)])
+    points, ids = _thinned(points, ids, STATIC_VOXEL)
+    return LabelledCloud(
+        points,
+        ids,
+        {number: _model(tracks[number], parts) for number, parts in models.items()},
+        tracks,
+        _instances(stuff_ids, tracks),
+    )
+
+
+def _instances(stuff_ids: dict[str, int], tracks: dict[int, Track]) -> dict[int, GroundTruthInstance]:
+    instances = {number: GroundTruthInstance(number, name, name, "stuff") for name, number in stuff_ids.items()}
+    for number, track in tracks.items():
+        name = f"{track.label} {track.id[:8]}"
+        instances[number] = GroundTruthInstance(number, name, track.label, "thing", track.moving, track.id)
+    return instances
+
+
+_NOTHING = np.iinfo(np.int64).max
+"""Stands for points to be left out: they are no surface, or nothing is known about them."""
+
+
+def _ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
+    ids = np.full(256, _NOTHING, np.int64)
+    for number, name in class_names.items():
+        if name in MOVABLE:
+            ids[number] = UNKNOWN
+        elif name not in NO_SURFACE:
+            ids[number] = stuff_ids[ONE_SURFACE.get(name, name)]
+    return ids
+
+
+def _classes_that_fit(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
+    """Semantic classes that points of an object with this label have; 0 is given to points that were left out."""
+    fits = np.zeros(256, bool)
+    fits[0] = True
+    for number, name in class_names.items():
+        fits[number] = name == label or (name in MOVABLE and label in MOVABLE)
+    return fits
+
+
+def _split_sweep(
+    sweep: Sweep, tracks: dict[int, Track], id_of_class: Int64[ndarray, "256"], fits: Bool[ndarray, "t 256"]
+) -> tuple[Float32[ndarray, "n 3"], UInt32[ndarray, " n"], dict[int, Float32[ndarray, "k 3"]]]:
+    """Points and IDs of what stands still, and points by tracked object in its box frame."""
+    found = sweep.load()
+    classes = found.classes if found.classes is not None else np.zeros(len(found.points), np.uint8)
+    numbers = np.array(sorted(number for number, track in tracks.items() if track.covers(sweep.time)), np.int64)
+    boxes = [tracks[int(number)] for number in numbers]
+    poses = np.array([track.pose_at(sweep.time) for track in boxes]).reshape(-1, 4, 4)
+    halves = np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3)
+    moving = np.array([track.moving for track in boxes], bool)
+    rows = numbers - (min(tracks) if tracks else 0)
+    box, near_moving = assign_boxes(found.points, classes, found.sensor, poses, halves, moving, fits[rows])
+    on_objects = {}
+    for position, number in enumerate(numbers):
+        members = found.points[box == position].astype(np.float64)
+        if len(members):
+            local = (members - poses[position, :3, 3]) @ poses[position, :3, :3]
+            on_objects[int(number)] = local.astype(np.float32)
+    ids = id_of_class[classes]
+    kept = (box == -1) & (ids != _NOTHING) & ~(near_moving & (ids == UNKNOWN))
+    return found.points[kept], ids[kept].astype(np.uint32), on_objects
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def assign_boxes(
+    points: Float32[ndarray, "n 3"],
+    classes: UInt8[ndarray, " n"],
+    sensors: UInt8[ndarray, " n"],
+    poses: Float64[ndarray, "t 4 4"],
+    halves: Float64[ndarray, "t 3"],
+    moving: Bool[ndarray, " t"],
+    fits: Bool[ndarray, "t 256"],
+) -> tuple[Int32[ndarray, " n"], Bool[ndarray, " n"]]:
+    """The box that each point belongs to and whether a moving box is near.
+
+    A point belongs to the box in whose middle it lies the deepest, among those it is inside of and that its class
+    fits; -1 = none, -2 = inside of a moving box without belonging to it. The second LiDAR's points never belong to a
+    moving box: that LiDAR meets the object at another time.
+    """
+    box = np.full(len(points), -1, np.int32)
+    near_moving = np.zeros(len(points), np.bool_)
+    reach = np.empty(len(poses))
+    for b in range(len(poses)):
+        reach[b] = (np.sqrt((halves[b] ** 2).sum()) + SIBLING_REACH) ** 2
+    for p in range(len(points)):
+        deepest = 1.0
+        for b in range(len(poses)):
+            dx, dy = points[p, 0] - poses[b, 0, 3], points[p, 1] - poses[b, 1, 3]
+            if dx * dx + dy * dy > reach[b]:
+                continue
+            dz = points[p, 2] - poses[b, 2, 3]
+            x = abs(dx * poses[b, 0, 0] + dy * poses[b, 1, 0] + dz * poses[b, 2, 0])
+            y = abs(dx * poses[b, 0, 1] + dy * poses[b, 1, 1] + dz * poses[b, 2, 1])
+            z = dx * poses[b, 0, 2] + dy * poses[b, 1, 2] + dz * poses[b, 2, 2]
+            if z > halves[b, 2] + SIBLING_REACH or z < -halves[b, 2]:
+                continue
+            if moving[b] and x < halves[b, 0] + SIBLING_REACH and y < halves[b, 1] + SIBLING_REACH:
+                near_moving[p] = True
+            if z > halves[b, 2] + BOX_MARGIN or z < BOX_BOTTOM - halves[b, 2]:
+                continue
+            depth = max(x / (halves[b, 0] + BOX_MARGIN), y / (halves[b, 1] + BOX_MARGIN))
+            if depth >= deepest:
+                continue
+            if fits[b, classes[p]] and not (moving[b] and sensors[p] != 0):
+                deepest = depth
+                box[p] = b
+            elif moving[b] and box[p] == -1:
+                box[p] = -2
+    return box, near_moving
+
+
+def _thinned(
+    points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], cell: float
+) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"]]:
+    """One point per cell, with the cell's most frequent ID."""
+    if not len(points):
+        return points, ids
+    cells = np.floor(points / cell).astype(np.int64)
+    cells -= cells.min(axis=0)
+    sizes = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * sizes[1] + cells[:, 1]) * sizes[2] + cells[:, 2]
+    pairs, first, counts = np.unique(keys * (int(ids.max()) + 1) + ids, return_index=True, return_counts=True)
+    keys = pairs // (int(ids.max()) + 1)
+    order = np.lexsort((-counts, keys))
+    best = order[np.flatnonzero(np.diff(keys[order], prepend=-1))]
+    return points[first[best]], ids[first[best]]
+
+
+def _model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
+    """An object's points, vehicles completed by their mirror image, around a core that any such object fills."""
+    points = np.concatenate([np.zeros((0, 3), np.float32), *parts])
+    if track.label in VEHICLES:
+        points = np.concatenate([points, points * np.float32([-1, 1, 1])])
+    points, _ = _thinned(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
+    return np.concatenate([points, _core(track)])
+
+
+def _core(track: Track) -> Float32[ndarray, "m 3"]:
+    """Points inside the box where the object surely is: LiDAR misses dark paint and windows."""
+    if track.label in VEHICLES:
+        parts = (((-0.42, 0.42), (-0.45, 0.45), (-0.3, 0.05)), ((-0.32, 0.32), (-0.22, 0.15), (0.05, 0.38)))
+    else:
+        parts = (((-0.2, 0.2), (-0.2, 0.2), (-0.42, 0.4)),)
+    grids = []
+    for ranges in parts:
+        axes = [
+            np.linspace(low * size, high * size, max(2, int(np.ceil((high - low) * size / 0.15))))
+            for (low, high), size in zip(ranges, track.dimensions, strict=True)
+        ]
+        grids.append(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
+    return np.concatenate(grids).astype(np.float32)
