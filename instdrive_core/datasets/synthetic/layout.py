@@ -1,0 +1,231 @@
+"""Draws a street by lot: which houses, trees, poles, cars and people stand or move where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from instdrive_core.datasets.synthetic import furniture
+from instdrive_core.datasets.synthetic.buildings import building_mesh
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.ground import (
+    CROSS_HALF,
+    CROSS_SPAN,
+    CURB_HEIGHT,
+    FRONT,
+    PAVEMENT_WIDTH,
+    ROAD_HALF,
+    STREET_SPAN,
+    build_ground,
+    ground_height,
+)
+from instdrive_core.datasets.synthetic.light import Light
+from instdrive_core.datasets.synthetic.materials import Palette
+from instdrive_core.datasets.synthetic.mesh import TriangleMesh, joined
+from instdrive_core.datasets.synthetic.street import Fixture, Street
+from instdrive_core.datasets.synthetic.traffic import ego_route, parked_cars, traffic, walkers, works
+from instdrive_core.datasets.synthetic.trees import SPECIES, bush_mesh, tree_mesh
+
+_HALF_TURN = np.pi
+Side = int
+"""−1 left of the street, 1 right of it."""
+
+
+def build_street(config: StreetConfig) -> Street:
+    """The street of a seed. Independent parts draw from independent generators, so that one can change without the
+    others."""
+    names = ("ground", "houses", "trees", "furniture", "parked", "traffic", "people", "light")
+    generators = dict(zip(names, np.random.SeedSequence(config.seed).spawn(len(names)), strict=True))
+    rng = {name: np.random.default_rng(sequence) for name, sequence in generators.items()}
+    palette = Palette()
+    crossing = float(np.round(rng["ground"].uniform(31, 38), 2))
+    ground = build_ground(crossing, rng["ground"], palette)
+    fixtures = [
+        Fixture(ground.road, "Road", "stuff"),
+        Fixture(ground.left_pavement, "Sidewalk", "stuff"),
+        Fixture(ground.right_pavement, "Sidewalk", "stuff"),
+        Fixture(ground.lots, "Ground", "stuff"),
+        *_houses(crossing, rng["houses"], rng["trees"], palette),
+        *_street_trees(crossing, rng["trees"], palette),
+        *_furniture(crossing, rng["furniture"], palette),
+    ]
+    height = partial(ground_height, crossing=crossing)
+    cars = parked_cars(crossing, rng["parked"], palette)
+    actors = [
+        *cars,
+        *traffic(crossing, rng["traffic"], palette),
+        *walkers(crossing, rng["people"], palette),
+        *works(cars, rng["parked"], palette),
+    ]
+    return Street(
+        tuple(fixtures), tuple(actors), ego_route(rng["traffic"]), crossing, palette.table(), _light(rng["light"]),
+        float(rng["light"].uniform(-np.pi, np.pi)), height,
+    )  # fmt: skip
+
+
+def _light(rng: np.random.Generator) -> Light:
+    elevation = np.radians(rng.uniform(38, 55))
+    azimuth = np.radians(rng.choice([-1, 1]) * rng.uniform(25, 75) + rng.choice([0, 180]))
+    to_sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    return Light(to_sun, float(rng.uniform(0, 50)))
+
+
+def _facing_street(side: Side) -> float:
+    """Yaw that turns a model's −y face towards the street from `side`."""
+    return _HALF_TURN / 2 * -side
+
+
+def _houses(
+    crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: Palette
+) -> list[Fixture]:
+    """Rows of houses along both streets, gardens between them, houses that close the view, and distant towers."""
+    fixtures: list[Fixture] = []
+    gap = CROSS_HALF + PAVEMENT_WIDTH
+    for side in (-1, 1):
+        for start, direction in ((crossing - gap, -1), (crossing + gap, 1)):
+            end = STREET_SPAN[0] if direction < 0 else STREET_SPAN[1]
+            fixtures += _row(side, start, end, direction, rng, tree_rng, palette)
+            fixtures += _cross_row(side, start, direction, rng, palette)
+    for y, yaw in ((STREET_SPAN[0] - 0.5, _HALF_TURN), (STREET_SPAN[1] + 0.5, 0.0)):
+        for x in (-32.0, -15.5, 1.0, 17.5):
+            width = 15.5
+            place = (x, y) if yaw == 0 else (x + width, y)
+            mesh = building_mesh(width, 10, int(rng.integers(3, 6)), "home", rng, palette)
+            fixtures.append(Fixture(mesh.at(*place, 0, yaw), "Building"))
+    for k in range(6):
+        side, width = (-1, 1)[k % 2], float(rng.uniform(16, 24))
+        mesh = building_mesh(width, width, int(rng.integers(9, 16)), "home", rng, palette)
+        y = STREET_SPAN[0] + 20 + 55 * k + rng.uniform(-8, 8)
+        fixtures.append(Fixture(mesh.at(side * rng.uniform(62, 80), y, 0, _facing_street(side)), "Building"))
+    return fixtures
+
+
+def _row(
+    side: Side, start: float, end: float, direction: int,
+    rng: np.random.Generator, tree_rng: np.random.Generator, palette: Palette,
+) -> list[Fixture]:  # fmt: skip
+    """Houses along the main street from `start` at the crossing to `end`."""
+    fixtures: list[Fixture] = []
+    y, count = start, 0
+    while abs(end - y) > 9:
+        garden = count > 0 and rng.random() < 0.18
+        width = float(rng.uniform(8.5, 14.5))
+        low = min(y, y + direction * width)
+        if garden:
+            fixtures += _garden(side, low, width, tree_rng, palette)
+        else:
+            use = str(rng.choice(["shop", "home", "home", "garage"])) if count else "shop"
+            floors = 1 + int(rng.integers(0, 2)) if use == "garage" else int(rng.integers(2, 6))
+            mesh = building_mesh(width, 11.0, floors, use, rng, palette)
+            corner = low + width if side > 0 else low  # where x = 0 of the model comes to lie
+            house = mesh.at(side * FRONT, corner, CURB_HEIGHT - 0.01, _facing_street(side))
+            fixtures.append(Fixture(house, "Building"))
+        y += direction * (width + (0.0 if rng.random() < 0.75 else 1.2))
+        count += 1
+    return fixtures
+
+
+def _cross_row(side: Side, start: float, direction: int, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+    """Houses along the crossing street, behind the corner house."""
+    fixtures = []
+    x = FRONT + 11.6
+    while x < CROSS_SPAN[1] - 12:
+        width = float(rng.uniform(9, 13))
+        mesh = building_mesh(width, 10.0, int(rng.integers(2, 5)), "home", rng, palette)
+        yaw = 0.0 if direction > 0 else _HALF_TURN
+        low = x if side > 0 else -x - width
+        corner = low if direction > 0 else low + width
+        fixtures.append(Fixture(mesh.at(corner, start, CURB_HEIGHT - 0.01, yaw), "Building"))
+        x += width + 0.3
+    return fixtures
+
+
+def _garden(side: Side, low: float, width: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+    """A hedge along the pavement with trees and bushes behind it."""
+    ground = CURB_HEIGHT - 0.02
+    hedge = bush_mesh(width - 0.6, 0.8, 1.1, rng, palette)
+    fixtures = [Fixture(hedge.at(side * (FRONT + 0.6), low + width / 2, ground, _HALF_TURN / 2), "Vegetation")]
+    for share in (0.25, 0.75):
+        species = SPECIES[str(rng.choice(["spruce", "cherry", "plane", "poplar"]))]
+        x = side * (FRONT + rng.uniform(3.5, 7.5))
+        tree = tree_mesh(species, rng, palette).at(x, low + share * width, ground, rng.uniform(0, 6))
+        fixtures.append(Fixture(tree, "Vegetation"))
+    bush = bush_mesh(0.5, 1.4, 1.3, rng, palette)
+    fixtures.append(Fixture(bush.at(side * (FRONT + 2.6), low + 0.5 * width, ground), "Vegetation"))
+    return fixtures
+
+
+def _street_trees(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+    fixtures = []
+    for side in (-1, 1):
+        usual = str(rng.choice(["plane", "maple", "cherry", "poplar"]))
+        for y in np.arange(STREET_SPAN[0] + 10, STREET_SPAN[1] - 8, 13.5) + rng.uniform(-3, 3):
+            y = float(y + rng.uniform(-1.6, 1.6))
+            if abs(y - crossing) < CROSS_HALF + 8 or rng.random() < 0.12:
+                continue
+            species = SPECIES[usual if rng.random() < 0.75 else str(rng.choice(["plane", "maple", "cherry"]))]
+            tree = tree_mesh(species, rng, palette)
+            x = side * (ROAD_HALF + 0.85)
+            fixtures.append(Fixture(tree.at(x, y, CURB_HEIGHT, rng.uniform(0, 6)), "Vegetation"))
+    return fixtures
+
+
+def _furniture(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+    """Lamp posts and signs at regular places, other things where there is room between them."""
+    fixtures: list[Fixture] = []
+    builders: tuple[tuple[Callable[[], TriangleMesh], str, float], ...] = (
+        (lambda: furniture.bin_(rng, palette), "Rolling Containers", 0.9),
+        (lambda: furniture.hydrant(palette), "Other Static Object", 0.6),
+        (lambda: furniture.bench(palette), "Other Static Object", 1.0),
+        (lambda: furniture.post_box(palette), "Other Static Object", 0.7),
+        (lambda: furniture.kiosk(rng, palette), "Other Static Object", 1.1),
+        (lambda: _planted(rng, palette), "Other Static Object", 0.9),
+    )
+    for side in (-1, 1):
+        yaw = _facing_street(side)
+        offset = rng.uniform(0, 6)
+        for y in np.arange(STREET_SPAN[0] + 4 + offset + (11 if side > 0 else 0), STREET_SPAN[1], 22.0):
+            if abs(y - crossing) > CROSS_HALF + 2:
+                post = furniture.lamp_post(rng, palette).at(side * (ROAD_HALF + 0.45), y, CURB_HEIGHT, yaw)
+                fixtures.append(Fixture(post, "Other Static Object"))
+        for y in np.arange(-52.0, 92.0, 7.5) + rng.uniform(-1, 1):
+            if abs(y - crossing) < CROSS_HALF + 5 or rng.random() < 0.25:
+                continue
+            build, label, inset = builders[rng.integers(len(builders))]
+            x = side * (ROAD_HALF + inset if rng.random() < 0.6 else FRONT - 0.55)
+            fixtures.append(Fixture(build().at(x, float(y), CURB_HEIGHT, yaw), label))
+        fixtures += _signs(side, crossing, rng, palette)
+    shelter_y = float(rng.uniform(6, 14))
+    shelter = furniture.bus_shelter(rng, palette).at(ROAD_HALF + 2.2, shelter_y, CURB_HEIGHT, _facing_street(1))
+    return [*fixtures, Fixture(shelter, "Other Static Object")]
+
+
+def _planted(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+    bush = bush_mesh(0.3, 0.95, 0.9, rng, palette).at(0, 0, 0.4)
+    return joined([furniture.planter(rng, palette), bush])
+
+
+def _signs(side: Side, crossing: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+    """Signs towards the traffic on their side, and traffic lights at the crossing."""
+    travel_yaw = 0.0 if side > 0 else _HALF_TURN  # models face −y, against travel along +y
+    fixtures = []
+    for k, y in enumerate(np.arange(-40.0, 80.0, 17.0) + rng.uniform(-4, 4)):
+        if abs(y - crossing) < CROSS_HALF + 8:
+            continue
+        face = int(rng.permutation([0, 1, 3, 5])[k % 4])
+        sign = furniture.traffic_sign(face, rng, palette)
+        place = (side * (ROAD_HALF + 0.32), float(y), CURB_HEIGHT, travel_yaw + rng.uniform(-0.1, 0.1))
+        fixtures.append(Fixture(sign.at(*place), "Signs"))
+    near = crossing - side * (CROSS_HALF + 0.6)
+    light = furniture.traffic_light(palette, green=True)
+    fixtures.append(Fixture(light.at(side * (ROAD_HALF + 0.5), near, CURB_HEIGHT, travel_yaw), "Other Static Object"))
+    light = furniture.traffic_light(palette, green=False)
+    place = (side * (ROAD_HALF + 3.0), crossing + side * (CROSS_HALF + 0.5), CURB_HEIGHT, travel_yaw + _HALF_TURN / 2)
+    fixtures.append(Fixture(light.at(*place), "Other Static Object"))
+    for stretch in (-1, 1):
+        sign = furniture.traffic_sign(4, rng, palette)
+        y = crossing + stretch * (CROSS_HALF + 4.3)
+        fixtures.append(Fixture(sign.at(side * (ROAD_HALF + 0.3), y, CURB_HEIGHT, travel_yaw), "Signs"))
+    return fixtures

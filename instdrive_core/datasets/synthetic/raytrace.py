@@ -1,0 +1,45 @@
+"""Ray casting on triangles by Embree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh as EmbreeMesh
+from embreex.rtcore_scene import EmbreeScene
+from jaxtyping import Bool, Float32, Int32
+from numpy import ndarray
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Nearest triangles along n rays."""
+
+    triangles: Int32[ndarray, " n"]
+    """Row of the triangle; −1 where the ray leaves the scene."""
+    u: Float32[ndarray, " n"]
+    v: Float32[ndarray, " n"]
+    """Barycentric weights of the second and third corner."""
+    distances: Float32[ndarray, " n"]
+    """Metres along the unit direction."""
+
+
+class RayScene:
+    """The triangles of one time step, ready for rays. Casting from several threads at once is safe and parallel."""
+
+    def __init__(self, corners: Float32[ndarray, "n 3 3"]) -> None:
+        self._scene = EmbreeScene()
+        self._mesh = EmbreeMesh(self._scene, np.ascontiguousarray(corners, np.float32))
+        self.occluded(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32), 1.0)  # builds the tree now
+
+    def first_hits(self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"]) -> Hits:
+        """The nearest hit of each ray; directions are unit vectors."""
+        found = self._scene.run(origins, directions, output=True)
+        return Hits(found["primID"], found["u"], found["v"], found["tfar"])
+
+    def occluded(
+        self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"], reach: float
+    ) -> Bool[ndarray, " n"]:
+        """Whether anything lies within `reach` metres along each ray."""
+        limits = np.full(len(origins), reach, np.float32)
+        return self._scene.run(origins, directions, dists=limits, query="OCCLUDED") >= 0

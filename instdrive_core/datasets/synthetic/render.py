@@ -1,0 +1,91 @@
+"""Photos and exact label maps of one time step by ray tracing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int32, UInt8, UInt16
+from numpy import ndarray
+
+from instdrive_core.datasets.synthetic.light import (
+    SUBSAMPLES,
+    Light,
+    develop,
+    hit_geometry,
+    probe_directions,
+    shade_hits,
+    shade_sky,
+)
+from instdrive_core.datasets.synthetic.materials import MaterialTable
+from instdrive_core.datasets.synthetic.raytrace import RayScene
+from instdrive_core.datasets.synthetic.street import StepGeometry
+from instdrive_core.scene.camera import Camera
+
+EXPOSURE = 1.0
+SHADOW_REACH = 150.0
+OPEN_REACH = 2.5
+"""Metres within which something else takes ambient light away."""
+
+
+@dataclass(frozen=True)
+class Photo:
+    """What a camera records."""
+
+    image: UInt8[ndarray, "h w 3"]
+    labels: UInt16[ndarray, "h w"]
+    """Instance ID that most of a pixel shows; 0 = sky."""
+
+
+class StepRenderer:
+    """One time step, ready to be photographed. Threads may share it."""
+
+    def __init__(self, geometry: StepGeometry, materials: MaterialTable, light: Light) -> None:
+        self.geometry, self.materials, self.light = geometry, materials, light
+        self.rays = RayScene(geometry.mesh.corners)
+
+    def photograph(self, camera: Camera) -> Photo:
+        """The view of a camera that is posed in the street's frame."""
+        mesh, light = self.geometry.mesh, self.light
+        directions = subsample_directions(camera)
+        origin = camera.position.astype(np.float32)
+        hits = self.rays.first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
+        rows = np.flatnonzero(hits.triangles >= 0)
+        points, normals = np.empty((len(rows), 3), np.float32), np.empty((len(rows), 3), np.float32)
+        hit_geometry(rows, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
+        to_light, to_open = np.empty_like(points), np.empty_like(points)
+        probe_directions(rows, normals, light.sun_directions(), to_light, to_open)
+        in_shadow = self.rays.occluded(points, to_light, SHADOW_REACH)
+        enclosed = self.rays.occluded(points, to_open, OPEN_REACH)
+        radiance = np.empty_like(directions)
+        pixel_angle = 1.0 / camera.fx
+        shade_hits(
+            rows, hits.triangles, hits.u, hits.v, hits.distances, directions, normals, mesh.texcoords, mesh.normals,
+            mesh.materials, self.materials.parameters, in_shadow, enclosed, light.to_sun, light.cloud_seed,
+            light.haze, pixel_angle, radiance,
+        )  # fmt: skip
+        shade_sky(hits.triangles, directions, light.to_sun, light.cloud_seed, radiance)
+        return self._developed(camera, hits.triangles, radiance)
+
+    def _developed(self, camera: Camera, triangles: Int32[ndarray, " n"], radiance: Float32[ndarray, "n 3"]) -> Photo:
+        ids = np.where(triangles >= 0, self.geometry.instances[triangles], 0)
+        image = np.empty((camera.height * camera.width, 3), np.uint8)
+        labels = np.empty(camera.height * camera.width, np.uint16)
+        develop(radiance, ids, EXPOSURE, image, labels)
+        shape = (camera.height, camera.width)
+        return Photo(image.reshape(*shape, 3), labels.reshape(shape))
+
+
+def subsample_directions(camera: Camera) -> Float32[ndarray, "n 3"]:
+    """Unit directions of all subsamples in the frame that the camera is posed in, pixel by pixel."""
+    side = 2
+    assert side * side == SUBSAMPLES
+    fractions = (np.arange(side) + 0.5) / side
+    x = ((np.arange(camera.width)[:, None] + fractions) - camera.cx) / camera.fx
+    y = ((np.arange(camera.height)[:, None] + fractions) - camera.cy) / camera.fy
+    local = np.empty((camera.height, camera.width, side, side, 3), np.float32)
+    local[..., 0] = x[None, :, None, :]
+    local[..., 1] = y[:, None, :, None]
+    local[..., 2] = 1.0
+    local /= np.linalg.norm(local, axis=-1, keepdims=True)
+    return (local.reshape(-1, 3) @ camera.world_from_camera[:3, :3].T.astype(np.float32)).astype(np.float32)

@@ -1,0 +1,158 @@
+"""Records a street: photos, LiDAR, annotations in PandaSet's layout, and exact labels beside them.
+
+Labels lie in ``labels/``, which is no part of PandaSet's layout: ``<camera>/NN.png`` (uint16 instance per pixel, 0 =
+sky), ``sky/<camera>/NN.png`` (255 = sky), ``lidar/NN.npy`` (uint32 instance per point) and ``instances.json``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+from PIL import Image
+
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.layout import build_street
+from instdrive_core.datasets.synthetic.lidar import cast_sweep
+from instdrive_core.datasets.synthetic.pandaset_files import (
+    pose_record,
+    write_classes,
+    write_cuboids,
+    write_json,
+    write_sweep,
+)
+from instdrive_core.datasets.synthetic.render import StepRenderer
+from instdrive_core.datasets.synthetic.rig import CAMERAS, EGO_HEIGHT, LIDAR_POSITION, RigCamera
+from instdrive_core.datasets.synthetic.street import Street
+from instdrive_core.errors import DataError
+
+STEP_SECONDS = 0.1
+START_TIME = 1_600_000_000.0
+"""Unix time of step 0."""
+_LATITUDE, _LONGITUDE, _ELEVATION = 37.7761, -122.3993, 3.0  # of the world's origin, in PandaSet's city
+_METRES_PER_DEGREE = 111_320.0
+JPEG_QUALITY = 95
+
+Progress = Callable[[int, int], None]
+"""Called with (steps done, all steps)."""
+
+
+def write_street(out: Path, config: StreetConfig, progress: Progress | None = None) -> None:
+    """Write the clip of `config` into the folder `out`, which must be new or empty.
+
+    All sensors record at the same instants, and the LiDAR's turn takes no time: poses, boxes and labels of a step
+    fit each other exactly. `lidar/poses.json` holds the LiDAR's own poses.
+
+    Raises DataError where `out` holds something already.
+    """
+    out = Path(out)
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DataError(out, "is not an empty folder", "Choose another one or delete it")
+    street = build_street(config)
+    times = [step * STEP_SECONDS for step in range(config.steps)]
+    _write_metadata(out, street, config, times)
+    if progress is not None:
+        progress(0, config.steps)
+    with ThreadPoolExecutor() as pool:
+        for step, time in enumerate(times):
+            _write_step(out, street, config, step, time, pool)
+            if progress is not None:
+                progress(step + 1, config.steps)
+
+
+def ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
+    """street_from_ego: the recording car's frame (x right, y forward, z up)."""
+    pose = street.ego.pose(time, street.height)
+    pose[2, 3] += EGO_HEIGHT
+    return pose
+
+
+def lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
+    """street_from_lidar."""
+    mount = np.eye(4)
+    mount[:3, 3] = LIDAR_POSITION
+    return ego_pose(street, time) @ mount
+
+
+def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list[float]) -> None:
+    """Everything that is no picture, point or box."""
+    world = street.world_from_street()
+    stamps = [START_TIME + time for time in times]
+    for camera in CAMERAS:
+        folder = out / "camera" / camera.name
+        posed = [camera.posed(world @ ego_pose(street, time), config.width, config.height) for time in times]
+        write_json(folder / "poses.json", [pose_record(view.world_from_camera) for view in posed])
+        write_json(folder / "timestamps.json", stamps)
+        intrinsics = {name: float(getattr(posed[0], name)) for name in ("fx", "fy", "cx", "cy")}
+        write_json(folder / "intrinsics.json", intrinsics)
+    write_json(out / "lidar" / "poses.json", [pose_record(world @ lidar_pose(street, time)) for time in times])
+    write_json(out / "lidar" / "timestamps.json", stamps)
+    write_json(out / "meta" / "timestamps.json", stamps)
+    write_json(out / "meta" / "gps.json", [_gps(street, world, time) for time in times])
+    write_classes(out)
+    instances = {
+        str(item.id): {"class": item.label, "kind": item.kind, "moving": item.moving, "uuid": item.uuid}
+        for item in street.instances(times[-1])
+    }
+    write_json(out / "labels" / "instances.json", instances)
+
+
+def _gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[str, float]:
+    """Position and speed over ground, the world's x to the east and y to the north."""
+    pose = world @ ego_pose(street, time)
+    velocity = street.ego.speed * pose[:3, 1]
+    return {
+        "lat": _LATITUDE + float(pose[1, 3]) / _METRES_PER_DEGREE,
+        "long": _LONGITUDE + float(pose[0, 3]) / (_METRES_PER_DEGREE * float(np.cos(np.radians(_LATITUDE)))),
+        "height": _ELEVATION + float(pose[2, 3]),
+        "xvel": float(velocity[0]),
+        "yvel": float(velocity[1]),
+    }
+
+
+def _write_step(
+    out: Path, street: Street, config: StreetConfig, step: int, time: float, pool: ThreadPoolExecutor
+) -> None:
+    geometry = street.geometry(time)
+    renderer = StepRenderer(geometry, street.materials, street.light)
+    jobs = [pool.submit(_write_photo, out, street, config, camera, step, time, renderer) for camera in CAMERAS]
+    jobs.append(pool.submit(_write_lidar, out, street, config, step, time, renderer))
+    write_cuboids(out, step, street, time, config.steps * STEP_SECONDS)
+    for job in jobs:
+        job.result()
+
+
+def _write_photo(
+    out: Path, street: Street, config: StreetConfig, camera: RigCamera, step: int, time: float, renderer: StepRenderer
+) -> None:
+    photo = renderer.photograph(camera.posed(ego_pose(street, time), config.width, config.height))
+    _save(Image.fromarray(photo.image), out / "camera" / camera.name / f"{step:02d}.jpg")
+    _save(Image.fromarray(photo.labels), out / "labels" / camera.name / f"{step:02d}.png")
+    sky = np.where(photo.labels == 0, 255, 0).astype(np.uint8)
+    _save(Image.fromarray(sky), out / "labels" / "sky" / camera.name / f"{step:02d}.png")
+
+
+def _save(image: Image.Image, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".jpg":
+        image.save(path, quality=JPEG_QUALITY, subsampling=0)
+    else:
+        image.save(path)
+
+
+def _write_lidar(
+    out: Path, street: Street, config: StreetConfig, step: int, time: float, renderer: StepRenderer
+) -> None:
+    rng = np.random.default_rng([config.seed, step])
+    sweep = cast_sweep(
+        renderer.rays, renderer.geometry, street.materials, street.semantics(), lidar_pose(street, time),
+        config.lidar_azimuths, rng,
+    )  # fmt: skip
+    write_sweep(out, step, sweep, street.world_from_street(), START_TIME + time)
+    path = out / "labels" / "lidar" / f"{step:02d}.npy"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, sweep.instances)
