@@ -99,26 +99,35 @@ def _gathered(
     means: ndarray, scales: ndarray, nodes: ndarray, codewords: ndarray, opacities: ndarray, config: ComponentConfig
 ) -> _Cells:
     pairs, groups = np.unique((nodes.astype(np.int64) << 32) | codewords, return_inverse=True)
-    steps = np.floor((means - np.median(means, axis=0)) / config.cell_size)
-    # 14 bits an axis: stray Gaussians beyond 8,192 cells share the outermost ones.
-    steps = np.clip(steps, -8192, 8191).astype(np.int64) + 8192
-    keys = ((groups.astype(np.int64) << 42) | (steps[:, 0] << 28)) | (steps[:, 1] << 14) | steps[:, 2]
-    different, cell_of = np.unique(keys, return_inverse=True)
-    counts = np.bincount(cell_of)
-
-    def mean_of(values: ndarray) -> ndarray:
-        return np.bincount(cell_of, weights=values) / counts
-
-    middle = np.median(scales, axis=1)
-    cell_groups = different >> 42
+    center = np.median(means, axis=0)
+    cell_of = _cell_numbers((means - center) / config.cell_size, groups.astype(np.int64))
+    # A second grid, half a cell aside, joins what a border of the first cuts: clones in one place, above all.
+    firsts = np.stack([_means_of(means[:, axis], cell_of) for axis in range(3)], axis=1)
+    group_of_first = np.zeros(len(firsts), np.int64)
+    group_of_first[cell_of] = groups
+    cell_of = _cell_numbers((firsts - center) / config.cell_size + 0.5, group_of_first)[cell_of]
+    group_of_cell = np.zeros(cell_of.max() + 1, np.int64)
+    group_of_cell[cell_of] = groups
     return _Cells(
-        of_gaussian=cell_of.astype(np.int64),
-        positions=np.stack([mean_of(means[:, axis]) for axis in range(3)], axis=1),
-        groups=cell_groups,
-        nodes=pairs[cell_groups] >> 32,
-        extents=np.minimum(mean_of(middle), config.max_extent),
+        of_gaussian=cell_of,
+        positions=np.stack([_means_of(means[:, axis], cell_of) for axis in range(3)], axis=1),
+        groups=group_of_cell,
+        nodes=pairs[group_of_cell] >> 32,
+        extents=np.minimum(_means_of(np.median(scales, axis=1), cell_of), config.max_extent),
         support=np.bincount(cell_of, weights=opacities),
     )
+
+
+def _cell_numbers(places: Float[ndarray, "n 3"], groups: Int64[ndarray, " n"]) -> Int64[ndarray, " n"]:
+    """A number 0 … m - 1 for each different (group, whole part of the place)."""
+    # 14 bits an axis: stray Gaussians beyond 8,192 cells share the outermost ones.
+    steps = np.clip(np.floor(places), -8192, 8191).astype(np.int64) + 8192
+    keys = (groups << 42) | (steps[:, 0] << 28) | (steps[:, 1] << 14) | steps[:, 2]
+    return np.unique(keys, return_inverse=True)[1].astype(np.int64)
+
+
+def _means_of(values: Float[ndarray, " n"], cell_of: Int64[ndarray, " n"]) -> Float64[ndarray, " m"]:
+    return np.bincount(cell_of, weights=values) / np.bincount(cell_of)
 
 
 def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
@@ -130,8 +139,8 @@ def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
     inside = distances < apart
     rank = min(config.spacing_neighbor, neighbors - 1)
     spacing = np.clip(np.where(inside, distances, np.inf)[:, rank], config.cell_size, config.max_gap)
-    limits = config.spacing_factor * np.sqrt(spacing[:, None] * spacing[np.where(inside, targets, 0)])
-    extents = cells.extents[:, None] + cells.extents[np.where(inside, targets, 0)]
+    limits = config.spacing_factor * np.sqrt(spacing[:, None] * spacing[targets])
+    extents = cells.extents[:, None] + cells.extents[targets]
     near = inside & (distances <= np.minimum(limits, config.max_gap) + config.extent_factor * extents)
     sources = np.broadcast_to(np.arange(count)[:, None], targets.shape)[near]
     graph = coo_array((np.ones(len(sources), np.uint8), (sources, targets[near])), shape=(count, count))

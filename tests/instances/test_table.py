@@ -1,0 +1,40 @@
+import numpy as np
+
+from instdrive_core.instances.colormap import ids_from_colors
+from instdrive_core.instances.table import InstanceTable, table_from_ids
+
+IDS = np.array([7, 0, 7, 3, 7], np.uint32)
+MEANS = np.arange(15, dtype=np.float32).reshape(5, 3)
+
+
+def test_counts_bounds_names_and_classes():
+    codewords = np.array([5, 1, 6, 2, 6], np.uint32)
+    nodes = np.array([0, 0, 0, 2, 0], np.uint16)
+    table = table_from_ids(IDS, MEANS, codewords, nodes, names={7: "bus"}, classes={3: "Car"})
+    assert [instance.id for instance in table] == [3, 7]
+    car, bus = table[3], table[7]
+    assert (car.name, car.class_name, car.count, car.node, car.codeword) == ("instance 3", "Car", 1, 2, 2)
+    assert (bus.name, bus.class_name, bus.count, bus.node, bus.codeword) == ("bus", "", 3, 0, 6)
+    assert bus.bounds == ((0, 1, 2), (12, 13, 14))
+    assert ids_from_colors(np.array([bus.color], np.uint8)).tolist() == [7]
+
+
+def test_codeword_is_the_most_frequent_then_the_lowest():
+    table = table_from_ids(np.array([1, 1, 1, 2, 2], np.uint32), MEANS, np.array([9, 4, 4, 8, 5], np.uint32))
+    assert (table[1].codeword, table[2].codeword) == (4, 5)
+
+
+def test_renaming_gives_a_copy():
+    table = table_from_ids(IDS, MEANS)
+    renamed = table.renamed(7, "tram")
+    assert (table[7].name, renamed.name) == ("instance 7", "tram")
+    table.set(renamed)
+    assert table[7] == renamed
+    assert 7 in table
+    assert 0 not in table
+    assert len(table) == 2
+
+
+def test_no_instances():
+    assert len(table_from_ids(np.zeros(3, np.uint32), MEANS[:3], np.zeros(3, np.uint32))) == 0
+    assert list(InstanceTable()) == []
