@@ -22,7 +22,7 @@ def masks(
 
     Args:
         clip: Folder of the clip, in PandaSet's layout.
-        source: `exact` copies a synthetic clip's labels; `annotations` makes masks from cuboids, semantic classes and LiDAR.
+        source: `exact`: a synthetic clip's labels; `annotations`: made from cuboids, semantic classes and LiDAR.
         out: Folder of the masks; default: the clip's own `masks/`, where training looks for them.
         seed: Of the labels' order in each photo.
         options: Which part of the clip to use, and the masks' size.

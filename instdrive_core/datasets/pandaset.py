@@ -37,8 +37,9 @@ logger = logging.getLogger(__name__)
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
 CAMERA_SETS = {"1": CAMERAS[:1], "3": CAMERAS[:3], "6": CAMERAS}
 
-EGO_CAMERA, EGO_ROWS = "back_camera", 250 / 1080
-"""The share of the back camera's rows, at the bottom, that show the recording car (as cropped by neurad-studio)."""
+EGO_CAMERA, EGO_ROWS = "back_camera", 256 / 1080
+"""The share of the back camera's rows, at the bottom, that show the recording car; neurad-studio crops 250 rows of
+1080, which leaves the edge of the bonnet in the photo."""
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,9 @@ BORDER = 1
 """Pixels on either side of a border that are settled by the photo."""
 THING_REACH = 2
 """Pixels by which a thing may grow beyond its silhouette."""
-SURFACE_REACH, SKY_REACH, UNKNOWN_REACH = 90.0, 250.0, 8.0
-"""Distances up to which labels spread; see `spread`."""
+WIDE_SURFACES = frozenset(("Building", "Driveway", "Ground", "Road", "Sidewalk"))
+WIDE_REACH, REACH, SKY_REACH = 0.12, 0.0125, 0.25
+"""Distances, as shares of the image's width, up to which wide surfaces, anything else, and the sky spread."""
 
 
 def has_annotations(clip: Clip) -> bool:
@@ -88,12 +89,13 @@ class AnnotationLabels:
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
         labels[sky_seeds(labels != OPEN, image, camera)] = self._sky
         opened = without_borders(labels, BORDER)
-        return spread(opened, image, self._limits(), things, self._things)
+        return spread(opened, image, self._limits(camera.width), things, self._things)
 
-    def _limits(self) -> Float32[ndarray, " l"]:
-        limits = np.full(self._sky + 1, SURFACE_REACH, np.float32)
-        limits[UNKNOWN], limits[self._sky] = UNKNOWN_REACH, SKY_REACH
-        return limits
+    def _limits(self, width: int) -> Float32[ndarray, " l"]:
+        limits = np.full(self._sky + 1, REACH, np.float32)
+        limits[[number for number, one in self.instances.items() if one.class_name in WIDE_SURFACES]] = WIDE_REACH
+        limits[self._sky] = SKY_REACH
+        return limits * np.float32(width)
 
 
 def without_borders(labels: Int32[ndarray, "h w"], width: int) -> Int32[ndarray, "h w"]:

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64, UInt8, UInt32
 from numpy import ndarray
+from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip, Sweep
 from instdrive_core.datasets.sweeps import SIBLING_REACH
@@ -54,6 +55,9 @@ UNKNOWN = 0
 """ID of points that hide what is behind them, of which object is not known."""
 STATIC_VOXEL, MODEL_VOXEL = 0.1, 0.06
 """Metres: points are thinned to one per cell of this size."""
+STRAY_CELL, STRAY_SHARE = 0.3, 0.1
+"""Clusters of an object's points, in cells of this many metres, with less than this share of them are strays."""
+CORE_SPACING = 0.15
 BOX_BOTTOM = 0.12
 """Metres cut off the lower face of a box: there lies the road."""
 BOX_MARGIN = 0.1
@@ -78,7 +82,7 @@ def build_cloud(clip: Clip, held_out: bool) -> LabelledCloud:
     stuff_ids = {name: number + 1 for number, name in enumerate(stuff)}
     tracks = {len(stuff) + 1 + number: track for number, track in enumerate(clip.tracks)}
     id_of_class = _ids_of_classes(clip.class_names, stuff_ids)
-    fits = np.stack([_classes_that_fit(clip.class_names, track.label) for track in clip.tracks] or [np.ones(256, bool)])
+    fits = np.array([_classes_that_fit(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
     static: list[tuple[ndarray, ndarray]] = []
     models: dict[int, list[ndarray]] = {number: [] for number in tracks}
     for sweep in clip.sweeps if held_out else clip.training_sweeps():
@@ -140,8 +144,8 @@ def _split_sweep(
     poses = np.array([track.pose_at(sweep.time) for track in boxes]).reshape(-1, 4, 4)
     halves = np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3)
     moving = np.array([track.moving for track in boxes], bool)
-    rows = numbers - (min(tracks) if tracks else 0)
-    box, near_moving = assign_boxes(found.points, classes, found.sensor, poses, halves, moving, fits[rows])
+    fitting = fits[numbers - min(tracks, default=0)].reshape(-1, 256)
+    box, near_moving = assign_boxes(found.points, classes, found.sensor, poses, halves, moving, fitting)
     on_objects = {}
     for position, number in enumerate(numbers):
         members = found.points[box == position].astype(np.float64)
@@ -209,8 +213,8 @@ def _thinned(
         return points, ids
     cells = np.floor(points / cell).astype(np.int64)
     cells -= cells.min(axis=0)
-    sizes = cells.max(axis=0) + 1
-    keys = (cells[:, 0] * sizes[1] + cells[:, 1]) * sizes[2] + cells[:, 2]
+    _, sizes_y, sizes_z = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * sizes_y + cells[:, 1]) * sizes_z + cells[:, 2]
     pairs, first, counts = np.unique(keys * (int(ids.max()) + 1) + ids, return_index=True, return_counts=True)
     keys = pairs // (int(ids.max()) + 1)
     order = np.lexsort((-counts, keys))
@@ -220,24 +224,41 @@ def _thinned(
 
 def _model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
     """An object's points, vehicles completed by their mirror image, around a core that any such object fills."""
-    points = np.concatenate([np.zeros((0, 3), np.float32), *parts])
+    points = _without_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
     if track.label in VEHICLES:
         points = np.concatenate([points, points * np.float32([-1, 1, 1])])
     points, _ = _thinned(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
     return np.concatenate([points, _core(track)])
 
 
+def _without_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
+    """The points without small clusters apart from the rest, such as twigs above a roof."""
+    if not len(points):
+        return points
+    cells = np.floor(points / STRAY_CELL).astype(int)
+    cells -= cells.min(axis=0)
+    occupied = np.zeros(cells.max(axis=0) + 1, bool)
+    occupied[tuple(cells.T)] = True
+    clusters = np.zeros(occupied.shape, np.int32)
+    ndimage.label(occupied, np.ones((3, 3, 3)), output=clusters)
+    cluster = clusters[tuple(cells.T)]
+    return points[np.bincount(cluster)[cluster] >= STRAY_SHARE * len(points)]
+
+
 def _core(track: Track) -> Float32[ndarray, "m 3"]:
-    """Points inside the box where the object surely is: LiDAR misses dark paint and windows."""
+    """Points inside the box where the object surely is: LiDAR misses dark paint and windows.
+
+    Shares of the box: a vehicle's body and the part of its cabin that all kinds of vehicles have, else a trunk.
+    """
     if track.label in VEHICLES:
-        parts = (((-0.42, 0.42), (-0.45, 0.45), (-0.3, 0.05)), ((-0.32, 0.32), (-0.22, 0.15), (0.05, 0.38)))
+        parts = (((-0.4, 0.4), (-0.42, 0.42), (-0.3, 0.0)), ((-0.3, 0.3), (-0.1, 0.02), (0.0, 0.36)))
     else:
         parts = (((-0.2, 0.2), (-0.2, 0.2), (-0.42, 0.4)),)
     grids = []
     for ranges in parts:
         axes = [
-            np.linspace(low * size, high * size, max(2, int(np.ceil((high - low) * size / 0.15))))
-            for (low, high), size in zip(ranges, track.dimensions, strict=True)
+            np.linspace(low * size, high * size, max(2, int(np.ceil((high - low) * size / CORE_SPACING))))
+            for (low, high), size in zip(ranges, track.dimensions.tolist(), strict=True)
         ]
         grids.append(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))
     return np.concatenate(grids).astype(np.float32)

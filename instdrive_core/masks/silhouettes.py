@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, UInt32
+from jaxtyping import Bool, Float32, Float64, Int32, UInt32
 from numpy import ndarray
 from scipy import ndimage
 
@@ -13,12 +13,12 @@ from instdrive_core.masks.labelled_cloud import LabelledCloud
 from instdrive_core.masks.splatting import NEAR, splat
 from instdrive_core.scene.camera import Camera, CameraView
 
-POINT_SIZE = 0.12
+POINT_SIZE = 0.07
 """Metres that a point of an object stands for."""
 MAX_DISTANCE = 120.0
 CLOSING = 0.05
 """Radius of the closing relative to the object's size in the image."""
-MAX_CLOSING = 6
+MAX_CLOSING = 8
 BEHIND = 0.3
 """Metres by which an object may lie behind the surface around it and still be taken to be in front."""
 
@@ -73,8 +73,8 @@ def _silhouette(
         return None
     radius = int(np.clip(round(CLOSING * max(drawn.shape)), 1, MAX_CLOSING))
     inside = ndimage.binary_closing(np.pad(drawn, radius), _disc(radius))[radius:-radius, radius:-radius]
-    inside = ndimage.binary_fill_holes(inside | drawn)
-    rows, columns = ndimage.distance_transform_edt(~drawn, return_distances=False, return_indices=True)
+    inside = np.asarray(ndimage.binary_fill_holes(inside | drawn))
+    rows, columns = _nearest(drawn)
     return _Silhouette(number, top, left, inside, depths[rows, columns])
 
 
@@ -89,6 +89,13 @@ def _bounds(pose: ndarray, dimensions: Float64[ndarray, "3"], camera: Camera) ->
     left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
     right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int), (camera.width, camera.height))
     return (left, top, right, bottom) if right > left and bottom > top else None
+
+
+def _nearest(mask: Bool[ndarray, "h w"]) -> Int32[ndarray, "2 h w"]:
+    """Row and column of the nearest set pixel of each pixel."""
+    found = np.empty((2, *mask.shape), np.int32)
+    ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True, indices=found)
+    return found
 
 
 def _disc(radius: int) -> Bool[ndarray, "d d"]:
