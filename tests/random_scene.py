@@ -46,7 +46,7 @@ def random_scene(seed=0, count=200, instances=6, actors=2, degree=3, features=4)
     names, classes = {1: "parked – “taxi”", 2: "a b\\n"}, {1: "Car"}
     views = tuple(
         CameraView(
-            Camera(60, 61, 32, 24, 64, 48, look_at(np.array([9.0 - index, -8, 3]), np.zeros(3))),
+            Camera(60.0, 61.0, 32.0, 24.0, 64, 48, look_at(np.array([9.0 - index, -8, 3]), np.zeros(3))),
             "front_camera",
             index,
             0.1 * index,
