@@ -97,8 +97,8 @@ class ClipOptions:
 
     cameras: str = "6"
     """Camera set: 1 (front), 3 (front and front sides), 6 (all), or names joined by commas."""
-    scale: float = 0.25
-    """Image scale; PandaSet photos are 1920×1080."""
+    scale: float | None = None
+    """Image scale relative to the photos on disk, up to 1; default: makes them 480 pixels wide (PandaSet: 0.25)."""
     first_frame: int | None = None
     """First time step to use; default: the clip's first."""
     last_frame: int | None = None

@@ -37,6 +37,9 @@ logger = logging.getLogger(__name__)
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
 CAMERA_SETS = {"1": CAMERAS[:1], "3": CAMERAS[:3], "6": CAMERAS}
 
+DEFAULT_WIDTH = 480
+"""Pixels to which photos are scaled where no scale is asked for."""
+
 EGO_CAMERA, EGO_ROWS = "back_camera", 256 / 1080
 """The share of the back camera's rows, at the bottom, that show the recording car; neurad-studio crops 250 rows of
 1080, which leaves the edge of the bonnet in the photo."""
@@ -63,7 +66,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     if not (root / "camera").is_dir():
         remedy = "Give the folder of one PandaSet sequence, e.g. pandaset/002"
         raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
-    if not 0 < options.scale <= 1:
+    if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
     times = _step_times(root)
     cameras = [_load_camera(root / "camera" / name) for name in _camera_names(root, options.cameras)]
@@ -76,7 +79,9 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
         raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
     origin = _origin(cameras)
-    frames = [frame for camera in cameras for frame in _frames_of(camera, origin, times, options.scale)]
+    scale = options.scale or _default_scale(cameras)
+    has_ego = not (root / "labels").is_dir()  # synthetic clips show no recording car
+    frames = [frame for camera in cameras for frame in _frames_of(camera, origin, times, scale, has_ego)]
     order = {camera.name: rank for rank, camera in enumerate(cameras)}
     frames.sort(key=lambda frame: (frame.view.index, order[frame.view.name]))
     first, last = frames[0].view.index, frames[-1].view.index
@@ -194,10 +199,17 @@ def _origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
     return center_of(camera.poses[sorted(camera.photos), :3, 3])
 
 
-def _frames_of(camera: _CameraFiles, origin: Float64[ndarray, "3"], times: list[float], scale: float) -> list[Frame]:
+def _default_scale(cameras: list[_CameraFiles]) -> float:
+    width = next(camera.camera.width for camera in cameras if camera.photos)
+    return min(1.0, DEFAULT_WIDTH / width)
+
+
+def _frames_of(
+    camera: _CameraFiles, origin: Float64[ndarray, "3"], times: list[float], scale: float, has_ego: bool
+) -> list[Frame]:
     full_size = (camera.camera.width, camera.camera.height)
     scaled = camera.camera.scaled(scale)
-    valid = _ego_mask(scaled) if camera.name == EGO_CAMERA else None
+    valid = _ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
     frames = []
     for index, photo in sorted(camera.photos.items()):
         pose = camera.poses[index].copy()

@@ -6,6 +6,7 @@ box frame, are dense enough to be drawn as surfaces.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numba
@@ -226,7 +227,7 @@ def _model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarra
     """An object's points, vehicles completed by their mirror image, around a core that any such object fills."""
     points = _without_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
     if track.label in VEHICLES:
-        points = np.concatenate([points, points * np.float32([-1, 1, 1])])
+        points = np.concatenate([points, points * np.array([-1, 1, 1], np.float32)])
     points, _ = _thinned(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
     return np.concatenate([points, _core(track)])
 
@@ -257,7 +258,7 @@ def _core(track: Track) -> Float32[ndarray, "m 3"]:
     grids = []
     for ranges in parts:
         axes = [
-            np.linspace(low * size, high * size, max(2, int(np.ceil((high - low) * size / CORE_SPACING))))
+            np.linspace(low * size, high * size, max(2, math.ceil((high - low) * size / CORE_SPACING)))
             for (low, high), size in zip(ranges, track.dimensions.tolist(), strict=True)
         ]
         grids.append(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3))

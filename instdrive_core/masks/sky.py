@@ -52,7 +52,8 @@ def _empty(supported: Bool[ndarray, "h w"], elevation: Float64[ndarray, "h w"], 
     beam_distance = 1.5 + 0.3 * np.clip(elevation, 0, HIGHEST_BEAM)
     free = np.minimum(rows - above, below - rows) > np.radians(beam_distance) * camera.fy
     upper_end = np.argmin(np.abs(elevation - (HIGHEST_BEAM - 2)), axis=0)
-    open_above = ndimage.maximum_filter1d(np.take_along_axis(free, upper_end[None], axis=0), 4 * reach + 3, axis=1)
+    at_end = np.take_along_axis(free, upper_end[None], axis=0)
+    open_above = np.asarray(ndimage.maximum_filter1d(at_end, 4 * reach + 3, axis=1))
     return free & (elevation > LOWEST_SKY) & ((elevation < HIGHEST_BEAM) | open_above)
 
 
