@@ -52,6 +52,13 @@ def checked_ids(ids: Iterable[int]) -> tuple[int, ...]:
     return tuple(sorted(unique))
 
 
+def checked_switch(value: bool, what: str) -> bool:
+    """The same value. Raises EditError where it is not true or false."""
+    if not isinstance(value, bool):
+        raise EditError(f"{what} is {value!r}, not true or false")
+    return value
+
+
 def counted(ids: tuple[int, ...]) -> str:
     """``instance 17`` or ``3 instances``, for titles."""
     return f"instance {ids[0]}" if len(ids) == 1 else f"{len(ids)} instances"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from instdrive_core.edits.base import Edit
-from instdrive_core.edits.document import Document
+from instdrive_core.errors import EditError
 
 
 @dataclass
@@ -19,12 +19,16 @@ class CompoundEdit(Edit):
     """The title of the step."""
     _done: list[Edit] = field(default_factory=list, init=False, repr=False, compare=False)
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise EditError(f"name {self.name!r} of a compound edit is no text")
+
     @property
     def title(self) -> str:
         """The given name."""
         return self.name
 
-    def do(self, document: Document) -> bool:
+    def do(self, document: Any) -> bool:
         """Do all edits, or none of them."""
         self._done = []
         try:
@@ -36,7 +40,7 @@ class CompoundEdit(Edit):
             raise
         return bool(self._done)
 
-    def undo(self, document: Document) -> None:
+    def undo(self, document: Any) -> None:
         """Undo those that changed anything, last first."""
         for edit in reversed(self._done):
             edit.undo(document)

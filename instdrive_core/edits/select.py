@@ -12,6 +12,7 @@ from instdrive_core.edits.base import checked_ids, counted
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit, selectable
 from instdrive_core.errors import EditError
+from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.scene.selection import Flag, SplatState
 
 SelectMode = Literal["replace", "add", "remove"]
@@ -49,8 +50,9 @@ class SelectCodeword(FlagEdit):
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
-        if isinstance(self.codeword, bool) or not isinstance(self.codeword, int) or self.codeword < 0:
-            raise EditError(f"codeword {self.codeword!r} is not a whole number of at least 0")
+        whole = isinstance(self.codeword, int) and not isinstance(self.codeword, bool)
+        if not whole or not 0 <= self.codeword < 1 << MAX_BITS:
+            raise EditError(f"codeword {self.codeword!r} is not a whole number of at most {MAX_BITS} bits")
         _check_mode(self.mode)
 
     @property

@@ -40,14 +40,14 @@ _MAX_DEPTH = 8
 
 def edit_from_json(entry: Any, depth: int = 0) -> Edit:
     """The edit that `Edit.to_json` described. Raises EditError where the entry is none."""
-    if not isinstance(entry, dict) or entry.get("kind") not in EDITS:
-        kind = entry.get("kind") if isinstance(entry, dict) else entry
+    kind = entry.get("kind") if isinstance(entry, dict) else entry
+    if not isinstance(entry, dict) or not isinstance(kind, str) or kind not in EDITS:
         raise EditError(f"edit kind {kind!r} is not known; known are {', '.join(EDITS)}")
-    edit_type = EDITS[entry["kind"]]
+    edit_type = EDITS[kind]
     expected = {parameter.name for parameter in fields(edit_type) if parameter.init}  # type: ignore[arg-type]
     parameters: dict[str, Any] = {name: value for name, value in entry.items() if name != "kind"}
     if unknown := set(parameters) - expected:
-        raise EditError(f"edit {entry['kind']!r} has no parameter {min(unknown)!r}; it has {sorted(expected)}")
+        raise EditError(f"edit {kind!r} has no parameter {min(unknown)!r}; it has {sorted(expected)}")
     try:
         if edit_type is CompoundEdit:
             if depth == _MAX_DEPTH:
@@ -56,7 +56,7 @@ def edit_from_json(entry: Any, depth: int = 0) -> Edit:
         values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in parameters.items()}
         return edit_type(**values)
     except (TypeError, ValueError, KeyError) as error:
-        raise EditError(f"edit {entry['kind']!r} cannot be made from {parameters}: {error}") from error
+        raise EditError(f"edit {kind!r} cannot be made from {parameters}: {error}") from error
 
 
 def edits_to_lines(edits: Iterable[Edit]) -> str:

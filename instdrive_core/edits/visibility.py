@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from numpy import ndarray
 
-from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.base import checked_ids, checked_switch, counted
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
 from instdrive_core.scene.selection import Flag, SplatState
@@ -24,6 +24,7 @@ class HideInstances(FlagEdit):
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
+        checked_switch(self.hidden, "hidden")
 
     @property
     def title(self) -> str:
@@ -45,6 +46,7 @@ class LockInstances(FlagEdit):
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
+        checked_switch(self.locked, "locked")
 
     @property
     def title(self) -> str:
