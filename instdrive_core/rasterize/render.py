@@ -1,0 +1,113 @@
+"""The differentiable rasterizer: Gaussians × camera → channels, depth and alpha per pixel, and the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray
+
+from instdrive_core.rasterize.backward import blend_backward
+from instdrive_core.rasterize.bin import TileLists, bin_splats
+from instdrive_core.rasterize.blend import blend
+from instdrive_core.rasterize.project import Projection, project
+from instdrive_core.rasterize.project_backward import RasterGradients, project_backward
+from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.scene.camera import Camera
+
+__all__ = ["Raster", "RasterContext", "RasterGradients", "RasterSettings", "render", "render_backward"]
+
+
+@dataclass(frozen=True)
+class RasterContext:
+    """What the backward pass needs. It refers to the arrays rendered: do not change them before `render_backward`."""
+
+    means: Float32[ndarray, "n 3"]
+    quats: Float32[ndarray, "n 4"]
+    log_scales: Float32[ndarray, "n 3"]
+    channels: Float32[ndarray, "n c"]
+    camera: Camera
+    settings: RasterSettings
+    projection: Projection
+    tiles: TileLists
+    outputs: tuple[Float32[ndarray, "h w c"], Float32[ndarray, "h w"], Float32[ndarray, "h w"]]
+
+
+@dataclass(frozen=True)
+class Raster:
+    """What a camera sees, with nothing behind the Gaussians: neither image nor depth is divided by alpha."""
+
+    image: Float32[ndarray, "h w c"]
+    """Σ w·channels."""
+    depth: Float32[ndarray, "h w"]
+    """Σ w·z, metres along the viewing axis."""
+    alpha: Float32[ndarray, "h w"]
+    """Σ w."""
+    context: RasterContext
+
+
+def render(
+    means: Float[ndarray, "n 3"],
+    quats: Float[ndarray, "n 4"],
+    log_scales: Float[ndarray, "n 3"],
+    opacities: Float[ndarray, " n"],
+    channels: Float[ndarray, "n c"],
+    camera: Camera,
+    settings: RasterSettings = DEFAULT_SETTINGS,
+) -> Raster:
+    """Blend N Gaussians front to back (Kerbl et al. 2023); any number of channels, none included.
+
+    Args:
+        means: metres, in the world of `camera`.
+        quats: wxyz, any length above 0.
+        log_scales: natural logarithm of the standard deviations in metres.
+        opacities: in (0, 1).
+        channels: RGB, features, anything to be blended.
+
+    Non-finite Gaussians, those nearer than the near plane and those off the image are not drawn.
+    """
+    means, quats, log_scales, channels = _float32(means), _float32(quats), _float32(log_scales), _float32(channels)
+    projection = project(means, quats, log_scales, _float32(opacities), camera, settings)
+    tiles = bin_splats(projection, camera.width, camera.height)
+    outputs = blend(projection, tiles, channels, camera.width, camera.height, settings)
+    context = RasterContext(means, quats, log_scales, channels, camera, settings, projection, tiles, outputs)
+    return Raster(*outputs, context)
+
+
+def render_backward(
+    context: RasterContext,
+    grad_image: Float[ndarray, "h w c"],
+    grad_depth: Float[ndarray, "h w"],
+    grad_alpha: Float[ndarray, "h w"],
+    geometry_channels: int,
+) -> RasterGradients:
+    """Gradients of a loss, given its gradients with respect to image, depth and alpha of `render`.
+
+    Depth, alpha and the first `geometry_channels` channels send gradient into means, quaternions, scales and
+    opacities; every channel gets its own gradient. The same input gives the same bits.
+
+    Raises:
+        ValueError: `geometry_channels` is not between 0 and the number of channels.
+    """
+    count = context.channels.shape[1]
+    if not 0 <= geometry_channels <= count:
+        raise ValueError(f"geometry_channels is {geometry_channels}, expected 0 … {count}")
+    grads = (_float32(grad_image), _float32(grad_depth), _float32(grad_alpha))
+    pair_sums = blend_backward(
+        context.projection,
+        context.tiles,
+        context.channels,
+        context.outputs,
+        grads,
+        geometry_channels,
+        context.settings,
+    )
+    return project_backward(
+        context.means, context.quats, context.log_scales, context.camera, context.projection, context.tiles, pair_sums
+    )
+
+
+def _float32(array: ndarray) -> ndarray:
+    """C-contiguous float32, copied only where it is not: the kernels are compiled for one layout."""
+    return np.ascontiguousarray(array, dtype=np.float32)

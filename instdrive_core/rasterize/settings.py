@@ -1,0 +1,39 @@
+"""The constants of splatting, as 3DGS and gsplat's classic mode have them."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+
+@dataclass(frozen=True)
+class RasterSettings:
+    """How Gaussians become pixels."""
+
+    near: float = 0.1
+    """Splats whose centre is nearer than this (metres along the viewing axis) are not drawn."""
+    low_pass: float = 0.3
+    """Added to the diagonal of every 2D covariance (pixel²): no splat is thinner than about a pixel."""
+    min_alpha: float = 1 / 255
+    """Fragments fainter than this are skipped; at least 1/256, which the exponential's range is made for."""
+    max_alpha: float = 0.999
+    """Fragments are never more opaque than this."""
+    min_transmittance: float = 1e-4
+    """A pixel is finished before the fragment that would leave no more than this of the light behind it."""
+
+    def __post_init__(self) -> None:
+        if not 1 / 256 <= self.min_alpha < self.max_alpha < 1:
+            raise ValueError(
+                f"min_alpha {self.min_alpha} and max_alpha {self.max_alpha} do not fit 1/256 ≤ min < max < 1"
+            )
+
+    def as_row(self) -> Float32[ndarray, " 5"]:
+        """The constants in the order above, as the kernels take them."""
+        return np.array(astuple(self), np.float32)
+
+
+DEFAULT_SETTINGS = RasterSettings()
+"""Those of 3DGS and gsplat."""
