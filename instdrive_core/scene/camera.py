@@ -68,8 +68,9 @@ class Camera:
 
     def rays_of_pixels(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
         """Unit viewing directions in the world through some pixels' centres; `pixels` are flat row-major indices."""
-        rows, columns = np.divmod(pixels, self.width)
-        x, y = (columns + 0.5 - self.cx) / self.fx, (rows + 0.5 - self.cy) / self.fy
+        rows = pixels // self.width
+        x = (pixels - rows * self.width + 0.5 - self.cx) / self.fx
+        y = (rows + 0.5 - self.cy) / self.fy
         local = np.stack([x, y, np.ones(len(pixels))], axis=-1)
         local /= np.linalg.norm(local, axis=-1, keepdims=True)
         return local @ self.world_from_camera[:3, :3].T

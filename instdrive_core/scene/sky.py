@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
@@ -31,20 +32,30 @@ def cube_taps(
     On a face of axis a the tangent axes are (a + 1) % 3 for columns and (a + 2) % 3 for rows; texel centres lie
     at +0.5 and lookups clamp at the face's border.
     """
-    sizes = np.abs(directions)
-    axis = np.argmax(sizes, axis=1)
-    rows = np.arange(len(directions))
-    major = directions[rows, axis]
-    face = axis * 2 + (major < 0)
-    scale = 0.5 / np.maximum(np.abs(major), 1e-12)
-    u = (directions[rows, (axis + 1) % 3] * scale + 0.5) * resolution - 0.5
-    v = (directions[rows, (axis + 2) % 3] * scale + 0.5) * resolution - 0.5
-    u, v = np.clip(u, 0, resolution - 1), np.clip(v, 0, resolution - 1)
-    u0 = np.minimum(u.astype(np.int32), max(resolution - 2, 0))
-    v0 = np.minimum(v.astype(np.int32), max(resolution - 2, 0))
-    du, dv = (u - u0).astype(np.float32), (v - v0).astype(np.float32)
-    u1, v1 = np.minimum(u0 + 1, resolution - 1), np.minimum(v0 + 1, resolution - 1)
-    base = (face * resolution * resolution).astype(np.int32)
-    indices = [base + r * resolution + c for r, c in ((v0, u0), (v0, u1), (v1, u0), (v1, u1))]
-    weights = [(1 - dv) * (1 - du), (1 - dv) * du, dv * (1 - du), dv * du]
-    return np.stack(indices, axis=1), np.stack(weights, axis=1).astype(np.float32)
+    directions = np.ascontiguousarray(directions, np.float32)
+    indices, weights = np.empty((len(directions), 4), np.int32), np.empty((len(directions), 4), np.float32)
+    _cube_taps(directions, resolution, indices, weights)
+    return indices, weights
+
+
+@numba.njit(error_model="numpy", cache=True)
+def _cube_taps(directions, resolution, indices, weights):
+    for i in range(len(directions)):
+        axis = 0
+        for a in range(1, 3):
+            if abs(directions[i, a]) > abs(directions[i, axis]):
+                axis = a
+        major = directions[i, axis]
+        face = axis * 2 + (1 if major < 0 else 0)
+        scale = 0.5 / max(abs(major), 1e-12)
+        u = (directions[i, (axis + 1) % 3] * scale + 0.5) * resolution - 0.5
+        v = (directions[i, (axis + 2) % 3] * scale + 0.5) * resolution - 0.5
+        u, v = min(max(u, 0.0), resolution - 1.0), min(max(v, 0.0), resolution - 1.0)
+        column, row = min(int(u), max(resolution - 2, 0)), min(int(v), max(resolution - 2, 0))
+        du, dv = u - column, v - row
+        right, below = min(column + 1, resolution - 1), min(row + 1, resolution - 1)
+        base = face * resolution * resolution
+        indices[i, 0], weights[i, 0] = base + row * resolution + column, (1 - dv) * (1 - du)
+        indices[i, 1], weights[i, 1] = base + row * resolution + right, (1 - dv) * du
+        indices[i, 2], weights[i, 2] = base + below * resolution + column, dv * (1 - du)
+        indices[i, 3], weights[i, 3] = base + below * resolution + right, dv * du

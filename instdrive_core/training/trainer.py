@@ -17,6 +17,7 @@ from instdrive_core.training.config import InstanceConfig, TrainConfig
 from instdrive_core.training.events import CheckpointDue, Event, Stage, StageStarted, StepDone
 from instdrive_core.training.feature_weights import CachedView, cached_view, weighted_features
 from instdrive_core.training.model import SceneModel
+from instdrive_core.training.photometric import photometric_loss
 from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
 from instdrive_core.training.views import TrainingView
 from instdrive_core.training.voxel_loss import occupied_voxels, voxel_loss
@@ -121,7 +122,7 @@ class Trainer:
         drawn, depth, alpha = rasterize(means, quats, p["log_scales"], logits, channels, view.camera, 3)
         image = self._over_sky(drawn[..., :3], alpha, view)
 
-        terms = {"rgb": losses.photometric_loss(image, target, valid, config.ssim_weight)}
+        terms = {"rgb": photometric_loss(image, target, valid, config.ssim_weight)}
         if config.depth_weight and len(view.depth_pixels):
             lidar = torch.from_numpy(view.depth_map())
             terms["depth"] = config.depth_weight * losses.depth_loss(depth, alpha, lidar)
