@@ -5,12 +5,20 @@ from pathlib import Path
 import pytest
 from jaxtyping import install_import_hook
 
-install_import_hook(
-    ["instdrive_core.maths", "instdrive_core.instances", "instdrive_core.scene", "instdrive_core.edits"],
-    "beartype.beartype",
-)
+ROOT = Path(__file__).resolve().parents[1]
+CHECKED = ("maths", "instances", "scene", "edits")
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+def _checked_modules() -> list[str]:
+    """Modules of pure numpy; Numba cannot cache functions that a checker has wrapped."""
+    files = [file for package in CHECKED for file in (ROOT / "instdrive_core" / package).glob("*.py")]
+    pure = [file for file in files if file.stem != "__init__" and "import numba" not in file.read_text()]
+    return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in pure]
+
+
+install_import_hook(_checked_modules(), "beartype.beartype")
+
+SHARED = ROOT.parent / "shared"
 
 
 @pytest.fixture(scope="session")
