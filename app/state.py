@@ -110,8 +110,6 @@ class EditorState:
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     show_outlines: bool = True
-    draft: bool = False
-    """Draw coarsely because the camera is moving."""
 
 
 @dataclass(frozen=True)
@@ -126,9 +124,10 @@ class FrameSnapshot:
     show_sky: bool
     show_outlines: bool
     draft: bool
+    """Draw coarsely because the camera is moving."""
 
 
-def resolve(state: EditorState, width: int, height: int) -> FrameSnapshot:
+def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
     """The frame that `state` asks for in a viewport of this size (pixels, at least 1 × 1)."""
     return FrameSnapshot(
         camera=state.viewpoint.fitted(max(width, 1), max(height, 1)),
@@ -138,5 +137,5 @@ def resolve(state: EditorState, width: int, height: int) -> FrameSnapshot:
         id_opacity=state.id_opacity,
         show_sky=state.show_sky,
         show_outlines=state.show_outlines,
-        draft=state.draft,
+        draft=draft,
     )

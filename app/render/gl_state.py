@@ -8,14 +8,13 @@ from contextlib import contextmanager
 import moderngl
 
 PREMULTIPLIED_OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
-STRAIGHT_OVER = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA, moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
 
 
 @contextmanager
 def drawing_into(
     ctx: moderngl.Context,
     framebuffer: moderngl.Framebuffer,
-    blending: tuple[int, ...] | None = None,
+    blending: tuple[int, int] | None = None,
     depth_function: str | None = None,
 ) -> Iterator[None]:
     """Bind a framebuffer with exactly the given blending and depth test; afterwards the framebuffer that was bound

@@ -44,6 +44,8 @@ class GpuScene:
         """Rises when the blended picture would change: visibility, colours, poses."""
         self.pose_version = 0
         """Rises when splats move."""
+        self.id_version = 0
+        """Rises when splats change instances."""
         self.means: ndarray = scene.gaussians.means
         """World positions (n, 3) at the time of the last update."""
 
@@ -128,6 +130,7 @@ class GpuScene:
         self._ids = ids.copy()
         self.instance_ids.write(ids, start, stop)
         self.instance_colors.write(_id_colors(ids), start, stop)
+        self.id_version += 1
 
     def _update_poses(self, time: float) -> None:
         scene = self._document.scene

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl_state import STRAIGHT_OVER, drawing_into
+from instdrive_app.render.gl_state import PREMULTIPLIED_OVER, drawing_into
 from instdrive_app.render.gpu_scene import GpuScene
 from instdrive_app.render.programs import build_program, set_uniforms
 from instdrive_app.render.splat_textures import WIDTH
@@ -50,7 +50,7 @@ class OutlinePass:
             hovered_line=HOVERED_LINE,
             thickness=thickness,
         )
-        with drawing_into(self._ctx, targets.shown_buffer, blending=STRAIGHT_OVER):
+        with drawing_into(self._ctx, targets.shown_buffer, blending=PREMULTIPLIED_OVER):
             self._line_triangle.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:

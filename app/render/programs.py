@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from importlib import resources
 
 import moderngl
@@ -24,7 +23,7 @@ def shader_source(name: str) -> str:
 
 
 def build_program(
-    ctx: moderngl.Context, vertex: str, fragment: str | None = None, captured: Sequence[str] = ()
+    ctx: moderngl.Context, vertex: str, fragment: str | None = None, captured: tuple[str, ...] = ()
 ) -> moderngl.Program:
     """Compile and link shader files; `captured` names the vertex outputs that transform feedback keeps.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import moderngl
 import numpy as np
@@ -60,11 +60,17 @@ class Renderer:
             self._draw_rows(targets, snapshot)
         else:
             self._draw_blended(targets, snapshot)
-        self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)
-        marked = snapshot.hovered or self._document.selected_instances()
-        if snapshot.show_outlines and marked and not snapshot.draft:
+        marked = snapshot.show_outlines and not snapshot.draft and self._marked(snapshot)
+        if marked:
             self._draw_rows(targets, snapshot)
+        shown = (_key(snapshot), self.scene.look_version, self.scene.id_version)
+        shown = (*shown, marked and self._document.state.version)
+        if self._keys.get("shown") == shown:
+            return
+        self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)
+        if marked:
             self._outline.draw(targets, self.scene, snapshot.hovered)
+        self._keys["shown"] = shown
 
     def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
@@ -73,16 +79,21 @@ class Renderer:
         self._draw_rows(targets, snapshot)
         return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
 
-    def instance_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int:
-        """The instance that the ID view shows at a pixel; 0 = none, or outside."""
+    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+        """The splat that the ID view shows at a pixel; None where none is, or outside."""
         self.scene.update(snapshot.time)
         targets = self._sized(snapshot)
         if not (0 <= x < targets.size[0] and 0 <= y < targets.size[1]):
-            return 0
+            return None
         self._draw_rows(targets, snapshot)
         pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
-        row = int(np.frombuffer(pixel, np.uint32)[0]) - 1
-        return int(self._document.scene.instance_ids[row]) if row >= 0 else 0
+        row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
+        return row_plus_one - 1 if row_plus_one else None
+
+    def instance_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int:
+        """The instance that the ID view shows at a pixel; 0 = none, or outside."""
+        row = self.row_at(snapshot, x, y)
+        return int(self._document.scene.instance_ids[row]) if row is not None else 0
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
         """The last frame as RGB."""
@@ -114,6 +125,9 @@ class Renderer:
             targets = self._targets = Targets(self._ctx, size, blended_size)
             self._keys.clear()
         return targets
+
+    def _marked(self, snapshot: FrameSnapshot) -> bool:
+        return snapshot.hovered != 0 or len(self._document.selected_instances()) > 0
 
     def _project(self, camera: Camera) -> None:
         key = (_camera_key(camera), self.scene.pose_version)
@@ -157,6 +171,11 @@ def sharp(snapshot: FrameSnapshot) -> FrameSnapshot:
 def _camera_key(camera: Camera) -> tuple:
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     return (*pinhole, camera.world_from_camera.tobytes())
+
+
+def _key(snapshot: FrameSnapshot) -> tuple:
+    rest = [getattr(snapshot, entry.name) for entry in fields(snapshot) if entry.name != "camera"]
+    return (_camera_key(snapshot.camera), *rest)
 
 
 def _round_figure(value: float, down: bool) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Targets:
-    """Where the passes draw: `blended` (colour or depth, may be smaller), `rows`, `mask`, and `shown` for the window."""
+    """Where the passes draw: `blended` (colour or depth, may be smaller), `rows`, `mask`, and `shown` for the user."""
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int], blended_size: tuple[int, int]) -> None:
         self.size, self.blended_size = size, blended_size

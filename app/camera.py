@@ -1,0 +1,111 @@
+"""Moving the viewpoint: orbit, look around, pan, dolly, fly, frame a box, look through a dataset camera.
+
+Pure functions from viewpoint to viewpoint. Angles in radians, distances in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from instdrive_app.state import Lens, Viewpoint, default_viewpoint
+from instdrive_core.scene.camera import CameraView, look_at
+
+STEEPEST = 0.99
+"""|vertical part| of the viewing direction beyond which no drag tilts."""
+NEAREST_PIVOT, FARTHEST_PIVOT = 0.3, 2000.0
+
+
+def orbit(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
+    """Turn around the pivot: `yaw` about the world's vertical, `pitch` upwards about the camera's x axis."""
+    pose = _turned(viewpoint.world_from_camera, yaw, pitch)
+    pose[:3, 3] = viewpoint.pivot - viewpoint.pivot_distance * pose[:3, 2]
+    return replace(viewpoint, world_from_camera=pose)
+
+
+def look(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
+    """Turn on the spot."""
+    return replace(viewpoint, world_from_camera=_turned(viewpoint.world_from_camera, yaw, pitch))
+
+
+def pan(viewpoint: Viewpoint, right: float, down: float) -> Viewpoint:
+    """Shift in the image plane."""
+    return fly(viewpoint, np.array([right, down, 0.0]))
+
+
+def pan_pixels(viewpoint: Viewpoint, dx: float, dy: float, focal: float) -> Viewpoint:
+    """Shift so that the pivot follows a drag of (dx, dy) pixels; `focal` is the viewport camera's."""
+    metres = viewpoint.pivot_distance / focal
+    return pan(viewpoint, -dx * metres, -dy * metres)
+
+
+def dolly(viewpoint: Viewpoint, factor: float) -> Viewpoint:
+    """Come nearer to the pivot (`factor` < 1) or go away from it; the pivot stays."""
+    distance = float(np.clip(viewpoint.pivot_distance * factor, NEAREST_PIVOT, FARTHEST_PIVOT))
+    pose = viewpoint.world_from_camera.copy()
+    pose[:3, 3] = viewpoint.pivot - distance * viewpoint.forward
+    return replace(viewpoint, world_from_camera=pose, pivot_distance=distance)
+
+
+def with_pivot(viewpoint: Viewpoint, distance: float) -> Viewpoint:
+    """The same view; orbiting turns around the point at `distance` along the axis."""
+    return replace(viewpoint, pivot_distance=float(np.clip(distance, NEAREST_PIVOT, FARTHEST_PIVOT)))
+
+
+def fly(viewpoint: Viewpoint, step: Float[ndarray, "3"]) -> Viewpoint:
+    """Move by (right, down, forward) in the camera's axes; the pivot comes along."""
+    pose = viewpoint.world_from_camera.copy()
+    pose[:3, 3] += pose[:3, :3] @ step
+    return replace(viewpoint, world_from_camera=pose)
+
+
+def lift(viewpoint: Viewpoint, up: float) -> Viewpoint:
+    """Move along the world's vertical."""
+    pose = viewpoint.world_from_camera.copy()
+    pose[2, 3] += up
+    return replace(viewpoint, world_from_camera=pose)
+
+
+def framed(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, "3"]) -> Viewpoint:
+    """Look at the centre of a box from the present direction (from somewhat above), far enough to see all of it."""
+    center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.2)
+    lens = viewpoint.lens
+    half_angle = np.arctan(min(lens.height / lens.fy, lens.width / lens.fx) / 2)
+    distance = radius / np.sin(half_angle) * 1.1
+    direction = viewpoint.forward.copy()
+    direction[2] = min(direction[2], -0.25)
+    direction /= np.linalg.norm(direction)
+    return Viewpoint(look_at(center - distance * direction, center), lens, float(distance))
+
+
+def through(view: CameraView, pivot_distance: float = 10.0) -> Viewpoint:
+    """The dataset camera's own place and lens."""
+    return Viewpoint(view.camera.world_from_camera, Lens.of(view.camera), pivot_distance)
+
+
+def framed_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
+    """Frame the box of most of the points (at least one): stray splats do not push the camera away."""
+    low, high = np.percentile(points, [2, 98], axis=0)
+    return framed(viewpoint, low, high)
+
+
+def overview(means: Float[ndarray, "n 3"]) -> Viewpoint:
+    """A first look at a scene without cameras."""
+    return framed_points(default_viewpoint(), means) if len(means) else default_viewpoint()
+
+
+def _turned(pose: Float[ndarray, "4 4"], yaw: float, pitch: float) -> Float[ndarray, "4 4"]:
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    about_z = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+    rotation = about_z @ pose[:3, :3]
+    cosine, sine = np.cos(pitch), np.sin(pitch)
+    tilted = rotation @ np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
+    if abs(tilted[2, 2]) <= STEEPEST or abs(tilted[2, 2]) < abs(rotation[2, 2]):
+        rotation = tilted
+    left, _, right = np.linalg.svd(rotation)  # many small turns must not shear the axes
+    turned = pose.copy()
+    turned[:3, :3] = left @ right
+    return turned

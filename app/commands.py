@@ -1,0 +1,68 @@
+"""Actions as records: menus, shortcuts, toolbar and shortcut sheet all derive from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """One thing the user can ask for."""
+
+    id: str
+    """Unique and stable, e.g. ``edit.delete``."""
+    title: str
+    run: Callable[[], None]
+    menu: str = ""
+    """The menu it is listed in; empty = none."""
+    shortcuts: tuple[str, ...] = ()
+    """E.g. ``Ctrl+Shift+Z``; the first one is shown."""
+    enabled: Callable[[], bool] = lambda: True
+    checked: Callable[[], bool] | None = None
+    """For switches: whether it is on."""
+    icon: str = ""
+    """Name of an icon constant of Font Awesome 6, e.g. ``ICON_FA_TRASH``."""
+    undoable: bool = False
+    separator: bool = False
+    """Whether the menu draws a line above it."""
+
+
+class Commands:
+    """All commands, in menu order."""
+
+    def __init__(self) -> None:
+        self._commands: dict[str, Command] = {}
+
+    def add(self, command: Command) -> None:
+        """Register a command. Raises ValueError where ID or shortcut are taken."""
+        if command.id in self._commands:
+            raise ValueError(f"command {command.id!r} is registered twice")
+        for shortcut in command.shortcuts:
+            owner = next((other.id for other in self if shortcut in other.shortcuts), None)
+            if owner:
+                raise ValueError(f"{shortcut} is the shortcut of {owner!r} and of {command.id!r}")
+        self._commands[command.id] = command
+
+    def __iter__(self) -> Iterator[Command]:
+        return iter(self._commands.values())
+
+    def __getitem__(self, command_id: str) -> Command:
+        return self._commands[command_id]
+
+    @property
+    def menus(self) -> tuple[str, ...]:
+        """Menu names in the order of their first command."""
+        return tuple(dict.fromkeys(command.menu for command in self if command.menu))
+
+    def in_menu(self, menu: str) -> tuple[Command, ...]:
+        """The commands of one menu."""
+        return tuple(command for command in self if command.menu == menu)
+
+    def run(self, command_id: str) -> bool:
+        """Run a command if it is enabled; returns whether it ran."""
+        command = self._commands[command_id]
+        if not command.enabled():
+            return False
+        command.run()
+        return True

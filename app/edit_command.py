@@ -1,0 +1,56 @@
+"""`instdrive edit`: the editor window."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from instdrive_core.errors import InstDriveError
+
+SAMPLE = "sample_scene"
+
+
+class NoSceneError(InstDriveError):
+    """There is nothing to open."""
+
+
+def edit(
+    scene: Positional[Path | None] = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    report: Annotated[Path | None, arg(metavar="FILE")] = None,
+    remember_layout: bool = True,
+) -> None:
+    """Open a scene in the editor window.
+
+    Args:
+        scene: A .ply file, or a run or scene folder; without one the sample scene is opened.
+        size: Width and height of the window.
+        report: Write the window's state as JSON lines into this file, for programs that drive the window.
+        remember_layout: Keep the arrangement of panels from one session to the next.
+    """
+    path = scene if scene is not None else sample_scene()
+    if not path.exists():
+        raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
+    from instdrive_app.session import EditorSession
+    from instdrive_app.window import EditorWindow, WindowOptions, require_display
+
+    require_display()
+    session = EditorSession()
+    window = EditorWindow(session, WindowOptions(size, report, remember_layout))
+    session.open(path)
+    window.run()
+
+
+def sample_scene() -> Path:
+    """The small trained scene that comes with the program. Raises NoSceneError where it was left out."""
+    path = Path(str(resources.files("instdrive_app.assets").joinpath(SAMPLE)))
+    if not path.exists():
+        raise NoSceneError(
+            f"this installation has no sample scene ({path} is missing); "
+            "name a scene: instdrive edit SCENE (a .ply file or a run folder)"
+        )
+    return path

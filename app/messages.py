@@ -1,0 +1,65 @@
+"""What the editor tells the user: kept in the log, shown for a while as toasts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+TOAST_SECONDS = {"info": 4.0, "error": 10.0}
+KEPT = 500
+
+
+class Level(Enum):
+    """How a message is meant."""
+
+    INFO = "info"
+    ERROR = "error"
+
+
+@dataclass(frozen=True)
+class Message:
+    """One line of the log."""
+
+    level: Level
+    text: str
+    when: float
+    """Seconds of the wall clock since 1970."""
+    shown_until: float
+    """Seconds of the monotonic clock; after it the toast is gone."""
+
+
+class Messages:
+    """The log, newest last."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._log: list[Message] = []
+
+    @property
+    def log(self) -> tuple[Message, ...]:
+        """The last messages."""
+        return tuple(self._log)
+
+    @property
+    def toasts(self) -> tuple[Message, ...]:
+        """Messages still to be shown over the window."""
+        now = self._clock()
+        return tuple(message for message in self._log[-5:] if message.shown_until > now)
+
+    def info(self, text: str) -> None:
+        """Say that something was done."""
+        self._add(Level.INFO, text)
+
+    def error(self, text: str) -> None:
+        """Say that something went wrong, and what to do."""
+        self._add(Level.ERROR, text)
+
+    def dismiss(self) -> None:
+        """Take all toasts away."""
+        self._log = [Message(m.level, m.text, m.when, 0.0) for m in self._log]
+
+    def _add(self, level: Level, text: str) -> None:
+        self._log.append(Message(level, text, time.time(), self._clock() + TOAST_SECONDS[level.value]))
+        del self._log[:-KEPT]

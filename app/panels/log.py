@@ -1,0 +1,33 @@
+"""Everything that was told to the user, newest last."""
+
+from __future__ import annotations
+
+import time
+
+from imgui_bundle import imgui
+
+from instdrive_app.messages import Level
+from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.theme import ERROR, rgba
+
+
+class LogPanel:
+    """Lines with their time of day; scrolls to what is new."""
+
+    def __init__(self) -> None:
+        self._seen = 0
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        log = ui.session.messages.log
+        for message in log:
+            dim_text(time.strftime("%H:%M:%S", time.localtime(message.when)))
+            imgui.same_line()
+            if message.level is Level.ERROR:
+                imgui.push_style_color(imgui.Col_.text, rgba(ERROR))
+            imgui.text_wrapped(message.text)
+            if message.level is Level.ERROR:
+                imgui.pop_style_color()
+        if log and id(log[-1]) != self._seen:
+            imgui.set_scroll_here_y(1.0)
+            self._seen = id(log[-1])

@@ -1,0 +1,58 @@
+"""Menu bar and keyboard, both derived from the commands."""
+
+from __future__ import annotations
+
+from imgui_bundle import imgui
+
+from instdrive_app.commands import Command
+from instdrive_app.panels.ui import Ui, icon
+
+_MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
+_NAMED = {"LeftArrow": "left_arrow", "RightArrow": "right_arrow", "Escape": "escape", "Delete": "delete"}
+
+
+def draw_menus(ui: Ui) -> None:
+    """Fill the menu bar."""
+    for menu in ui.session.commands.menus:
+        opened = imgui.begin_menu(menu)
+        ui.mark(f"menu {menu}")
+        if opened:
+            for command in ui.session.commands.in_menu(menu):
+                if command.separator:
+                    imgui.separator()
+                _menu_item(ui, command)
+            imgui.end_menu()
+
+
+def _menu_item(ui: Ui, command: Command) -> None:
+    shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
+    checked = command.checked() if command.checked else False
+    title = f"{icon(command.icon)}   {command.title}"
+    if imgui.menu_item(title, shortcut, checked, command.enabled())[0]:
+        ui.session.commands.run(command.id)
+    ui.mark(f"menu {command.id}")
+
+
+def run_shortcuts(ui: Ui) -> None:
+    """Run the commands whose keys were pressed in this frame; never while text is typed or a dialog is open."""
+    io = imgui.get_io()
+    if io.want_text_input or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+        return
+    for command in ui.session.commands:
+        if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in command.shortcuts):
+            ui.session.commands.run(command.id)
+
+
+def key_chord(shortcut: str) -> int:
+    """``Ctrl+Shift+Z`` as ImGui's number. Raises KeyError or AttributeError for a name that does not exist."""
+    *modifiers, key = shortcut.split("+")
+    name = _NAMED.get(key, key.lower())
+    chord = int(getattr(imgui.Key, f"_{name}" if name.isdigit() else name))
+    for modifier in modifiers:
+        chord |= int(_MODIFIERS[modifier])
+    return chord
+
+
+def shortcut_title(shortcut: str) -> str:
+    """As it is shown to the user."""
+    return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")

@@ -1,0 +1,47 @@
+"""The moments of the drive and the cameras that saw them."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Ui, command_button, icon
+
+
+class TimelinePanel:
+    """Step, play, scrub; choose a dataset camera."""
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        session = ui.session
+        document, timeline = session.document, session.timeline
+        if document is None or not timeline.steps:
+            imgui.text_disabled("The scene has no cameras and no moving objects." if document else "No scene is open.")
+            return
+        for name in ("time.previous", "time.play", "time.next"):
+            command_button(ui, session.commands[name], ImVec2(30, 0))
+            imgui.same_line()
+        if timeline.camera_names:
+            self._cameras(ui)
+            imgui.same_line()
+        imgui.set_next_item_width(-1)
+        step = timeline.step_of(session.state.time)
+        label = f"{session.state.time:.2f} s     {step + 1} / {len(timeline.steps)}"
+        last = max(len(timeline.steps) - 1, 1)
+        changed, chosen = imgui.slider_int("##time", step, 0, last, label, imgui.SliderFlags_.no_input)
+        ui.mark("timeline.slider")
+        if changed:
+            session.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
+
+    def _cameras(self, ui: Ui) -> None:
+        session = ui.session
+        assert session.document is not None
+        current = session.state.dataset_view
+        name = session.document.scene.views[current].name if current is not None else "Free camera"
+        imgui.set_next_item_width(imgui.get_font_size() * 12)
+        if imgui.begin_combo("##camera", f"{icon('ICON_FA_VIDEO')}  {name.replace('_', ' ')}"):
+            for camera in session.timeline.camera_names:
+                if imgui.selectable(camera.replace("_", " "), current is not None and camera == name)[0]:
+                    session.choose_camera(camera)
+                ui.mark(f"timeline.camera.{camera}")
+            imgui.end_combo()
+        ui.mark("timeline.camera")

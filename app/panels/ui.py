@@ -1,0 +1,87 @@
+"""What panels share: session, picture, fonts, icons, and the places of widgets for whoever drives the window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
+
+from instdrive_app.commands import Command
+from instdrive_app.render.live_view import LiveView
+from instdrive_app.session import EditorSession
+from instdrive_app.theme import ACCENT, DIM, TEXT, Fonts, rgba
+from instdrive_app.tools.pick import PickTool
+from instdrive_core.instances.table import Instance
+
+Rect = tuple[float, float, float, float]
+
+
+@dataclass
+class Ui:
+    """Handed to every panel."""
+
+    session: EditorSession
+    view: LiveView
+    tool: PickTool
+    fonts: Fonts
+    script_pointer: tuple[float, float] | None = None
+    """Where a script holds the pointer over the picture (pixels), instead of the mouse."""
+    marks: dict[str, Rect] = field(default_factory=dict)
+    """Left, top, right, bottom of named widgets in window pixels, of this frame."""
+
+    def mark(self, name: str) -> None:
+        """Note where the last widget is."""
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        self.marks[name] = (low.x, low.y, high.x, high.y)
+
+
+def icon(name: str) -> str:
+    """The character of an icon constant such as ``ICON_FA_TRASH``."""
+    return getattr(icons_fontawesome_6, name)
+
+
+def swatch_color(instance: Instance) -> ImVec4:
+    """The instance's colour in the ID view."""
+    r, g, b = instance.color
+    return ImVec4(r / 255, g / 255, b / 255, 1.0)
+
+
+def swatch(instance: Instance, size: float = 0.0) -> None:
+    """A small square in the instance's ID colour, on the text line."""
+    size = size or imgui.get_text_line_height() * 0.8
+    at = imgui.get_cursor_screen_pos()
+    top = at.y + (imgui.get_text_line_height() - size) / 2
+    low, high = ImVec2(at.x, top), ImVec2(at.x + size, top + size)
+    draw = imgui.get_window_draw_list()
+    draw.add_rect_filled(low, high, imgui.get_color_u32(swatch_color(instance)), 3)
+    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), 3)
+    imgui.dummy(ImVec2(size, imgui.get_text_line_height()))
+
+
+def dim_text(text: str) -> None:
+    """Text of less weight."""
+    imgui.text_colored(rgba(DIM), text)
+
+
+def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None:
+    """An icon button that runs a command, with title and shortcut as its tooltip."""
+    on = command.checked is not None and command.checked()
+    imgui.begin_disabled(not command.enabled())
+    imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else TEXT))
+    if imgui.button(f"{icon(command.icon)}##{command.id}", size or ImVec2(0, 0)):
+        ui.session.commands.run(command.id)
+    imgui.pop_style_color()
+    imgui.end_disabled()
+    ui.mark(command.id)
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
+        shortcut = f"  ({command.shortcuts[0]})" if command.shortcuts else ""
+        imgui.set_tooltip(f"{command.title}{shortcut}")
+
+
+def fitted_text(text: str, width: float) -> str:
+    """`text`, cut with an ellipsis where it is wider than `width` pixels."""
+    if imgui.calc_text_size(text).x <= width:
+        return text
+    while text and imgui.calc_text_size(text + "…").x > width:
+        text = text[:-1]
+    return text + "…"

@@ -1,0 +1,125 @@
+"""The editor's look: dark, quiet, one warm accent shared with the selection's outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import imgui_bundle
+from imgui_bundle import ImVec2, ImVec4, hello_imgui, imgui
+
+Color = tuple[float, float, float]
+
+BACKGROUND: Color = (0.086, 0.094, 0.106)
+PANEL: Color = (0.114, 0.122, 0.137)
+RAISED: Color = (0.165, 0.176, 0.196)
+HOVER: Color = (0.220, 0.235, 0.262)
+LINE: Color = (0.200, 0.212, 0.235)
+TEXT: Color = (0.885, 0.895, 0.910)
+DIM: Color = (0.565, 0.590, 0.630)
+ACCENT: Color = (1.000, 0.720, 0.200)
+ERROR: Color = (0.960, 0.380, 0.340)
+GOOD: Color = (0.420, 0.780, 0.520)
+
+FONT_SIZE = 15.0
+
+
+def rgba(color: Color, alpha: float = 1.0) -> ImVec4:
+    """An ImGui colour."""
+    return ImVec4(*color, alpha)
+
+
+def packed(color: Color, alpha: float = 1.0) -> int:
+    """A colour for draw lists."""
+    return imgui.get_color_u32(rgba(color, alpha))
+
+
+@dataclass
+class Fonts:
+    """Loaded by `load_fonts`, with the window's first frame."""
+
+    regular: imgui.ImFont
+    bold: imgui.ImFont
+
+
+def load_fonts() -> Fonts:
+    """Roboto with the icons of Font Awesome 6, both shipped with imgui-bundle."""
+    hello_imgui.set_assets_folder(str(Path(imgui_bundle.__file__).parent / "assets"))
+    regular = hello_imgui.load_font_ttf_with_font_awesome_icons("fonts/Roboto/Roboto-Regular.ttf", FONT_SIZE)
+    bold = hello_imgui.load_font_ttf_with_font_awesome_icons("fonts/Roboto/Roboto-Bold.ttf", FONT_SIZE)
+    return Fonts(regular, bold)
+
+
+def apply_style() -> None:
+    """Colours, roundings and spacings."""
+    style = imgui.get_style()
+    imgui.style_colors_dark()
+    style.window_padding, style.frame_padding = ImVec2(10, 8), ImVec2(8, 4)
+    style.item_spacing, style.item_inner_spacing = ImVec2(8, 6), ImVec2(6, 4)
+    style.cell_padding, style.indent_spacing = ImVec2(6, 3), 14
+    style.window_rounding = style.child_rounding = style.popup_rounding = 6
+    style.frame_rounding = style.grab_rounding = style.tab_rounding = 4
+    style.scrollbar_size, style.scrollbar_rounding = 10, 5
+    style.window_border_size = style.child_border_size = style.popup_border_size = 1
+    style.frame_border_size = style.tab_border_size = 0
+    style.tab_bar_border_size, style.tab_bar_overline_size = 1, 2
+    style.docking_separator_size = 2
+    style.window_menu_button_position = imgui.Dir.none
+    for index, color in _colors().items():
+        style.set_color_(index, color)
+
+
+def _colors() -> dict[int, ImVec4]:
+    col = imgui.Col_
+    return {
+        col.text: rgba(TEXT),
+        col.text_disabled: rgba(DIM),
+        col.window_bg: rgba(PANEL),
+        col.child_bg: rgba(PANEL, 0.0),
+        col.popup_bg: rgba((0.135, 0.145, 0.162), 0.99),
+        col.border: rgba(LINE),
+        col.border_shadow: rgba(LINE, 0.0),
+        col.frame_bg: rgba(RAISED),
+        col.frame_bg_hovered: rgba(HOVER),
+        col.frame_bg_active: rgba(HOVER),
+        col.title_bg: rgba(BACKGROUND),
+        col.title_bg_active: rgba(BACKGROUND),
+        col.title_bg_collapsed: rgba(BACKGROUND),
+        col.menu_bar_bg: rgba(BACKGROUND),
+        col.scrollbar_bg: rgba(PANEL, 0.0),
+        col.scrollbar_grab: rgba(HOVER),
+        col.scrollbar_grab_hovered: rgba(DIM, 0.6),
+        col.scrollbar_grab_active: rgba(DIM, 0.8),
+        col.check_mark: rgba(ACCENT),
+        col.slider_grab: rgba(ACCENT, 0.85),
+        col.slider_grab_active: rgba(ACCENT),
+        col.button: rgba(RAISED),
+        col.button_hovered: rgba(HOVER),
+        col.button_active: rgba(ACCENT, 0.45),
+        col.header: rgba(ACCENT, 0.20),
+        col.header_hovered: rgba(HOVER),
+        col.header_active: rgba(ACCENT, 0.32),
+        col.separator: rgba(LINE),
+        col.separator_hovered: rgba(ACCENT, 0.6),
+        col.separator_active: rgba(ACCENT),
+        col.resize_grip: rgba(LINE, 0.0),
+        col.resize_grip_hovered: rgba(ACCENT, 0.4),
+        col.resize_grip_active: rgba(ACCENT, 0.7),
+        col.tab: rgba(BACKGROUND),
+        col.tab_hovered: rgba(HOVER),
+        col.tab_selected: rgba(PANEL),
+        col.tab_selected_overline: rgba(ACCENT),
+        col.tab_dimmed: rgba(BACKGROUND),
+        col.tab_dimmed_selected: rgba(PANEL),
+        col.tab_dimmed_selected_overline: rgba(ACCENT, 0.45),
+        col.docking_preview: rgba(ACCENT, 0.4),
+        col.docking_empty_bg: rgba(BACKGROUND),
+        col.table_header_bg: rgba(BACKGROUND),
+        col.table_border_strong: rgba(LINE),
+        col.table_border_light: rgba(LINE, 0.6),
+        col.table_row_bg: rgba(PANEL, 0.0),
+        col.table_row_bg_alt: rgba((1.0, 1.0, 1.0), 0.018),
+        col.text_selected_bg: rgba(ACCENT, 0.35),
+        col.nav_cursor: rgba(ACCENT),
+        col.modal_window_dim_bg: rgba((0.0, 0.0, 0.0), 0.55),
+    }

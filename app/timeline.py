@@ -1,0 +1,45 @@
+"""The moments of a drive, and which dataset camera saw them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.track import Track
+
+
+class Timeline:
+    """Time steps (seconds, rising) of the views; of the tracks where there are no views."""
+
+    def __init__(self, views: Sequence[CameraView], actors: Sequence[Track] = ()) -> None:
+        self._views = views
+        times = {view.time for view in views} or {float(time) for actor in actors for time in actor.times}
+        self.steps: tuple[float, ...] = tuple(sorted(times))
+        self.camera_names: tuple[str, ...] = tuple(dict.fromkeys(view.name for view in views))
+
+    @property
+    def start(self) -> float:
+        """The first moment; 0 where there is none."""
+        return self.steps[0] if self.steps else 0.0
+
+    @property
+    def end(self) -> float:
+        """The last moment."""
+        return self.steps[-1] if self.steps else 0.0
+
+    def step_of(self, time: float) -> int:
+        """The number of the step nearest to `time`."""
+        return int(np.argmin(np.abs(np.array(self.steps) - time))) if self.steps else 0
+
+    def stepped(self, time: float, count: int) -> float:
+        """The moment `count` steps on, around the ends."""
+        return self.steps[(self.step_of(time) + count) % len(self.steps)]
+
+    def nearest_view(self, name: str, time: float) -> int:
+        """Index of the view of camera `name` nearest in time. Raises ValueError for an unknown name."""
+        candidates = [(abs(view.time - time), index) for index, view in enumerate(self._views) if view.name == name]
+        if not candidates:
+            raise ValueError(f"the scene has no camera {name!r}; it has {', '.join(self.camera_names) or 'none'}")
+        return min(candidates)[1]

@@ -1,0 +1,74 @@
+"""Pointing at instances: what is under the cursor is hovered, a click selects it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from instdrive_app.render.picking import Picker
+from instdrive_app.session import EditorSession
+from instdrive_app.state import FrameSnapshot
+
+SAME_PLACE = 4.0
+"""Pixels within which a second click means the same place."""
+
+
+@dataclass(frozen=True)
+class Click:
+    """A press and release of the left button at one place of the picture (pixels, from its top left)."""
+
+    x: float
+    y: float
+    shift: bool = False
+    ctrl: bool = False
+    alt: bool = False
+
+
+class PickTool:
+    """Whole instances: click selects, again takes the next behind, Shift adds, Ctrl removes, Alt takes the codeword."""
+
+    def __init__(self, session: EditorSession, instance_at: Callable[[float, float], int]) -> None:
+        """`instance_at` reads the ID view of the frame shown."""
+        self._session, self._instance_at = session, instance_at
+        self._picker = Picker()
+        self._last: tuple[float, float, bytes] | None = None
+        self._depth = 0
+
+    def hover(self, x: float, y: float) -> None:
+        """The cursor is here."""
+        self._session.state.hovered = self._instance_at(x, y)
+
+    def leave(self) -> None:
+        """The cursor is elsewhere."""
+        self._session.state.hovered = 0
+
+    def click(self, click: Click, snapshot: FrameSnapshot) -> int:
+        """Select by a click on the frame `snapshot`; returns the instance, 0 where none is."""
+        if self._session.document is None:
+            return 0
+        below = self._picker.instances_at(self._session.document, snapshot, click.x, click.y)
+        instance = below[self._turn(click, snapshot) % len(below)] if below else 0
+        self._select(instance, click)
+        return instance
+
+    def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
+        """How often this place was clicked before, plainly and from the same viewpoint."""
+        pose = snapshot.camera.world_from_camera.tobytes()
+        modified = click.shift or click.ctrl or click.alt
+        last = self._last
+        same = last is not None and last[2] == pose and abs(last[0] - click.x) + abs(last[1] - click.y) <= SAME_PLACE
+        self._depth = self._depth + 1 if same and not modified and self._session.selected else 0
+        self._last = None if modified else (click.x, click.y, pose)
+        return self._depth
+
+    def _select(self, instance: int, click: Click) -> None:
+        session = self._session
+        if instance == 0:
+            if not (click.shift or click.ctrl or click.alt):
+                session.clear_selection()
+        elif click.alt:
+            session.select_codeword_of(instance)
+        elif click.ctrl:
+            session.select((instance,), "remove")
+        else:
+            session.select((instance,), "add" if click.shift else "replace")

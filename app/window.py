@@ -1,0 +1,255 @@
+"""The window: Dear ImGui on GLFW and OpenGL 3.3, docked panels, idle while nothing changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import moderngl
+import numpy as np
+from imgui_bundle import hello_imgui, imgui
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from instdrive_app.actions import register_commands
+from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.history import HistoryPanel
+from instdrive_app.panels.inspector import InspectorPanel
+from instdrive_app.panels.instances import InstancesPanel
+from instdrive_app.panels.log import LogPanel
+from instdrive_app.panels.menus import draw_menus, run_shortcuts
+from instdrive_app.panels.status import draw_status
+from instdrive_app.panels.timeline import TimelinePanel
+from instdrive_app.panels.toasts import draw_progress, draw_toasts
+from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.viewport import ViewportPanel
+from instdrive_app.render.live_view import LiveView
+from instdrive_app.report import Reporter
+from instdrive_app.session import EditorSession
+from instdrive_app.theme import apply_style, load_fonts
+from instdrive_app.tools.pick import PickTool
+from instdrive_app.virtual_display import DisplayError, has_display
+
+IDLE_FPS = 2.0
+"""Frames per second while the user does nothing; any event wakes the window at once."""
+
+
+@dataclass(frozen=True)
+class WindowOptions:
+    """How the window opens."""
+
+    size: tuple[int, int] = (1280, 720)
+    report: Path | None = None
+    """Where to write the window's state as JSON lines."""
+    remember_layout: bool = True
+
+
+class EditorWindow:
+    """Runs a session in a window until the user quits."""
+
+    def __init__(self, session: EditorSession, options: WindowOptions | None = None) -> None:
+        self._session, self._options = session, options or WindowOptions()
+        self._script: Callable[[EditorWindow], Iterator[None]] | None = None
+        self._steps: Iterator[None] | None = None
+        self._ui: Ui | None = None
+        self._reporter: Reporter | None = None
+        self._failure: BaseException | None = None
+        self._screenshot: UInt8[ndarray, "h w 3"] | None = None
+        self._wants_screenshot = False
+        self._dialogs = DialogHost()
+        self._panels = {
+            "View": ViewportPanel(),
+            "Instances": InstancesPanel(),
+            "Inspector": InspectorPanel(),
+            "History": HistoryPanel(),
+            "Timeline": TimelinePanel(),
+            "Log": LogPanel(),
+        }
+        register_commands(session)
+
+    @property
+    def ui(self) -> Ui:
+        """Available from the first frame on."""
+        assert self._ui is not None, "the window is not open yet"
+        return self._ui
+
+    @property
+    def session(self) -> EditorSession:
+        """The session that the window shows."""
+        return self._session
+
+    def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
+        """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
+
+        What a panel or the script raises closes the window and is raised here.
+        """
+        self._script = script
+        try:
+            hello_imgui.run(self._parameters())
+        finally:
+            if self._failure is not None:  # the cause; the runner may raise too where its first frame was cut short
+                raise self._failure
+
+    def screenshot(self) -> Iterator[None]:
+        """Yields until `last_screenshot` holds the whole window of a later frame."""
+        self._screenshot, self._wants_screenshot = None, True
+        while self._screenshot is None:
+            yield
+
+    @property
+    def last_screenshot(self) -> UInt8[ndarray, "h w 3"]:
+        """RGB of the whole window."""
+        assert self._screenshot is not None, "no screenshot was asked for"
+        return self._screenshot
+
+    # ------------------------------------------------------------------ set-up
+
+    def _parameters(self) -> hello_imgui.RunnerParams:
+        parameters = hello_imgui.RunnerParams()
+        window = parameters.app_window_params
+        window.window_title = "InstDrive"
+        window.window_geometry.size = self._options.size
+        window.restore_previous_geometry = self._options.remember_layout
+        shown = parameters.imgui_window_params
+        shown.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
+        shown.show_menu_bar, shown.show_menu_app, shown.show_menu_view = True, False, False
+        shown.show_status_bar, shown.show_status_fps, shown.remember_status_bar_settings = True, False, False
+        shown.remember_theme = False
+        calls = parameters.callbacks
+        calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
+        calls.load_additional_fonts = self._guarded(self._create_ui)
+        calls.setup_imgui_style = apply_style
+        calls.setup_imgui_config = _configure
+        calls.post_init = self._guarded(self._create_context)
+        calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
+        calls.show_status = self._guarded(lambda: draw_status(self.ui))
+        calls.show_gui = self._guarded(self._before_panels)
+        calls.post_render_dockable_windows = self._guarded(self._after_panels)
+        calls.before_swap = self._guarded(self._before_swap)
+        calls.before_exit = self._guarded(self._stop)
+        parameters.docking_params = self._layout()
+        parameters.fps_idling.fps_idle = IDLE_FPS
+        parameters.fps_idling.time_active_after_last_event = 0.5
+        parameters.renderer_backend_options.open_gl_options = _open_gl_options()
+        parameters.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
+        parameters.ini_filename = "instdrive/window.ini"
+        parameters.ini_disable = not self._options.remember_layout
+        return parameters
+
+    def _layout(self) -> hello_imgui.DockingParams:
+        split, direction = hello_imgui.DockingSplit, imgui.Dir
+        docking = hello_imgui.DockingParams()
+        docking.docking_splits = [
+            split("MainDockSpace", "Right", direction.right, 0.27),
+            split("Right", "RightBottom", direction.down, 0.56),
+            split("MainDockSpace", "Bottom", direction.down, 0.14),
+        ]
+        places = {
+            "View": "MainDockSpace",
+            "Instances": "Right",
+            "Inspector": "RightBottom",
+            "History": "RightBottom",
+            "Timeline": "Bottom",
+            "Log": "Bottom",
+        }
+        docking.dockable_windows = [self._dockable(name, place) for name, place in places.items()]
+        docking.main_dock_space_node_flags = imgui.DockNodeFlags_.auto_hide_tab_bar
+        return docking
+
+    def _dockable(self, name: str, place: str) -> hello_imgui.DockableWindow:
+        panel = self._panels[name]
+        window = hello_imgui.DockableWindow(name, place, self._guarded(lambda: panel.draw(self.ui)))
+        window.can_be_closed = False
+        return window
+
+    def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
+        """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
+
+        def guarded() -> None:
+            if self._failure is not None:
+                return
+            try:
+                call()
+            except BaseException as error:
+                self._failure = error
+                hello_imgui.get_runner_params().app_shall_exit = True
+
+        return guarded
+
+    # ------------------------------------------------------------------ frames
+
+    def _create_context(self) -> None:
+        self._context = moderngl.create_context(require=330)
+
+    def _create_ui(self) -> None:
+        """Called once, after the context, when fonts can be loaded."""
+        view = LiveView(self._context)
+        self._ui = Ui(self._session, view, PickTool(self._session, view.instance_at), load_fonts())
+        if self._options.report is not None:
+            self._reporter = Reporter(self._options.report)
+
+    def _before_panels(self) -> None:
+        self.ui.marks.clear()
+        self._session.tick(imgui.get_io().delta_time)
+        run_shortcuts(self.ui)
+        if self._steps is None and self._script is not None:
+            self._steps = self._script(self)
+        if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
+            self._session.quitting = True
+        parameters = hello_imgui.get_runner_params()
+        parameters.app_shall_exit = self._session.quitting
+        parameters.fps_idling.enable_idling = not self._is_lively()
+
+    def _is_lively(self) -> bool:
+        """Whether frames must follow each other without an event."""
+        busy = self._session.jobs.current is not None or self._session.playing
+        return busy or self._steps is not None or not self.ui.view.settled
+
+    def _after_panels(self) -> None:
+        self._dialogs.draw(self.ui)
+        draw_progress(self.ui)
+        draw_toasts(self.ui)
+        if self._reporter is not None:
+            self._reporter.write(self.ui)
+
+    def _before_swap(self) -> None:
+        if self._wants_screenshot:
+            size = imgui.get_io().display_size
+            width, height = int(size.x), int(size.y)
+            pixels = self._context.detect_framebuffer().read(viewport=(0, 0, width, height), components=3, alignment=1)
+            self._screenshot = np.frombuffer(pixels, np.uint8).reshape(height, width, 3)[::-1].copy()
+            self._wants_screenshot = False
+
+    def _stop(self) -> None:
+        if self._ui is not None:
+            self._ui.view.release()
+        if self._reporter is not None:
+            self._reporter.close()
+        self._session.close()
+
+
+_FINISHED = object()
+
+
+def require_display() -> None:
+    """Raise DisplayError where no window can be opened."""
+    if not has_display():
+        raise DisplayError(
+            "there is no display to open the window on (DISPLAY is not set); "
+            "run it on a desktop, or under a virtual display: xvfb-run instdrive edit SCENE"
+        )
+
+
+def _configure() -> None:
+    io = imgui.get_io()
+    io.config_flags |= imgui.ConfigFlags_.docking_enable
+    io.config_windows_move_from_title_bar_only = True
+
+
+def _open_gl_options() -> hello_imgui.OpenGlOptions:
+    options = hello_imgui.OpenGlOptions()
+    options.major_version, options.minor_version = 3, 3
+    options.use_core_profile = options.use_forward_compat = True
+    options.anti_aliasing_samples = 0
+    return options
