@@ -27,6 +27,7 @@ from instdrive_core.scene.scene import Scene
 MANIFEST = "scene.json"
 FORMAT_NAME, FORMAT_VERSION = "instdrive scene", 1
 _ARRAYS_NAME = re.compile(r"scene\.[0-9a-f]{16}\.safetensors")
+_ATTEMPTS = 5
 _EXACT = {"means", "instance_ids", "codewords", "nodes"}
 """Stored as they are in a half-precision scene too: float16 metres are centimetres off at 30 m."""
 
@@ -35,7 +36,7 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
     """Write a scene into a folder, atomically; earlier arrays in it are removed afterwards.
 
     Args:
-        folder: made where missing; photos of views that share an ancestor with it are stored relative to it.
+        folder: made where missing; photos that share an ancestor with it are stored relative to it, the rest absolute.
         scene: what to write.
         half: store all but positions and IDs as float16, the sky as 8 bits: for a small sample scene.
     """
@@ -58,15 +59,10 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
 def read_scene_folder(folder: str | Path) -> Scene:
     """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged."""
     folder = Path(folder)
-    manifest = _read_manifest(folder)
-    if not (folder / manifest["arrays"]).is_file():
-        # Another program may have saved between two reads and removed the arrays that the old manifest named.
-        manifest = _read_manifest(folder)
-    arrays = _load_arrays(folder / manifest["arrays"])
-    for view in manifest.get("views", ()):
-        if isinstance(view, dict) and view.get("photo"):
-            view["photo"] = os.path.normpath(folder.absolute() / str(view["photo"]))
+    manifest, arrays = _read_parts(folder)
     try:
+        for view in manifest["views"]:
+            view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
         return scene_from_parts(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise _damaged(folder / MANIFEST, error) from error
@@ -104,9 +100,9 @@ def _digest(arrays: dict[str, ndarray]) -> str:
 
 def _stored_photo(photo: str, folder: Path) -> str:
     """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
-    if not photo or not os.path.isabs(photo):
-        return photo
-    here = str(folder.absolute())
+    if not photo:
+        return ""
+    photo, here = os.path.abspath(photo), str(folder.absolute())
     shared = os.path.commonpath([here, photo])
     return photo if shared == os.path.abspath(os.sep) else Path(os.path.relpath(photo, here)).as_posix()
 
@@ -128,11 +124,19 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def _load_arrays(path: Path) -> dict[str, ndarray]:
-    try:
-        return load_file(path)
-    except (SafetensorError, OSError) as error:
-        raise _damaged(path, error) from error
+def _read_parts(folder: Path) -> tuple[dict[str, Any], dict[str, ndarray]]:
+    """Manifest and arrays of one save, though another program may be saving and removing what the manifest named."""
+    for attempt in range(_ATTEMPTS):
+        manifest = _read_manifest(folder)
+        path = folder / manifest["arrays"]
+        try:
+            return manifest, load_file(path)
+        except FileNotFoundError as error:
+            if attempt == _ATTEMPTS - 1:
+                raise _damaged(path, error) from error
+        except (SafetensorError, OSError) as error:
+            raise _damaged(path, error) from error
+    raise AssertionError("the last attempt returns or raises")
 
 
 def _damaged(path: Path, error: Exception) -> DataError:

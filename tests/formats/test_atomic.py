@@ -1,0 +1,76 @@
+"""Files are whole at any moment, also when the writer is killed."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+
+import pytest
+
+from instdrive_core.formats.atomic import atomic_file, write_bytes
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_file_appears_whole_and_nothing_else_stays(tmp_path):
+    path = tmp_path / "new" / "a.bin"
+    with atomic_file(path) as file:
+        file.write(b"half")
+        assert not path.exists()
+        file.write(b" whole")
+    assert path.read_bytes() == b"half whole"
+    assert names(path.parent) == ["a.bin"]
+
+
+def test_an_error_keeps_the_old_file(tmp_path):
+    path = tmp_path / "a.bin"
+    write_bytes(path, b"old")
+
+    def fail_halfway():
+        with atomic_file(path) as file:
+            file.write(b"new")
+            raise RuntimeError("disk full")
+
+    with pytest.raises(RuntimeError, match="disk"):
+        fail_halfway()
+    assert path.read_bytes() == b"old"
+    assert names(tmp_path) == ["a.bin"]
+
+
+def test_modes_are_those_of_ordinary_or_replaced_files(tmp_path):
+    mask = os.umask(0o027)
+    try:
+        write_bytes(tmp_path / "a", b"1")
+    finally:
+        os.umask(mask)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o640
+    (tmp_path / "a").chmod(0o600)
+    write_bytes(tmp_path / "a", b"2")
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o600
+
+
+KEEP_WRITING = """
+import itertools, sys
+from instdrive_core.formats.atomic import write_bytes
+for number in itertools.count():
+    write_bytes(sys.argv[1], bytes([number % 256]) * 3_000_000)
+    print(number, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_a_killed_writer_leaves_a_whole_file(tmp_path):
+    path = tmp_path / "a.bin"
+    for attempt in range(5):
+        with subprocess.Popen([sys.executable, "-c", KEEP_WRITING, path], stdout=subprocess.PIPE) as writer:
+            assert writer.stdout is not None
+            assert writer.stdout.readline()
+            time.sleep(0.003 * attempt)
+            writer.send_signal(signal.SIGKILL)
+        content = path.read_bytes()
+        assert len(content) == 3_000_000
+        assert content == content[:1] * 3_000_000
