@@ -53,7 +53,7 @@ def _empty(supported: Bool[ndarray, "h w"], elevation: Float64[ndarray, "h w"], 
     free = np.minimum(rows - above, below - rows) > np.radians(beam_distance) * camera.fy
     upper_end = np.argmin(np.abs(elevation - (HIGHEST_BEAM - 2)), axis=0)
     at_end = np.take_along_axis(free, upper_end[None], axis=0)
-    open_above = np.asarray(ndimage.maximum_filter1d(at_end, 4 * reach + 3, axis=1))
+    open_above = np.asarray(ndimage.maximum_filter1d(at_end, 4 * reach + 3, axis=1), bool)
     return free & (elevation > LOWEST_SKY) & ((elevation < HIGHEST_BEAM) | open_above)
 
 
