@@ -41,21 +41,26 @@ def cube_taps(
 @numba.njit(error_model="numpy", cache=True)
 def _cube_taps(directions, resolution, indices, weights):
     for i in range(len(directions)):
-        axis = 0
-        for a in range(1, 3):
-            if abs(directions[i, a]) > abs(directions[i, axis]):
-                axis = a
-        major = directions[i, axis]
-        face = axis * 2 + (1 if major < 0 else 0)
-        scale = 0.5 / max(abs(major), 1e-12)
-        u = (directions[i, (axis + 1) % 3] * scale + 0.5) * resolution - 0.5
-        v = (directions[i, (axis + 2) % 3] * scale + 0.5) * resolution - 0.5
-        u, v = min(max(u, 0.0), resolution - 1.0), min(max(v, 0.0), resolution - 1.0)
-        column, row = min(int(u), max(resolution - 2, 0)), min(int(v), max(resolution - 2, 0))
-        du, dv = u - column, v - row
-        right, below = min(column + 1, resolution - 1), min(row + 1, resolution - 1)
-        base = face * resolution * resolution
-        indices[i, 0], weights[i, 0] = base + row * resolution + column, (1 - dv) * (1 - du)
-        indices[i, 1], weights[i, 1] = base + row * resolution + right, (1 - dv) * du
-        indices[i, 2], weights[i, 2] = base + below * resolution + column, dv * (1 - du)
-        indices[i, 3], weights[i, 3] = base + below * resolution + right, dv * du
+        cube_tap(directions[i, 0], directions[i, 1], directions[i, 2], resolution, indices[i], weights[i])
+
+
+@numba.njit(error_model="numpy", cache=True)
+def cube_tap(x, y, z, resolution, indices, weights):
+    """`cube_taps` of one direction, for other kernels; writes 4 texels and 4 weights."""
+    axis, major, first, second = 2, z, x, y
+    if abs(x) >= abs(y) and abs(x) >= abs(z):
+        axis, major, first, second = 0, x, y, z
+    elif abs(y) >= abs(z):
+        axis, major, first, second = 1, y, z, x
+    face = axis * 2 + (1 if major < 0 else 0)
+    scale = 0.5 / max(abs(major), 1e-12)
+    u, v = (first * scale + 0.5) * resolution - 0.5, (second * scale + 0.5) * resolution - 0.5
+    u, v = min(max(u, 0.0), resolution - 1.0), min(max(v, 0.0), resolution - 1.0)
+    column, row = min(int(u), max(resolution - 2, 0)), min(int(v), max(resolution - 2, 0))
+    du, dv = u - column, v - row
+    right, below = min(column + 1, resolution - 1), min(row + 1, resolution - 1)
+    base = face * resolution * resolution
+    indices[0], weights[0] = base + row * resolution + column, (1 - dv) * (1 - du)
+    indices[1], weights[1] = base + row * resolution + right, (1 - dv) * du
+    indices[2], weights[2] = base + below * resolution + column, dv * (1 - du)
+    indices[3], weights[3] = base + below * resolution + right, dv * du

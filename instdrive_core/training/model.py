@@ -12,7 +12,6 @@ from torch import Tensor
 
 from instdrive_core.maths.rotations import multiplication_matrices, quaternion_from_matrix
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.sky import cube_taps
 from instdrive_core.scene.track import Track
 
 ABSENT_LOGIT = -20.0
@@ -33,6 +32,7 @@ class SceneModel:
         self.first_actor_row = int(moved[0]) if len(moved) else len(self.nodes)
         if not np.all(self.nodes[self.first_actor_row :] > 0):
             raise ValueError("rows must be ordered: background first, then actors")
+        self._poses: dict[float, tuple[ndarray, ndarray]] = {}
         self._actor_nodes = torch.from_numpy(self.nodes[self.first_actor_row :].astype(np.int64))
 
     def __len__(self) -> int:
@@ -40,9 +40,11 @@ class SceneModel:
 
     def poses_at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], Bool[ndarray, " m"]]:
         """world_from_node of every node (background first) at `time`, and which exist then."""
-        poses = np.stack([np.eye(4), *(actor.pose_at(time) for actor in self.actors)])
-        present = np.array([True, *(actor.covers(time) for actor in self.actors)])
-        return poses, present
+        if time not in self._poses:
+            poses = np.stack([np.eye(4), *(actor.pose_at(time) for actor in self.actors)])
+            present = np.array([True, *(actor.covers(time) for actor in self.actors)])
+            self._poses[time] = poses, present
+        return self._poses[time]
 
     def placed(
         self, poses: Float64[ndarray, "m 4 4"], present: Bool[ndarray, " m"]
@@ -64,12 +66,6 @@ class SceneModel:
             torch.cat([quats[:first], turned]),
             torch.cat([logits[:first], shown]),
         )
-
-    def sky_colors(self, directions: Float64[ndarray, "p 3"]) -> Float[Tensor, "p 3"]:
-        """Bilinear sky colour along each direction."""
-        indices, weights = cube_taps(directions, self.parameters["sky"].shape[1])
-        texels = self.parameters["sky"].reshape(-1, 3)[torch.from_numpy(indices.astype(np.int64))]
-        return (texels * torch.from_numpy(weights)[..., None]).sum(dim=1)
 
     def gaussians(self) -> Gaussians:
         """A numpy copy, every actor in its box frame."""

@@ -19,13 +19,12 @@ from instdrive_core.training.feature_weights import CachedView, cached_view, wei
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.photometric import photometric_loss
 from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
+from instdrive_core.training.sky_blend import over_sky
 from instdrive_core.training.views import TrainingView
 from instdrive_core.training.voxel_loss import occupied_voxels, voxel_loss
 
 _RGB, _INSTANCES, _SAMPLING = 0, 1, 2
 """Streams of random numbers."""
-_SKY_SHOWS = 0.01
-"""Pixels whose background carries less weight than this read no sky."""
 
 
 class TrainingDiverged(ArithmeticError):
@@ -120,7 +119,7 @@ class Trainer:
         joint = self.config.instances.schedule == "joint" and view.labels is not None
         channels = torch.cat([colors, p["features"]], dim=1) if joint else colors
         drawn, depth, alpha = rasterize(means, quats, p["log_scales"], logits, channels, view.camera, 3)
-        image = self._over_sky(drawn[..., :3], alpha, view)
+        image = over_sky(drawn[..., :3], alpha, p["sky"], view.camera)
 
         terms = {"rgb": photometric_loss(image, target, valid, config.ssim_weight)}
         if config.depth_weight and len(view.depth_pixels):
@@ -177,15 +176,6 @@ class Trainer:
         return self._instance_terms(sampled, usable.ravel()[pixels], _RGB)
 
     # Helpers of the steps.
-
-    def _over_sky(self, drawn: Tensor, alpha: Tensor, view: TrainingView) -> Tensor:
-        open_pixels = torch.nonzero(alpha.detach().flatten() < 1 - _SKY_SHOWS).flatten()
-        if not len(open_pixels):
-            return drawn
-        directions = view.camera.rays_of_pixels(open_pixels.numpy())
-        sky = self.model.sky_colors(directions)
-        behind = sky * (1 - alpha.flatten()[open_pixels])[:, None]
-        return drawn.reshape(-1, 3).index_add(0, open_pixels, behind).reshape(drawn.shape)
 
     def _descend(self, terms: dict[str, Tensor]) -> dict[str, float]:
         values = {name: float(term.detach()) for name, term in terms.items()}
