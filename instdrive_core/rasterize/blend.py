@@ -64,8 +64,11 @@ def any_alive(scratch, transmittance):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def _stage(staged, splats, rows, channels, pair_splats, start, stop, left, top, min_alpha):
-    """Copy what a batch of splats needs: its cache misses overlap here, not where each splat waits for the last."""
+def stage(staged, splats, rows, channels, pair_splats, start, stop, left, top, min_alpha):
+    """Copy what a batch of splats needs: its cache misses overlap here, not where each splat waits for the last.
+
+    A staged splat is the six numbers of `exponent_of`, its depth and its channels.
+    """
     for pair in range(start, stop):
         i, v = pair - start, np.uint64(pair_splats[pair])
         x, y, base, xx, xy, yy = exponent_of(splats, v, left, top, min_alpha)
@@ -82,7 +85,7 @@ def _blend_tile(scratch, staged, splats, rows, channels, pair_splats, spans, sta
     min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
     for batch in range(start, stop, np.uint64(BATCH)):
         end = min(batch + np.uint64(BATCH), stop)
-        _stage(staged, splats, rows, channels, pair_splats, batch, end, left, top, min_alpha)
+        stage(staged, splats, rows, channels, pair_splats, batch, end, left, top, min_alpha)
         for i in range(end - batch):
             x, y, base = staged[i, 0], staged[i, 1], staged[i, 2]
             xx, xy, yy = staged[i, 3], staged[i, 4], staged[i, 5]

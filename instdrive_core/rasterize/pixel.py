@@ -1,0 +1,130 @@
+"""All that contributes to one pixel, without drawing the frame: what clicks and hovering read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Float, Float32, Int32, Int64
+from numpy import ndarray
+
+from instdrive_core.rasterize.bin import TILE
+from instdrive_core.rasterize.fragment import FLOOR, exponent_of, power_of_two
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
+from instdrive_core.rasterize.project import DEPTH, camera_row, project
+from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.scene.camera import Camera
+
+_CHUNK = 1 << 14
+
+
+@dataclass(frozen=True)
+class Contributors:
+    """The fragments blended at one pixel, front to back."""
+
+    rows: Int32[ndarray, " k"]
+    alphas: Float32[ndarray, " k"]
+    """α′."""
+    weights: Float32[ndarray, " k"]
+    depths: Float32[ndarray, " k"]
+    """z in metres."""
+
+
+def pixel_contributors(
+    means: Float[ndarray, "n 3"],
+    quats: Float[ndarray, "n 4"],
+    log_scales: Float[ndarray, "n 3"],
+    opacities: Float[ndarray, " n"],
+    camera: Camera,
+    x: int,
+    y: int,
+    settings: RasterSettings = DEFAULT_SETTINGS,
+) -> Contributors:
+    """What `render` blends at pixel (column x, row y).
+
+    Raises:
+        ValueError: the pixel is outside the image.
+    """
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise ValueError(f"pixel ({x}, {y}) is outside the {camera.width} × {camera.height} image")
+    means, quats, log_scales, opacities = (
+        np.ascontiguousarray(array, np.float32) for array in (means, quats, log_scales, opacities)
+    )
+    near = _rows_near(means, log_scales, opacities, camera, x, y, settings)
+    projection = project(means[near], quats[near], log_scales[near], opacities[near], camera, settings)
+    left, top = x // TILE * TILE, y // TILE * TILE
+    alphas = np.zeros(len(projection.rows), np.float32)
+    _alphas_at(projection.splats, np.float32(left), np.float32(top), x - left, y - top, settings.as_row(), alphas)
+    behind = np.cumprod(1 - alphas)
+    blended = np.flatnonzero((alphas > 0) & (behind > np.float32(settings.min_transmittance)))
+    before = np.concatenate([np.ones(1, np.float32), behind])[blended]
+    return Contributors(
+        near[projection.rows[blended]].astype(np.int32),
+        alphas[blended],
+        before - behind[blended],
+        projection.splats[blended, DEPTH],
+    )
+
+
+def winner_of(contributors: Contributors, opacities: Float[ndarray, " n"], rule: PickRule = DEFAULT_PICK_RULE) -> int:
+    """The row that this pixel stands for, as `preview` finds it; -1 for none. `opacities` are those of all N splats."""
+    total = contributors.weights.sum()
+    solid = (opacities[contributors.rows] >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
+    if solid.any():
+        nearest = int(np.argmax(solid))
+        if contributors.weights[nearest] >= rule.min_share * total:
+            return int(contributors.rows[nearest])
+    elif not len(contributors.rows) or total < rule.min_coverage:
+        return -1
+    median = int(np.argmax(np.cumsum(contributors.weights) >= 0.5 * total))
+    return int(contributors.rows[median])
+
+
+def _rows_near(
+    means: ndarray, log_scales: ndarray, opacities: ndarray, camera: Camera, x: int, y: int, settings: RasterSettings
+) -> Int64[ndarray, " k"]:
+    """Rows whose splat may reach a pixel: a bound by the longest axis, far cheaper than the projection."""
+    chunks = -(-len(means) // _CHUNK)
+    found, counts = np.empty(len(means), np.int64), np.zeros(chunks, np.int64)
+    pixel = np.array([x + 0.5, y + 0.5], np.float32)
+    _find_near(means, log_scales, opacities, camera_row(camera), settings.as_row(), pixel, found, counts)
+    return np.concatenate([found[k * _CHUNK : k * _CHUNK + counts[k]] for k in range(chunks)] or [found])
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def _find_near(means, log_scales, opacities, view, constants, pixel, found, counts):
+    near, low_pass, min_alpha = constants[0], constants[1], constants[2]
+    fx, fy, cx, cy = view[12], view[13], view[14], view[15]
+    one, two = np.float32(1), np.float32(2)
+    slope_x, slope_y = max(-view[18], view[19]), max(-view[20], view[21])
+    stretch = fx * fx * (one + slope_x * slope_x) + fy * fy * (one + slope_y * slope_y)
+    largest = two * np.log(one / min_alpha)
+    for chunk in numba.prange(len(counts)):
+        start, kept = chunk * _CHUNK, 0
+        for i in range(start, min(start + _CHUNK, len(means))):
+            mx, my, mz = means[i, 0], means[i, 1], means[i, 2]
+            z = view[6] * mx + view[7] * my + view[8] * mz + view[11]
+            if not (z > near and opacities[i] >= min_alpha):
+                continue
+            rz = one / z
+            dx = fx * rz * (view[0] * mx + view[1] * my + view[2] * mz + view[9]) + cx - pixel[0]
+            dy = fy * rz * (view[3] * mx + view[4] * my + view[5] * mz + view[10]) + cy - pixel[1]
+            size = np.exp(max(log_scales[i, 0], max(log_scales[i, 1], log_scales[i, 2]))) * rz
+            if dx * dx + dy * dy <= np.float32(1.01) * largest * (stretch * size * size + low_pass):
+                found[start + kept] = i
+                kept += 1
+        counts[chunk] = kept
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _alphas_at(splats, left, top, column, line, constants, alphas):
+    """α′ of projected splats at one pixel of the tile at (left, top), in the arithmetic of the blending loops."""
+    min_alpha, max_alpha = constants[2], constants[3]
+    for v in range(len(splats)):
+        x, y, base, xx, xy, yy = exponent_of(splats, v, left, top, min_alpha)
+        dx, dy = np.float32(column) - x, np.float32(line) - y
+        exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
+        if exponent >= FLOOR:
+            alpha = power_of_two(exponent)
+            alphas[v] = min(alpha, max_alpha) if alpha >= min_alpha else np.float32(0)
