@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.datasets.synthetic.facades import Opening, WallMaterials, storey
+from instdrive_core.datasets.synthetic.facades import Opening, WallMaterials, patch, storey
 from instdrive_core.datasets.synthetic.materials import (
     BRICK,
     PLAIN,
@@ -75,9 +75,11 @@ def building_mesh(
         z = _level(level)
         front.append(storey(width, z, [upper] * bays, looks.materials, rng))
     front += _front_ornaments(width, floors, bays, use, looks, rng)
-    sides = [_side_wall(span, floors, looks, rng).at(*place) for span, place in (
-        (depth, (width, 0, 0, np.pi / 2)), (width, (width, depth, 0, np.pi)), (depth, (0, depth, 0, -np.pi / 2)),
-    )]  # fmt: skip
+    sides = [
+        _side_wall(depth, floors, looks, rng).at(width, 0, 0, np.pi / 2),
+        patch((0, width), (0, height), 0, looks.materials.wall).at(width, depth, 0, np.pi),
+        _side_wall(depth, floors, looks, rng).at(0, depth, 0, -np.pi / 2),
+    ]
     gabled = floors <= 3 and use != "garage" and rng.random() < 0.45
     roof = _gable_roof(width, depth, height, looks) if gabled else _flat_roof(width, depth, height, looks, rng)
     return joined([*front, *sides, roof])

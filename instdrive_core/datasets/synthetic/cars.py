@@ -78,9 +78,10 @@ CAR_SHAPES = {
 """Models by name."""
 
 CAR_COLORS: tuple[Color, ...] = (
-    (0.72, 0.72, 0.70), (0.03, 0.03, 0.035), (0.38, 0.39, 0.40), (0.13, 0.14, 0.15), (0.05, 0.12, 0.38),
-    (0.46, 0.03, 0.03), (0.04, 0.16, 0.10), (0.48, 0.40, 0.27), (0.62, 0.22, 0.03), (0.10, 0.30, 0.48),
-    (0.60, 0.48, 0.06), (0.20, 0.05, 0.10),
+    (0.76, 0.76, 0.74), (0.045, 0.045, 0.05), (0.42, 0.43, 0.44), (0.12, 0.13, 0.14), (0.03, 0.08, 0.30),
+    (0.44, 0.025, 0.025), (0.03, 0.11, 0.07), (0.50, 0.45, 0.36), (0.58, 0.20, 0.03), (0.12, 0.28, 0.42),
+    (0.58, 0.44, 0.06), (0.16, 0.03, 0.06), (0.70, 0.69, 0.65), (0.24, 0.25, 0.27), (0.05, 0.06, 0.09),
+    (0.20, 0.13, 0.08),
 )  # fmt: skip
 
 
@@ -112,6 +113,7 @@ def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: Pa
     spokes = float(rng.choice([5, 6, 7, 10]))
     dust = (0.30, 0.27, 0.23)
     box_color = (0.70, 0.70, 0.68) if rng.random() < 0.6 else color
+    ribs = (0.75 * box_color[0], 0.75 * box_color[1], 0.75 * box_color[2])
     return _Finish(
         paint=palette.add(Material(CAR_PAINT, color, dust, shape.clearance, gloss=0.45, reflectivity=0.25)),
         glass=palette.add(Material(CAR_GLASS, (0.03, 0.035, 0.04), gloss=0.8, reflectivity=0.06)),
@@ -124,7 +126,7 @@ def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: Pa
         plate=palette.add(
             Material(POSTER, (0.75, 0.75, 0.70), (0.05, 0.06, 0.12), 0.06, float(rng.integers(1000)), reflectivity=0.95)
         ),
-        cargo=palette.add(Material(SHUTTER, box_color, (0.45, 0.45, 0.45), 0.6, reflectivity=0.4)),
+        cargo=palette.add(Material(SHUTTER, box_color, ribs, 0.6, reflectivity=0.4)),
     )
 
 
@@ -178,8 +180,10 @@ def _cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
     right = np.stack([base[1], base[2], shoulder[2], shoulder[1]])
     windscreen = np.stack([base[2], base[3], shoulder[3], shoulder[2]])
     rear_window = np.stack([base[0], base[1], shoulder[1], shoulder[0]])
+    surround = decal(right, (shape.pillars[0], shape.pillars[-1]), (0.10, 0.96), finish.black)
+    parts.append(both_sides(surround))
     for start, end in zip(shape.pillars, shape.pillars[1:], strict=False):
-        window = decal(right, (start + 0.015, end - 0.015), (0.13, 0.93), finish.glass)
+        window = decal(right, (start + 0.015, end - 0.015), (0.13, 0.93), finish.glass, lift=0.008)
         parts.append(both_sides(window))
     parts.append(decal(windscreen, (0.06, 0.94), (0.05, 0.95), finish.glass))
     if shape.cargo is None or shape.cargo[2] < shape.belt:

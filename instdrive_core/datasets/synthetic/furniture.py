@@ -23,12 +23,14 @@ from instdrive_core.datasets.synthetic.primitives import box, cylinder, disc, qu
 _SIGN_COLORS: dict[int, tuple[Color, Color]] = {
     0: ((0.50, 0.02, 0.02), (0.5, 0.02, 0.02)),
     1: ((0.02, 0.09, 0.40), (0.8, 0.8, 0.8)),
-    2: ((0.50, 0.02, 0.02), (0.8, 0.8, 0.8)),
-    3: ((0.02, 0.09, 0.40), (0.50, 0.02, 0.02)),
-    4: ((0.02, 0.09, 0.40), (0.8, 0.8, 0.8)),
-    5: ((0.50, 0.02, 0.02), (0.8, 0.8, 0.8)),
+    2: ((0.02, 0.09, 0.40), (0.50, 0.02, 0.02)),
+    3: ((0.02, 0.09, 0.40), (0.8, 0.8, 0.8)),
+    4: ((0.50, 0.02, 0.02), (0.8, 0.8, 0.8)),
 }
 """Ground and second colour of the faces in textures.sign_face."""
+ROAD_SIGNS = (0, 1, 2, 4)
+CROSSWALK_SIGN = 3
+_SQUARE_SIGNS = (1, 3)
 
 
 def _metal(palette: Palette, color: Color = (0.22, 0.23, 0.24)) -> int:
@@ -79,12 +81,11 @@ def traffic_sign(face: int, rng: np.random.Generator, palette: Palette) -> Trian
     material = palette.add(Material(SIGN, ground, second, radius, float(face), reflectivity=0.95))
     z = rng.uniform(2.3, 2.6)
     parts = [cylinder((0, 0.05, 0), (0, 0.05, z + 0.3), 0.035, post, 8)]
-    if face in (1, 4):
+    if face in _SQUARE_SIGNS:
         parts += _plate(radius, z, material, grey)
     else:
-        sides = 8 if face == 2 else 24
-        parts.append(disc((0, -0.012, z), (0, -1, 0), radius, material, sides))
-        parts.append(disc((0, 0.008, z), (0, 1, 0), radius, grey, sides))
+        parts.append(disc((0, -0.012, z), (0, -1, 0), radius, material, 24))
+        parts.append(disc((0, 0.008, z), (0, 1, 0), radius, grey, 24))
     return joined(parts)
 
 
@@ -97,7 +98,7 @@ def _plate(half: float, z: float, front: int, back: int) -> list[TriangleMesh]:
     return [flat_mesh(face[index], front, texture[index]), quad(behind, back)]
 
 
-def bin_(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def litter_bin(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
     """A round litter bin or a wheeled one."""
     color = ((0.04, 0.16, 0.08), (0.05, 0.09, 0.22), (0.12, 0.12, 0.13), (0.30, 0.20, 0.03))[rng.integers(4)]
     body = palette.add(Material(PLAIN, color, reflectivity=0.3))
@@ -155,10 +156,10 @@ def post_box(palette: Palette) -> TriangleMesh:
     )
 
 
-def planter(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
-    """The tub of a planter, 1.1 m square; put a bush on it."""
+def planter(palette: Palette) -> TriangleMesh:
+    """The tub of a planter, 0.9 m square; put a bush on it."""
     concrete = palette.add(Material(PLAIN, (0.42, 0.40, 0.37), reflectivity=0.45))
-    return box((0.95, 0.95, 0.55), (0, 0, 0.275), concrete, (1.15, 1.15))
+    return box((0.78, 0.78, 0.52), (0, 0, 0.26), concrete, (1.15, 1.15))
 
 
 def bus_shelter(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
@@ -213,15 +214,15 @@ def kiosk(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
     )
     green = palette.add(Material(SHUTTER, (0.05, 0.16, 0.11), (0.03, 0.08, 0.06), 0.2, reflectivity=0.3))
     side = [
-        quad([(0.6 * np.sin(a), -0.6 * np.cos(a), 0.5), (0.6 * np.sin(b), -0.6 * np.cos(b), 0.5),
-              (0.6 * np.sin(b), -0.6 * np.cos(b), 2.6), (0.6 * np.sin(a), -0.6 * np.cos(a), 2.6)], advert)
+        quad([(0.45 * np.sin(a), -0.45 * np.cos(a), 0.5), (0.45 * np.sin(b), -0.45 * np.cos(b), 0.5),
+              (0.45 * np.sin(b), -0.45 * np.cos(b), 2.6), (0.45 * np.sin(a), -0.45 * np.cos(a), 2.6)], advert)
         for a, b in zip(np.arange(12) * np.pi / 6, (np.arange(12) + 1) * np.pi / 6, strict=True)
     ]  # fmt: skip
     return joined(
         [
-            cylinder((0, 0, 0), (0, 0, 0.5), 0.66, green, 16),
+            cylinder((0, 0, 0), (0, 0, 0.5), 0.48, green, 16),
             *side,
-            cylinder((0, 0, 2.6), (0, 0, 2.75), 0.75, green, 16),
-            cylinder((0, 0, 2.75), (0, 0, 3.25), 0.55, green, 16, 0.05),
+            cylinder((0, 0, 2.6), (0, 0, 2.75), 0.54, green, 16),
+            cylinder((0, 0, 2.75), (0, 0, 3.25), 0.42, green, 16, 0.05),
         ]
     )

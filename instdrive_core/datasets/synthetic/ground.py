@@ -123,8 +123,8 @@ def _arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
 def _covers(crossing: float, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
     """Manhole covers, and patches where the road was mended."""
     iron = palette.add(Material(PLAIN, (0.07, 0.065, 0.06), reflectivity=0.2))
-    fresh = palette.add(Material(ASPHALT, (0.075, 0.075, 0.08), reflectivity=0.10))
-    old = palette.add(Material(ASPHALT, (0.21, 0.205, 0.20), reflectivity=0.18))
+    fresh = palette.add(Material(ASPHALT, (0.115, 0.115, 0.12), reflectivity=0.10))
+    old = palette.add(Material(ASPHALT, (0.185, 0.182, 0.18), reflectivity=0.18))
     parts = []
     for y in np.arange(STREET_SPAN[0] + 8, STREET_SPAN[1], 19):
         x = rng.uniform(-2.6, 2.6)

@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from instdrive_core.datasets.synthetic import furniture
+from instdrive_core.datasets.synthetic import curbside
 from instdrive_core.datasets.synthetic.buildings import building_mesh
 from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.datasets.synthetic.curbside import CurbPlaces, Side, facing_street
 from instdrive_core.datasets.synthetic.ground import (
     CROSS_HALF,
     CROSS_SPAN,
     CURB_HEIGHT,
     FRONT,
     PAVEMENT_WIDTH,
-    ROAD_HALF,
     STREET_SPAN,
     build_ground,
     ground_height,
 )
 from instdrive_core.datasets.synthetic.light import Light
 from instdrive_core.datasets.synthetic.materials import Palette
-from instdrive_core.datasets.synthetic.mesh import TriangleMesh, joined
 from instdrive_core.datasets.synthetic.street import Fixture, Street
-from instdrive_core.datasets.synthetic.traffic import ego_route, parked_cars, traffic, walkers, works
+from instdrive_core.datasets.synthetic.traffic import ego_route, parked_cars, road_works, traffic, walkers
 from instdrive_core.datasets.synthetic.trees import SPECIES, bush_mesh, tree_mesh
 
 _HALF_TURN = np.pi
-Side = int
-"""−1 left of the street, 1 right of it."""
 
 
 def build_street(config: StreetConfig) -> Street:
@@ -39,7 +35,7 @@ def build_street(config: StreetConfig) -> Street:
     names = ("ground", "houses", "trees", "furniture", "parked", "traffic", "people", "light")
     generators = dict(zip(names, np.random.SeedSequence(config.seed).spawn(len(names)), strict=True))
     rng = {name: np.random.default_rng(sequence) for name, sequence in generators.items()}
-    palette = Palette()
+    palette, places = Palette(), CurbPlaces()
     crossing = float(np.round(rng["ground"].uniform(31, 38), 2))
     ground = build_ground(crossing, rng["ground"], palette)
     fixtures = [
@@ -48,16 +44,20 @@ def build_street(config: StreetConfig) -> Street:
         Fixture(ground.right_pavement, "Sidewalk", "stuff"),
         Fixture(ground.lots, "Ground", "stuff"),
         *_houses(crossing, rng["houses"], rng["trees"], palette),
-        *_street_trees(crossing, rng["trees"], palette),
-        *_furniture(crossing, rng["furniture"], palette),
+        curbside.bus_stop(places, rng["furniture"], palette),
+        *curbside.crossing_signs(crossing, places, rng["furniture"], palette),
+        *curbside.lamp_posts(crossing, places, rng["furniture"], palette),
+        *curbside.road_signs(crossing, places, rng["furniture"], palette),
+        *curbside.street_trees(crossing, places, rng["trees"], palette),
+        *curbside.small_furniture(crossing, places, rng["furniture"], palette),
     ]
     height = partial(ground_height, crossing=crossing)
-    cars = parked_cars(crossing, rng["parked"], palette)
+    works_place = float(rng["parked"].uniform(9, 19))
     actors = [
-        *cars,
+        *parked_cars(crossing, works_place, rng["parked"], palette),
         *traffic(crossing, rng["traffic"], palette),
-        *walkers(crossing, rng["people"], palette),
-        *works(cars, rng["parked"], palette),
+        *walkers(crossing, places, rng["people"], palette),
+        *road_works(works_place, rng["parked"], palette),
     ]
     return Street(
         tuple(fixtures), tuple(actors), ego_route(rng["traffic"]), crossing, palette.table(), _light(rng["light"]),
@@ -98,7 +98,7 @@ def _houses(
         side, width = (-1, 1)[k % 2], float(rng.uniform(16, 24))
         mesh = building_mesh(width, width, int(rng.integers(9, 16)), "home", rng, palette)
         y = STREET_SPAN[0] + 20 + 55 * k + rng.uniform(-8, 8)
-        fixtures.append(Fixture(mesh.at(side * rng.uniform(62, 80), y, 0, _facing_street(side)), "Building"))
+        fixtures.append(Fixture(mesh.at(side * rng.uniform(62, 80), y, 0, facing_street(side)), "Building"))
     return fixtures
 
 
@@ -120,7 +120,7 @@ def _row(
             floors = 1 + int(rng.integers(0, 2)) if use == "garage" else int(rng.integers(2, 6))
             mesh = building_mesh(width, 11.0, floors, use, rng, palette)
             corner = low + width if side > 0 else low  # where x = 0 of the model comes to lie
-            house = mesh.at(side * FRONT, corner, CURB_HEIGHT - 0.01, _facing_street(side))
+            house = mesh.at(side * FRONT, corner, CURB_HEIGHT - 0.01, facing_street(side))
             fixtures.append(Fixture(house, "Building"))
         y += direction * (width + (0.0 if rng.random() < 0.75 else 1.2))
         count += 1
@@ -154,78 +154,4 @@ def _garden(side: Side, low: float, width: float, rng: np.random.Generator, pale
         fixtures.append(Fixture(tree, "Vegetation"))
     bush = bush_mesh(0.5, 1.4, 1.3, rng, palette)
     fixtures.append(Fixture(bush.at(side * (FRONT + 2.6), low + 0.5 * width, ground), "Vegetation"))
-    return fixtures
-
-
-def _street_trees(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
-    fixtures = []
-    for side in (-1, 1):
-        usual = str(rng.choice(["plane", "maple", "cherry", "poplar"]))
-        for y in np.arange(STREET_SPAN[0] + 10, STREET_SPAN[1] - 8, 13.5) + rng.uniform(-3, 3):
-            y = float(y + rng.uniform(-1.6, 1.6))
-            if abs(y - crossing) < CROSS_HALF + 8 or rng.random() < 0.12:
-                continue
-            species = SPECIES[usual if rng.random() < 0.75 else str(rng.choice(["plane", "maple", "cherry"]))]
-            tree = tree_mesh(species, rng, palette)
-            x = side * (ROAD_HALF + 0.85)
-            fixtures.append(Fixture(tree.at(x, y, CURB_HEIGHT, rng.uniform(0, 6)), "Vegetation"))
-    return fixtures
-
-
-def _furniture(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
-    """Lamp posts and signs at regular places, other things where there is room between them."""
-    fixtures: list[Fixture] = []
-    builders: tuple[tuple[Callable[[], TriangleMesh], str, float], ...] = (
-        (lambda: furniture.bin_(rng, palette), "Rolling Containers", 0.9),
-        (lambda: furniture.hydrant(palette), "Other Static Object", 0.6),
-        (lambda: furniture.bench(palette), "Other Static Object", 1.0),
-        (lambda: furniture.post_box(palette), "Other Static Object", 0.7),
-        (lambda: furniture.kiosk(rng, palette), "Other Static Object", 1.1),
-        (lambda: _planted(rng, palette), "Other Static Object", 0.9),
-    )
-    for side in (-1, 1):
-        yaw = _facing_street(side)
-        offset = rng.uniform(0, 6)
-        for y in np.arange(STREET_SPAN[0] + 4 + offset + (11 if side > 0 else 0), STREET_SPAN[1], 22.0):
-            if abs(y - crossing) > CROSS_HALF + 2:
-                post = furniture.lamp_post(rng, palette).at(side * (ROAD_HALF + 0.45), y, CURB_HEIGHT, yaw)
-                fixtures.append(Fixture(post, "Other Static Object"))
-        for y in np.arange(-52.0, 92.0, 7.5) + rng.uniform(-1, 1):
-            if abs(y - crossing) < CROSS_HALF + 5 or rng.random() < 0.25:
-                continue
-            build, label, inset = builders[rng.integers(len(builders))]
-            x = side * (ROAD_HALF + inset if rng.random() < 0.6 else FRONT - 0.55)
-            fixtures.append(Fixture(build().at(x, float(y), CURB_HEIGHT, yaw), label))
-        fixtures += _signs(side, crossing, rng, palette)
-    shelter_y = float(rng.uniform(6, 14))
-    shelter = furniture.bus_shelter(rng, palette).at(ROAD_HALF + 2.2, shelter_y, CURB_HEIGHT, _facing_street(1))
-    return [*fixtures, Fixture(shelter, "Other Static Object")]
-
-
-def _planted(rng: np.random.Generator, palette: Palette) -> TriangleMesh:
-    bush = bush_mesh(0.3, 0.95, 0.9, rng, palette).at(0, 0, 0.4)
-    return joined([furniture.planter(rng, palette), bush])
-
-
-def _signs(side: Side, crossing: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
-    """Signs towards the traffic on their side, and traffic lights at the crossing."""
-    travel_yaw = 0.0 if side > 0 else _HALF_TURN  # models face −y, against travel along +y
-    fixtures = []
-    for k, y in enumerate(np.arange(-40.0, 80.0, 17.0) + rng.uniform(-4, 4)):
-        if abs(y - crossing) < CROSS_HALF + 8:
-            continue
-        face = int(rng.permutation([0, 1, 3, 5])[k % 4])
-        sign = furniture.traffic_sign(face, rng, palette)
-        place = (side * (ROAD_HALF + 0.32), float(y), CURB_HEIGHT, travel_yaw + rng.uniform(-0.1, 0.1))
-        fixtures.append(Fixture(sign.at(*place), "Signs"))
-    near = crossing - side * (CROSS_HALF + 0.6)
-    light = furniture.traffic_light(palette, green=True)
-    fixtures.append(Fixture(light.at(side * (ROAD_HALF + 0.5), near, CURB_HEIGHT, travel_yaw), "Other Static Object"))
-    light = furniture.traffic_light(palette, green=False)
-    place = (side * (ROAD_HALF + 3.0), crossing + side * (CROSS_HALF + 0.5), CURB_HEIGHT, travel_yaw + _HALF_TURN / 2)
-    fixtures.append(Fixture(light.at(*place), "Other Static Object"))
-    for stretch in (-1, 1):
-        sign = furniture.traffic_sign(4, rng, palette)
-        y = crossing + stretch * (CROSS_HALF + 4.3)
-        fixtures.append(Fixture(sign.at(side * (ROAD_HALF + 0.3), y, CURB_HEIGHT, travel_yaw), "Signs"))
     return fixtures

@@ -10,11 +10,12 @@ from jaxtyping import Float32, Float64
 from numba import njit
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.materials import CAR_GLASS, LAMP, WINDOW
+from instdrive_core.datasets.synthetic.materials import CAR_GLASS, LAMP, LEAF, WINDOW
 from instdrive_core.datasets.synthetic.textures import albedo, noise
 
-SUBSAMPLES = 4
-"""Rays per pixel: 2×2."""
+SIDE = 2
+SUBSAMPLES = SIDE * SIDE
+"""Rays per pixel."""
 SUN_RADIUS = 0.012
 """Half-width of the sun in radians; larger than the true one, for soft shadow borders."""
 
@@ -26,7 +27,7 @@ class Light:
     to_sun: Float64[ndarray, "3"]
     """Unit vector."""
     cloud_seed: float
-    haze: float = 0.0016
+    haze: float = 0.0009
     """Share of light lost per metre."""
 
     def sun_directions(self) -> Float32[ndarray, "s 3"]:
@@ -126,17 +127,19 @@ def shade_hits(
         r, g, b = albedo(kind, x, y, z, m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], footprint)
 
         sunlit = 0.0 if in_shadow[k] else max(0.0, nx * sx + ny * sy + nz * sz)
-        open_share = 0.25 if enclosed[k] else 1.0
+        if kind == LEAF:  # light shines through leaves
+            sunlit = 0.7 * sunlit + (0.12 if in_shadow[k] else 0.3)
+        open_share = 0.35 if enclosed[k] else 1.0
         up = 0.5 + 0.5 * nz
-        red = r * (1.75 * sunlit + open_share * (0.34 + 0.20 * up))
-        green = g * (1.62 * sunlit + open_share * (0.34 + 0.27 * up))
-        blue = b * (1.40 * sunlit + open_share * (0.33 + 0.40 * up))
+        red = r * (2.10 * sunlit + open_share * (0.27 + 0.20 * up))
+        green = g * (1.90 * sunlit + open_share * (0.25 + 0.28 * up))
+        blue = b * (1.58 * sunlit + open_share * (0.22 + 0.42 * up))
 
         gloss = m[9]
         if gloss > 0:
             cosine = -(dx * nx + dy * ny + dz * nz)
             mx, my, mz = dx + 2 * cosine * nx, dy + 2 * cosine * ny, dz + 2 * cosine * nz
-            mirror = gloss * (0.25 + 0.75 * (1 - min(1.0, max(0.0, cosine))) ** 4)
+            mirror = gloss * (0.15 + 0.85 * (1 - min(1.0, max(0.0, cosine))) ** 4)
             if mz < 0.12 and kind != CAR_GLASS and kind != WINDOW:
                 mirror *= 0.4
             sr, sg, sb = sky_color(mx, my, mz, sx, sy, sz, cloud_seed)
@@ -178,7 +181,7 @@ def develop(radiance, ids, exposure, photo, labels):
             total = 0.0
             for part in range(SUBSAMPLES):  # tone-mapped first, so that highlights do not eat borders
                 value = exposure * radiance[first + part, channel]
-                total += value * (1 + value * 0.12) / (1 + value * 0.55)
+                total += value * (2.51 * value + 0.03) / (value * (2.43 * value + 0.59) + 0.14)  # ACES fit, Narkowicz
             value = min(1.0, total / SUBSAMPLES)
             value = 12.92 * value if value <= 0.0031308 else 1.055 * value ** (1 / 2.4) - 0.055
             photo[pixel, channel] = int(255 * value + 0.5)

@@ -28,7 +28,7 @@ class Material:
     variant: float = 0.0
     """Chooses among forms of the same texture, e.g. a sign's face."""
     gloss: float = 0.0
-    """Share of light mirrored at grazing angles (Schlick's R0 is a quarter of it)."""
+    """Share of light mirrored at grazing angles; a seventh of it head-on."""
     reflectivity: float = 0.3
     """LiDAR intensity at normal incidence, [0, 1]."""
     semantic: int = 0
@@ -39,23 +39,20 @@ class Material:
 class Palette:
     """Collects the materials of a street; a material's number is its row."""
 
-    materials: list[Material] = field(default_factory=list)
+    numbers: dict[Material, int] = field(default_factory=dict)
 
     def add(self, material: Material) -> int:
         """The number of `material`; equal materials share one."""
-        if material in self.materials:
-            return self.materials.index(material)
-        self.materials.append(material)
-        return len(self.materials) - 1
+        return self.numbers.setdefault(material, len(self.numbers))
 
     def table(self) -> MaterialTable:
         """The palette as arrays."""
         return MaterialTable(
             np.array(
-                [(m.kind, *m.color, *m.second, m.size, m.variant, m.gloss, m.reflectivity) for m in self.materials],
+                [(m.kind, *m.color, *m.second, m.size, m.variant, m.gloss, m.reflectivity) for m in self.numbers],
                 np.float32,
             ),
-            np.array([m.semantic for m in self.materials], np.uint8),
+            np.array([m.semantic for m in self.numbers], np.uint8),
         )
 
 

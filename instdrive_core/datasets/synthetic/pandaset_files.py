@@ -68,7 +68,7 @@ def write_classes(folder: Path) -> None:
     path.write_text(json.dumps(names, indent=2))
 
 
-def write_cuboids(folder: Path, step: int, street: Street, time: float, duration: float) -> None:
+def write_cuboids(folder: Path, step: int, street: Street, time: float) -> None:
     """``annotations/cuboids/NN.pkl.gz``: one row per actor."""
     turn = street.world_from_street()
     poses = np.stack([turn @ street.box_pose(actor, time) for actor in street.actors])
@@ -78,7 +78,7 @@ def write_cuboids(folder: Path, step: int, street: Street, time: float, duration
         "uuid": _objects([str(actor.uuid) for actor in actors]),
         "label": _objects([actor.label for actor in actors]),
         "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]),
-        "stationary": np.array([actor.route.speed * duration == 0 for actor in actors]),
+        "stationary": np.array([actor.route.speed == 0 for actor in actors]),
         "camera_used": np.full(len(actors), -1, np.int64),
     }
     columns |= {f"position.{axis}": poses[:, k, 3].copy() for k, axis in enumerate("xyz")}

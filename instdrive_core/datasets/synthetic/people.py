@@ -89,7 +89,7 @@ class Person:
     def _head(self) -> TriangleMesh:
         h = self.height
         face = sphere((0, 0.008 * h, 0.925 * h), (0.046 * h, 0.056 * h, 0.068 * h), self.skin, 2)
-        hair = sphere((0, -0.012 * h, 0.945 * h), (0.051 * h, 0.055 * h, 0.054 * h), self.hair, 2)
+        hair = sphere((0, -0.014 * h, 0.945 * h), (0.049 * h, 0.052 * h, 0.052 * h), self.hair, 2)
         return joined([face, hair])
 
     def _luggage(self) -> list[TriangleMesh]:
@@ -104,7 +104,7 @@ class Person:
 
     def cuboid(self, walking: bool) -> tuple[Float[ndarray, "3"], Float[ndarray, "3"]]:
         """(lowest, highest) corner of the box around the whole walking cycle."""
-        bounds = [self.mesh(d, walking).bounds() for d in np.linspace(0, STRIDE, 9)]
+        bounds = [self.mesh(d, walking).bounds() for d in np.linspace(0, STRIDE, 5)]
         return np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
 
 
@@ -192,7 +192,7 @@ class Cyclist:
 
     def cuboid(self) -> tuple[Float[ndarray, "3"], Float[ndarray, "3"]]:
         """(lowest, highest) corner of the box around a whole turn of the pedals."""
-        bounds = [self.mesh(d).bounds() for d in np.linspace(0, 4.5, 9)]
+        bounds = [self.mesh(d).bounds() for d in np.linspace(0, 4.5, 5)]
         return np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
 
 

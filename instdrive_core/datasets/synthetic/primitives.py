@@ -130,9 +130,11 @@ def prism(outline: Sequence[tuple[float, float]], x: tuple[float, float], materi
     return loft(np.stack(sections), material)
 
 
-def decal(face: Float[ndarray, "4 3"], u: tuple[float, float], v: tuple[float, float], material: int) -> TriangleMesh:
+def decal(
+    face: Float[ndarray, "4 3"], u: tuple[float, float], v: tuple[float, float], material: int, lift: float = 0.004
+) -> TriangleMesh:
     """A patch on a four-sided `face`, from fractions `u` along its first edge and `v` along its last one, lifted by
-    4 mm so that it covers the face."""
+    some millimetres so that it covers the face."""
     face = np.asarray(face, np.float64)
     normal = np.cross(face[2] - face[0], face[3] - face[1])
     normal /= np.linalg.norm(normal)
@@ -141,7 +143,7 @@ def decal(face: Float[ndarray, "4 3"], u: tuple[float, float], v: tuple[float, f
         return (1 - t) * ((1 - s) * face[0] + s * face[1]) + t * ((1 - s) * face[3] + s * face[2])
 
     corners = np.stack([point(u[0], v[0]), point(u[1], v[0]), point(u[1], v[1]), point(u[0], v[1])])
-    return quad(corners + 0.004 * normal, material)
+    return quad(corners + lift * normal, material)
 
 
 def mirrored(mesh: TriangleMesh) -> TriangleMesh:

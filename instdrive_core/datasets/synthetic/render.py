@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8, UInt16
+from jaxtyping import Float32, UInt8, UInt16
 from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.light import (
+    SIDE,
     SUBSAMPLES,
     Light,
     develop,
@@ -22,9 +23,11 @@ from instdrive_core.datasets.synthetic.raytrace import RayScene
 from instdrive_core.datasets.synthetic.street import StepGeometry
 from instdrive_core.scene.camera import Camera
 
-EXPOSURE = 1.0
+EXPOSURE = 0.62
 SHADOW_REACH = 150.0
-OPEN_REACH = 2.5
+MAX_RAYS = 2**19
+"""Cast at once; a photo of 480×270 needs as many."""
+OPEN_REACH = 1.8
 """Metres within which something else takes ambient light away."""
 
 
@@ -45,45 +48,45 @@ class StepRenderer:
         self.rays = RayScene(geometry.mesh.corners)
 
     def photograph(self, camera: Camera) -> Photo:
-        """The view of a camera that is posed in the street's frame."""
+        """The view of a camera that is posed in the street's frame; taken in bands that bound memory."""
+        image = np.empty((camera.height, camera.width, 3), np.uint8)
+        labels = np.empty((camera.height, camera.width), np.uint16)
+        band = max(1, MAX_RAYS // (SUBSAMPLES * camera.width))
+        for top in range(0, camera.height, band):
+            rows = slice(top, min(top + band, camera.height))
+            self._expose(camera, rows, image[rows].reshape(-1, 3), labels[rows].reshape(-1))
+        return Photo(image, labels)
+
+    def _expose(self, camera: Camera, rows: slice, image: UInt8[ndarray, "n 3"], labels: UInt16[ndarray, " n"]) -> None:
+        """Fill `image` and `labels` with the pixels of some rows."""
         mesh, light = self.geometry.mesh, self.light
-        directions = subsample_directions(camera)
+        directions = subsample_directions(camera, rows)
         origin = camera.position.astype(np.float32)
         hits = self.rays.first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
-        rows = np.flatnonzero(hits.triangles >= 0)
-        points, normals = np.empty((len(rows), 3), np.float32), np.empty((len(rows), 3), np.float32)
-        hit_geometry(rows, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
+        struck = np.flatnonzero(hits.triangles >= 0)
+        points, normals = np.empty((len(struck), 3), np.float32), np.empty((len(struck), 3), np.float32)
+        hit_geometry(struck, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
         to_light, to_open = np.empty_like(points), np.empty_like(points)
-        probe_directions(rows, normals, light.sun_directions(), to_light, to_open)
+        probe_directions(struck, normals, light.sun_directions(), to_light, to_open)
         in_shadow = self.rays.occluded(points, to_light, SHADOW_REACH)
         enclosed = self.rays.occluded(points, to_open, OPEN_REACH)
         radiance = np.empty_like(directions)
-        pixel_angle = 1.0 / camera.fx
         shade_hits(
-            rows, hits.triangles, hits.u, hits.v, hits.distances, directions, normals, mesh.texcoords, mesh.normals,
+            struck, hits.triangles, hits.u, hits.v, hits.distances, directions, normals, mesh.texcoords, mesh.normals,
             mesh.materials, self.materials.parameters, in_shadow, enclosed, light.to_sun, light.cloud_seed,
-            light.haze, pixel_angle, radiance,
+            light.haze, 1.0 / camera.fx, radiance,
         )  # fmt: skip
         shade_sky(hits.triangles, directions, light.to_sun, light.cloud_seed, radiance)
-        return self._developed(camera, hits.triangles, radiance)
-
-    def _developed(self, camera: Camera, triangles: Int32[ndarray, " n"], radiance: Float32[ndarray, "n 3"]) -> Photo:
-        ids = np.where(triangles >= 0, self.geometry.instances[triangles], 0)
-        image = np.empty((camera.height * camera.width, 3), np.uint8)
-        labels = np.empty(camera.height * camera.width, np.uint16)
+        ids = np.where(hits.triangles >= 0, self.geometry.instances[hits.triangles], 0)
         develop(radiance, ids, EXPOSURE, image, labels)
-        shape = (camera.height, camera.width)
-        return Photo(image.reshape(*shape, 3), labels.reshape(shape))
 
 
-def subsample_directions(camera: Camera) -> Float32[ndarray, "n 3"]:
-    """Unit directions of all subsamples in the frame that the camera is posed in, pixel by pixel."""
-    side = 2
-    assert side * side == SUBSAMPLES
-    fractions = (np.arange(side) + 0.5) / side
+def subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:
+    """Unit directions of all subsamples of some pixel rows, in the frame that the camera is posed in, pixel by pixel."""
+    fractions = (np.arange(SIDE) + 0.5) / SIDE
     x = ((np.arange(camera.width)[:, None] + fractions) - camera.cx) / camera.fx
-    y = ((np.arange(camera.height)[:, None] + fractions) - camera.cy) / camera.fy
-    local = np.empty((camera.height, camera.width, side, side, 3), np.float32)
+    y = ((np.arange(rows.start, rows.stop)[:, None] + fractions) - camera.cy) / camera.fy
+    local = np.empty((len(y), camera.width, SIDE, SIDE, 3), np.float32)
     local[..., 0] = x[None, :, None, :]
     local[..., 1] = y[:, None, :, None]
     local[..., 2] = 1.0

@@ -119,20 +119,20 @@ def window(s, t, seed, size, footprint):
         frame = max(frame, min(1.0, max(0.0, (0.03 - column) / blur)))
     if size < 2.2:
         frame = max(frame, min(1.0, max(0.0, (0.03 - abs(row)) / blur)))
-    chance = hashed(int(seed), 3, 1)
-    behind = 0.05 + 0.05 * hashed(int(seed), 5, 2)
+    chance = hashed(seed, 3, 1)
+    behind = 0.05 + 0.05 * hashed(seed, 5, 2)
     if chance < 0.45:  # curtains on both sides, or a blind from above
         if chance < 0.3:
-            drawn = 0.12 + 0.25 * hashed(int(seed), 7, 3)
+            drawn = 0.12 + 0.25 * hashed(seed, 7, 3)
             if column > size * (0.5 - drawn):
                 behind = 0.38 + 0.1 * math.sin(s * 45.0) * sharpness(0.14, footprint)
-        elif t > 0.5 + hashed(int(seed), 9, 4):
+        elif t > 0.5 + hashed(seed, 9, 4):
             behind = 0.34
     return frame, behind
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sign_face(s, t, variant, footprint):
+def sign_face(s, t, variant):
     """Which colour a sign's face has at (s, t) in [-1, 1]²: 0 = ground, 1 = second colour, 2 = white, 3 = dark."""
     radius = math.sqrt(s * s + t * t)
     if variant < 1:  # speed limit: red ring, dark digits on white
@@ -145,16 +145,11 @@ def sign_face(s, t, variant, footprint):
         stem = abs(s + 0.25) < 0.11 and abs(t) < 0.62
         bow = math.sqrt((s + 0.1) ** 2 + (t - 0.27) ** 2)
         return 2 if stem or (0.2 < bow < 0.4 and s > -0.2) else 0
-    if variant < 3:  # stop: white rim and bar of letters on red
-        if radius > 0.86:
-            return 2
-        letter = abs(t) < 0.22 and (s * 3.1 - math.floor(s * 3.1)) > 0.35 and abs(s) < 0.7
-        return 2 if letter else 0
-    if variant < 4:  # no stopping: red ring and bar on blue
+    if variant < 3:  # no stopping: red ring and bar on blue
         if radius > 0.78 or abs(s + t) < 0.2:
             return 1
         return 0
-    if variant < 5:  # crossing: white triangle with a walking figure on blue
+    if variant < 4:  # crossing: white triangle with a walking figure on blue
         if t > -0.62 and abs(s) < 0.62 - 0.5 * (t + 0.62) * 0.9:
             figure = abs(s) < 0.09 and -0.5 < t < 0.2
             legs = abs(abs(s) - 0.14 - 0.3 * t) < 0.06 and -0.55 < t < -0.1
@@ -180,7 +175,7 @@ def albedo(kind, x, y, z, r, g, b, r2, g2, b2, size, variant, footprint):
         tone += 0.22 * grain(x * 4, y * 0.5, z * 4, 1.2, footprint)
         tone -= 0.25 * max(0.0, 1 - y / 0.7) * noise(x * 1.3, y * 2, z)
     elif kind == WINDOW:
-        frame, behind = window(x, y, z, size, footprint)
+        frame, behind = window(x, y, int(z + 0.5), size, footprint)
         return (
             frame * r2 + (1 - frame) * behind * r,
             frame * g2 + (1 - frame) * behind * g,
@@ -211,7 +206,7 @@ def albedo(kind, x, y, z, r, g, b, r2, g2, b2, size, variant, footprint):
     elif kind == LAMP:
         tone = 0.85 + 0.3 * math.sin(x * 60) * sharpness(0.1, footprint)
     elif kind == SIGN:
-        part = sign_face(x / size, y / size, variant, footprint)
+        part = sign_face(x / size, y / size, variant)
         if part == 2:
             return 0.8, 0.8, 0.8
         if part == 3:

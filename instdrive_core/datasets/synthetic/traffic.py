@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 from instdrive_core.datasets.synthetic import furniture
 from instdrive_core.datasets.synthetic.cars import CAR_COLORS, CAR_SHAPES, car_mesh
+from instdrive_core.datasets.synthetic.curbside import CurbPlaces
 from instdrive_core.datasets.synthetic.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF
 from instdrive_core.datasets.synthetic.materials import Palette
 from instdrive_core.datasets.synthetic.mesh import TriangleMesh
@@ -48,8 +48,8 @@ def _colors(rng: np.random.Generator, count: int) -> list[int]:
     return drawn[:count]
 
 
-def parked_cars(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
-    """Cars along both kerbs, with empty places."""
+def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+    """Cars along both kerbs, with empty places; none at the road works on the left at y = `works`."""
     models = ("hatchback", "sedan", "suv", "estate", "van", "pickup")
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
     actors = []
@@ -60,7 +60,8 @@ def parked_cars(crossing: float, rng: np.random.Generator, palette: Palette) -> 
             model = str(rng.choice(models, p=chances))
             length = CAR_SHAPES[model].length
             middle = y + length / 2
-            if abs(middle - crossing) > CROSS_HALF + 10 and rng.random() > 0.24:
+            at_works = side < 0 and abs(middle - works) < 3.4 + length / 2
+            if abs(middle - crossing) > CROSS_HALF + 10 and rng.random() > 0.24 and not at_works:
                 yaw = (0.0 if side > 0 else _HALF_TURN) + rng.normal(0, 0.015)
                 route = Route(side * PARKING + rng.uniform(-0.1, 0.1), middle, yaw)
                 actors.append(_vehicle(model, route, "Parked", next(colors), rng, palette))
@@ -85,14 +86,14 @@ def traffic(crossing: float, rng: np.random.Generator, palette: Palette) -> list
         actors.append(vehicle(any_model(), Route(LANE, y + rng.uniform(-3, 1), 0.0, EGO_SPEED - rng.uniform(0, 0.8))))
     oncoming = ("truck", any_model(), any_model(), "van", any_model())
     for model, y in zip(rng.permutation(oncoming), (-24.0, 15.0, 31.0, 54.0, 78.0), strict=True):
-        route = Route(-LANE, y + rng.uniform(-3, 3), _HALF_TURN, float(rng.uniform(6.5, 7.5)))
+        route = Route(-LANE + 0.12, y + rng.uniform(-3, 3), _HALF_TURN, float(rng.uniform(6.9, 7.2)))
         actors.append(vehicle(str(model), route))
     for side in (-1, 1):
         place = (side * (ROAD_HALF + 7.4), crossing + side * 2.1, side * _HALF_TURN / 2)
         actors.append(vehicle(any_model(), Route(*place), "Stopped"))
         behind = (place[0] + side * rng.uniform(6.3, 7.5), place[1], place[2])
         actors.append(vehicle(any_model(), Route(*behind), "Stopped"))
-    for x, y, yaw in ((2.95, rng.uniform(21, 25), 0.0), (-2.95, rng.uniform(14, 24), _HALF_TURN)):
+    for x, y, yaw in ((3.03, rng.uniform(21, 25), 0.0), (-3.1, rng.uniform(14, 24), _HALF_TURN)):
         actors.append(_cyclist(Route(x, y, yaw, float(rng.uniform(4.2, 5.2))), rng, palette))
     return actors
 
@@ -103,13 +104,13 @@ def _cyclist(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
     return Actor("Bicycle", route, cyclist.mesh, low, high, _draw_uuid(rng), motion="Moving", rider="With Rider")
 
 
-def walkers(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: Palette) -> list[Actor]:
     """People on both pavements in either direction, on the crossing street's crosswalks, and some who stand."""
     actors = []
     for side in (-1, 1):
         for y in np.linspace(-22, 58, 8):
             inner = rng.random() < 0.5
-            x = side * (FRONT - (2.0 if inner else 1.15) + rng.uniform(-0.12, 0.12))
+            x = side * (FRONT - (1.6 if inner else 1.0) + rng.uniform(-0.08, 0.08))
             yaw = 0.0 if inner else _HALF_TURN
             route = Route(float(x), float(y + rng.uniform(-3.5, 3.5)), yaw, float(rng.uniform(1.1, 1.6)))
             actors.append(_person(route, rng, palette))
@@ -117,7 +118,8 @@ def walkers(crossing: float, rng: np.random.Generator, palette: Palette) -> list
         y = crossing - side * rng.uniform(2.0, 3.5)
         route = Route(float(x), float(y), 0.0 if side > 0 else _HALF_TURN, float(rng.uniform(1.1, 1.4)))
         actors.append(_person(route, rng, palette))
-        standing = Route(side * (ROAD_HALF + 0.75), float(rng.uniform(-8, 24)), float(rng.uniform(-3, 3)))
+        spot = next(y for y in rng.uniform(-12, 24, 200) if places.claim(side, float(y), 0.5))
+        standing = Route(side * (ROAD_HALF + 0.7), float(spot), float(rng.uniform(-3, 3)))
         actors.append(_person(standing, rng, palette))
     return actors
 
@@ -133,12 +135,8 @@ def _person(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
     )  # fmt: skip
 
 
-def works(cars: Sequence[Actor], rng: np.random.Generator, palette: Palette) -> list[Actor]:
-    """Road works in an empty place of the left parking strip ahead: cones around barriers."""
-    taken = np.array([car.route.y for car in cars if car.route.x < 0])
-    places = np.arange(6.0, 22.0, 0.5)
-    room = [np.abs(taken - place).min() for place in places]
-    y = float(places[int(np.argmax(room))])
+def road_works(y: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+    """Cones around barriers in the left parking strip."""
     cone = furniture.cone(palette)
     actors = []
     for dx, dy in ((0.85, -2.0), (0.85, 0.0), (0.85, 2.0), (-0.7, -2.4)):

@@ -111,7 +111,7 @@ def _clumps(
 
 
 def _clump_mesh(
-    centre: ndarray, radii: float | ndarray, leaf: int, rng: np.random.Generator, cards: int = 110
+    centre: ndarray, radii: float | ndarray, leaf: int, rng: np.random.Generator, cards: int = 190
 ) -> TriangleMesh:
     """Leaf cards on an ellipsoid around a slightly smaller core; all share the ellipsoid's normals, which makes the
     clump look like one soft body with a ragged outline."""
@@ -124,7 +124,7 @@ def _clump_mesh(
     side = np.cross(tilt, rng.normal(size=(cards, 3)))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     other = np.cross(tilt, side)
-    size = 0.26 * np.clip(radii.mean(), 0.5, 1.5) ** 0.5 * rng.uniform(0.7, 1.2, (cards, 1))
+    size = 0.19 * np.clip(radii.mean(), 0.5, 1.5) ** 0.5 * rng.uniform(0.7, 1.2, (cards, 1))
     ring = [place - size * side, place - 0.62 * size * other, place + size * side, place + 0.62 * size * other]
     corners = np.stack(ring, axis=1)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
     normals = np.repeat(np.repeat(outward[:, None], 2, axis=0), 3, axis=1)

@@ -6,6 +6,7 @@ sky), ``sky/<camera>/NN.png`` (255 = sky), ``lidar/NN.npy`` (uint32 instance per
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -57,7 +58,7 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
     _write_metadata(out, street, config, times)
     if progress is not None:
         progress(0, config.steps)
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
         for step, time in enumerate(times):
             _write_step(out, street, config, step, time, pool)
             if progress is not None:
@@ -121,7 +122,7 @@ def _write_step(
     renderer = StepRenderer(geometry, street.materials, street.light)
     jobs = [pool.submit(_write_photo, out, street, config, camera, step, time, renderer) for camera in CAMERAS]
     jobs.append(pool.submit(_write_lidar, out, street, config, step, time, renderer))
-    write_cuboids(out, step, street, time, config.steps * STEP_SECONDS)
+    write_cuboids(out, step, street, time)
     for job in jobs:
         job.result()
 
