@@ -18,14 +18,15 @@ class Command:
 
 
 COMMANDS = {
-    "demo": Command(
-        "instdrive_app.demo_command:demo", "Train a synthetic drive, evaluate it, and open the editor on it."
-    ),
+    "demo": Command("instdrive_app.demo_command:demo", "Make a synthetic drive, train and evaluate it, and edit it."),
     "edit": Command("instdrive_app.edit_command:edit", "Open a scene in the editor window."),
-    "synth": Command("instdrive_core.cli.synth:synth", "Write a procedural street drive in PandaSet's layout."),
-    "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the photos of a clip."),
-    "train": Command("instdrive_core.cli.train:train", "Turn a driving clip into Gaussians with instance IDs."),
-    "eval": Command("instdrive_core.cli.eval:eval", "Measure a trained run against held-out photos and labels."),
+    "synth": Command(
+        "instdrive_core.cli.synth:synth",
+        "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
+    ),
+    "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
+    "train": Command("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
+    "eval": Command("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
     "apply": Command("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),

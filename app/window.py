@@ -8,7 +8,7 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
-from imgui_bundle import hello_imgui, imgui
+from imgui_bundle import ImVec2, hello_imgui, imgui
 from jaxtyping import UInt8
 from numpy import ndarray
 
@@ -142,8 +142,8 @@ class EditorWindow:
         docking = hello_imgui.DockingParams()
         docking.docking_splits = [
             split("MainDockSpace", "Right", direction.right, 0.27),
-            split("Right", "RightBottom", direction.down, 0.56),
-            split("MainDockSpace", "Bottom", direction.down, 0.14),
+            split("Right", "RightBottom", direction.down, 0.52),
+            split("MainDockSpace", "Bottom", direction.down, 0.125),
         ]
         places = {
             "View": "MainDockSpace",
@@ -155,13 +155,26 @@ class EditorWindow:
         }
         docking.dockable_windows = [self._dockable(name, place) for name, place in places.items()]
         docking.main_dock_space_node_flags = imgui.DockNodeFlags_.auto_hide_tab_bar
+        docking.layout_condition = hello_imgui.DockingLayoutCondition.first_use_ever
         return docking
 
     def _dockable(self, name: str, place: str) -> hello_imgui.DockableWindow:
         panel = self._panels[name]
         window = hello_imgui.DockableWindow(name, place, self._guarded(lambda: panel.draw(self.ui)))
         window.can_be_closed = False
+        if name == "View":  # the picture goes to the edges: it begins its own window, without padding
+            window.call_begin_end = False
+            window.gui_function = self._guarded(self._draw_view)
         return window
+
+    def _draw_view(self) -> None:
+        flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
+        visible = imgui.begin("View", None, flags)[0]
+        imgui.pop_style_var()
+        if visible:
+            self._panels["View"].draw(self.ui)
+        imgui.end()
 
     def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
         """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
@@ -185,7 +198,7 @@ class EditorWindow:
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context)
-        self._ui = Ui(self._session, view, PickTool(self._session, view.instance_at), load_fonts())
+        self._ui = Ui(self._session, view, PickTool(self._session), load_fonts())
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
 

@@ -7,16 +7,17 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.file_dialog import FileDialog
 from instdrive_app.panels.menus import shortcut_title
 from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.theme import ACCENT, BACKGROUND, rgba
 
 MOUSE = (
-    ("Left click", "Select the object; again at the same place: the one behind"),
+    ("Click", "Select; again there: the one behind"),
     ("Shift + click", "Add to the selection"),
     ("Ctrl + click", "Remove from the selection"),
-    ("Alt + click", "Select everything of the same codeword"),
-    ("Right click", "Menu of the object"),
-    ("Left drag", "Orbit around what was under the cursor"),
+    ("Alt + click", "Select the whole codeword"),
+    ("Right click", "Menu"),
+    ("Left drag", "Orbit around what is under the cursor"),
     ("Right drag", "Look around"),
-    ("Middle drag, Shift + drag", "Pan"),
+    ("Middle, Shift + drag", "Pan"),
     ("Wheel", "Nearer, farther"),
     ("W A S D, Q E", "Fly; with Shift: faster"),
 )
@@ -68,7 +69,10 @@ def confirmed(ui: Ui, title: str, entered: bool, valid: bool) -> bool:
     ui.mark("dialog.cancel")
     imgui.same_line()
     imgui.begin_disabled(not valid)
+    imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
+    imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
     accepted = imgui.button(title, ImVec2(width, 0))
+    imgui.pop_style_color(2)
     ui.mark("dialog.accept")
     imgui.end_disabled()
     accepted = valid and (accepted or entered)
@@ -83,18 +87,17 @@ def _centered(size: ImVec2) -> None:
 
 
 def _shortcut_sheet(ui: Ui) -> None:
-    _centered(ImVec2(760, 0))
+    _centered(ImVec2(820, 0))
     if not imgui.begin_popup_modal("Keys and mouse", None, imgui.WindowFlags_.no_saved_settings)[0]:
         return
-    commands = [command for command in ui.session.commands if command.shortcuts]
-    keys = [(" or ".join(map(shortcut_title, command.shortcuts)), command.title) for command in commands]
     if imgui.begin_table("##sheet", 2, imgui.TableFlags_.sizing_stretch_same):
-        for rows in (keys, MOUSE):
-            imgui.table_next_column()
-            for key, title in rows:
-                dim_text(key)
-                imgui.same_line(imgui.get_font_size() * 9.5)
-                imgui.text_wrapped(title)
+        imgui.table_next_column()
+        for menu in ("File", "Edit", "Select"):
+            _command_section(ui, menu)
+        imgui.table_next_column()
+        for menu in ("View", "Time"):
+            _command_section(ui, menu)
+        _sheet_section(ui, "Mouse", MOUSE)
         imgui.end_table()
     imgui.spacing()
     closed = imgui.button("Close", ImVec2(92, 0))
@@ -102,3 +105,20 @@ def _shortcut_sheet(ui: Ui) -> None:
     if closed or imgui.is_key_pressed(imgui.Key.escape):
         imgui.close_current_popup()
     imgui.end_popup()
+
+
+def _command_section(ui: Ui, menu: str) -> None:
+    commands = [command for command in ui.session.commands.in_menu(menu) if command.shortcuts]
+    rows = [(", ".join(map(shortcut_title, command.shortcuts)), command.title) for command in commands]
+    _sheet_section(ui, menu, tuple(rows))
+
+
+def _sheet_section(ui: Ui, title: str, rows: tuple[tuple[str, str], ...]) -> None:
+    imgui.push_font(ui.fonts.bold, 0.0)
+    imgui.text(title)
+    imgui.pop_font()
+    for key, action in rows:
+        dim_text(key)
+        imgui.same_line(imgui.get_cursor_start_pos().x + imgui.get_font_size() * 10)
+        imgui.text_wrapped(action)
+    imgui.spacing()

@@ -65,11 +65,12 @@ class RecolorControls:
                 imgui.set_tooltip(MODE_HINTS[mode])
         preset_row(ui, "inspector", ids)
         flags = imgui.ColorEditFlags_
-        style = flags.picker_hue_wheel | flags.no_side_preview | flags.no_alpha | flags.display_rgb | flags.display_hex
-        imgui.set_next_item_width(min(imgui.get_content_region_avail().x, 230))
-        changed, picked = imgui.color_picker3("##recolor", list(session.recolor_color), style | flags.no_label)
-        if imgui.is_item_activated():
+        style = flags.no_alpha | flags.display_hex | flags.picker_hue_wheel | flags.no_options | flags.no_label
+        imgui.set_next_item_width(imgui.get_font_size() * 9)
+        if imgui.is_mouse_clicked(0):
             self._gesture = f"recolor {next(self._gestures)}"
+        changed, picked = imgui.color_edit3("##recolor", list(session.recolor_color), style)
+        ui.mark("inspector.color")
         if changed:
             r, g, b = (min(max(float(channel), 0.0), 1.0) for channel in picked)
             session.recolor_color = (r, g, b)

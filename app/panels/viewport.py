@@ -112,13 +112,13 @@ class ViewportPanel:
         if ui.script_pointer is not None:
             x, y = ui.script_pointer
         dragging = self._drags and any(imgui.is_mouse_down(button) for button in range(3))
-        if ui.script_pointer is None and (not hovered or dragging):
+        if snapshot is None or (ui.script_pointer is None and (not hovered or dragging)):
             ui.tool.leave()
             return
-        ui.tool.hover(x, y)
+        ui.tool.hover(x, y, snapshot)
         if ui.session.state.hovered:
             _hover_label(ui, place, x, y)
-        if self._drags or not hovered or snapshot is None:
+        if self._drags or not hovered:
             return
         if imgui.is_mouse_released(0):
             ui.tool.click(Click(x, y, io.key_shift, io.key_ctrl, io.key_alt), snapshot)

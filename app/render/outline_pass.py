@@ -12,7 +12,7 @@ from instdrive_app.render.targets import Targets
 from instdrive_core.scene.selection import Flag
 
 SELECTED_LINE = (1.0, 0.72, 0.20, 1.0)
-SELECTED_TINT = (1.0, 0.78, 0.35, 0.22)
+SELECTED_TINT = (1.0, 0.80, 0.40, 0.16)
 HOVERED_LINE = (1.0, 1.0, 1.0, 0.95)
 
 

@@ -79,6 +79,12 @@ class Renderer:
         self._draw_rows(targets, snapshot)
         return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
 
+    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+        """The instance that the ID view shows at every pixel; 0 = none."""
+        rows = self.rows(snapshot)
+        with_none = np.append(np.uint32(0), self._document.scene.instance_ids)
+        return with_none[rows]
+
     def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
         self.scene.update(snapshot.time)

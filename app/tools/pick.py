@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from instdrive_app.render.picking import Picker
@@ -27,16 +26,16 @@ class Click:
 class PickTool:
     """Whole instances: click selects, again takes the next behind, Shift adds, Ctrl removes, Alt takes the codeword."""
 
-    def __init__(self, session: EditorSession, instance_at: Callable[[float, float], int]) -> None:
-        """`instance_at` reads the ID view of the frame shown."""
-        self._session, self._instance_at = session, instance_at
+    def __init__(self, session: EditorSession) -> None:
+        self._session = session
         self._picker = Picker()
         self._last: tuple[float, float, bytes] | None = None
         self._depth = 0
 
-    def hover(self, x: float, y: float) -> None:
-        """The cursor is here."""
-        self._session.state.hovered = self._instance_at(x, y)
+    def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
+        """The cursor is at this place of the frame `snapshot`; while the camera moves nothing is hovered."""
+        below = () if snapshot.draft else self._below(x, y, snapshot)
+        self._session.state.hovered = below[0] if below else 0
 
     def leave(self) -> None:
         """The cursor is elsewhere."""
@@ -44,12 +43,14 @@ class PickTool:
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
         """Select by a click on the frame `snapshot`; returns the instance, 0 where none is."""
-        if self._session.document is None:
-            return 0
-        below = self._picker.instances_at(self._session.document, snapshot, click.x, click.y)
+        below = self._below(click.x, click.y, snapshot)
         instance = below[self._turn(click, snapshot) % len(below)] if below else 0
         self._select(instance, click)
         return instance
+
+    def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
+        document = self._session.document
+        return self._picker.instances_at(document, snapshot, x, y) if document is not None else ()
 
     def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
         """How often this place was clicked before, plainly and from the same viewpoint."""

@@ -1,0 +1,58 @@
+"""Which camera shows a scene's objects best, and which objects are worth clicking: for demonstrations."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import UInt32
+from numpy import ndarray
+
+from instdrive_app import camera
+from instdrive_app.render.renderer import Renderer
+from instdrive_app.session import EditorSession
+from instdrive_app.state import resolve
+from instdrive_core.instances.table import Instance
+from instdrive_core.scene.scene import Scene
+
+CAR_WORDS = ("car", "vehicle", "truck", "bus", "van")
+THING_METRES = (0.8, 14.0)
+"""Longest side of a box that can be an object rather than a surface or a building."""
+MAX_SHARE = 0.35
+"""Of the picture: larger things are too near to make a good picture."""
+TRIED_VIEWS, TRIED_WIDTH = 24, 320
+
+
+def best_view(renderer: Renderer, session: EditorSession) -> int:
+    """Index of the dataset view whose two largest objects are largest, among evenly spread ones."""
+    assert session.document is not None
+    scene, before = session.document.scene, session.state
+    tried = np.unique(np.linspace(0, len(scene.views) - 1, min(TRIED_VIEWS, len(scene.views))).round().astype(int))
+    scores = {}
+    for index in tried.tolist():
+        view = scene.views[index]
+        before.time, before.viewpoint = view.time, camera.through(view)
+        height = max(1, round(TRIED_WIDTH * view.camera.height / view.camera.width))
+        ids = renderer.instance_ids(resolve(before, TRIED_WIDTH, height))
+        areas = [int((ids == thing).sum()) for thing in ranked_things(scene, ids)[:2]]
+        scores[index] = (len(areas), float(np.prod(areas)), len(np.unique(ids)))
+    return max(scores, key=lambda index: scores[index])
+
+
+def ranked_things(scene: Scene, ids: UInt32[ndarray, "h w"]) -> list[int]:
+    """Visible instances that can be objects: cars before others, then by area in the picture."""
+    present, areas = np.unique(ids[ids > 0], return_counts=True)
+    share = dict(zip(present.tolist(), (areas / ids.size).tolist(), strict=True))
+    things = [scene.table[i] for i in share if i in scene.table and share[i] <= MAX_SHARE]
+    things = [thing for thing in things if is_car(thing) or is_object_sized(thing)]
+    return [thing.id for thing in sorted(things, key=lambda thing: (is_car(thing), share[thing.id]), reverse=True)]
+
+
+def is_car(instance: Instance) -> bool:
+    """By its class, or where that is unknown by its name."""
+    label = (instance.class_name or instance.name).lower()
+    return any(word in label.split() for word in CAR_WORDS)
+
+
+def is_object_sized(instance: Instance) -> bool:
+    """Whether its box fits a thing of the street."""
+    low, high = np.array(instance.bounds[0]), np.array(instance.bounds[1])
+    return THING_METRES[0] <= float((high - low).max()) <= THING_METRES[1]
