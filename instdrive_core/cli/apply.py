@@ -22,6 +22,7 @@ from instdrive_core.scene.scene import Scene
 
 def apply(
     scene: tyro.conf.Positional[Path],
+    *,
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
     delete: tuple[int, ...] = (),
     recolor: tuple[str, ...] = (),
@@ -33,14 +34,14 @@ def apply(
     """Edit a scene without a window and export it.
 
     Args:
-        scene: scene file, or run folder.
-        out: file to write (.ply), or a folder, which keeps tracks, cameras and sky.
+        scene: Scene file, or run folder.
+        out: File to write (.ply), or a folder, which keeps tracks, cameras and sky.
         delete: IDs of instances to delete.
-        recolor: recolours as ID=#rrggbb.
-        recolor_mode: tint keeps light and shade, solid is the plain colour from everywhere.
-        rename: new names as ID=NAME.
-        edits: file with one edit as JSON per line, done before the others.
-        time: seconds into the drive at which a .ply shows moving objects; default: the first photo's.
+        recolor: Recolours as ID=#rrggbb.
+        recolor_mode: `tint` keeps light and shade, `solid` is the plain colour from everywhere.
+        rename: New names as ID=NAME.
+        edits: File with one edit as JSON per line, done before the others.
+        time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
     """
     document = Document(open_scene(scene))
     for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits):

@@ -11,12 +11,12 @@ from instdrive_core.formats.registry import open_scene
 from instdrive_core.scene.scene import Scene
 
 
-def info(scene: tyro.conf.Positional[Path], instances: int = 20) -> None:
+def info(scene: tyro.conf.Positional[Path], *, instances: int = 20) -> None:
     """Print what a scene file holds.
 
     Args:
-        scene: scene file, or run folder.
-        instances: how many instances to list, the largest first.
+        scene: Scene file, or run folder.
+        instances: How many instances to list, the largest first.
     """
     opened = open_scene(scene)
     for label, value in _facts(opened):

@@ -1,0 +1,150 @@
+"""``instdrive render``: pictures of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tyro
+from jaxtyping import Bool, Float, UInt8
+from numpy import ndarray
+from PIL import Image
+
+from instdrive_core.cli.arguments import default_time, known_ids, view_named
+from instdrive_core.errors import OptionError
+from instdrive_core.formats.atomic import atomic_file
+from instdrive_core.formats.registry import open_scene
+from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
+from instdrive_core.rasterize.scene_view import Preview, instance_map, view_scene
+from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.scene import Scene, placed
+
+Mode = Literal["color", "instance", "codeword", "depth"]
+DEFAULT_WIDTH, DEFAULT_HEIGHT = 1280, 720
+MAX_SIDE = 16384
+_RAMP = np.array(
+    [[48, 18, 59], [66, 120, 240], [27, 208, 213], [114, 250, 92], [237, 208, 58], [251, 114, 27], [122, 4, 3]]
+)
+"""Colours from near to far, evenly spaced in the logarithm of depth."""
+
+
+def render(
+    scene: tyro.conf.Positional[Path],
+    *,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    view: str | None = None,
+    all_views: bool = False,
+    mode: Mode = "color",
+    hide: tuple[int, ...] = (),
+    time: float | None = None,
+    width: int | None = None,
+    height: int | None = None,
+) -> None:
+    """Draw a scene into PNG pictures without a window.
+
+    Args:
+        scene: Scene file, or run folder.
+        out: PNG file to write; with --all-views a folder, which gets CAMERA/NN.png.
+        view: A photo's camera as CAMERA/INDEX, or `orbit` for one that sees the whole scene; default: the first photo's
+            camera, or `orbit` where the scene has none.
+        all_views: Draw the view of every photo.
+        mode: `instance` and `codeword` pictures hold exact IDs: `instances.colormap.ids_from_colors` reads them back.
+        hide: IDs of instances to leave out.
+        time: Seconds into the drive at which moving objects are shown; default: the photo's.
+        width: Pixels; default: the photo's, or following --height.
+        height: Pixels; default: the photo's, or following --width.
+    """
+    if all_views and view is not None:
+        raise OptionError(f"--all-views and --view {view} exclude each other; give one of them")
+    opened = open_scene(scene)
+    drawn = ~np.isin(opened.instance_ids, known_ids(hide, opened.table))
+    shots = _all_shots(opened, out) if all_views else [(_camera_and_time(opened, view, time), _png(out))]
+    for (camera, moment), path in shots:
+        moment = moment if time is None else time
+        shown = view_scene(opened, _resized(camera, width, height), moment, drawn)
+        _save_png(path, picture(opened, shown, mode))
+        print(path)
+
+
+def picture(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 3"]:
+    """The pixels of one mode; IDs in exact colours, depth as a ramp over the logarithm of what is there."""
+    match mode:
+        case "color":
+            return np.round(np.clip(shown.color, 0, 1) * 255).astype(np.uint8)
+        case "instance":
+            return colors_from_ids(instance_map(scene, shown))
+        case "codeword":
+            # As in the editor: the colour map holds 24 bits, a longer codeword shows its low ones.
+            codewords = scene.codewords[np.maximum(shown.winner, 0)] & np.uint32(ID_LIMIT - 1)
+            return colors_from_ids(np.where(shown.winner >= 0, codewords, np.uint32(0)))
+        case "depth":
+            return depth_colors(shown.depth, shown.alpha >= 0.5)
+
+
+def depth_colors(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+    """Near is violet, far is red, nothing is black; the ramp spans 1 % to 99 % of the depths that are there."""
+    colors = np.zeros((*depth.shape, 3), np.uint8)
+    if there.any():
+        logs = np.log(np.maximum(depth[there], 1e-6))
+        near, far = np.quantile(logs, [0.01, 0.99])
+        places = np.clip((logs - near) / max(far - near, 1e-6), 0, 1) * (len(_RAMP) - 1)
+        channels = [np.interp(places, np.arange(len(_RAMP)), _RAMP[:, channel]) for channel in range(3)]
+        colors[there] = np.round(np.stack(channels, axis=-1))
+    return colors
+
+
+def orbit_camera(scene: Scene, time: float) -> Camera:
+    """A camera above and beside the scene that sees most of its opaque Gaussians."""
+    poses, present = scene.at(time)
+    means, _ = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    solid = (scene.gaussians.opacities > 0.3) & (present[scene.nodes] != 0) & np.isfinite(means).all(axis=1)
+    points = means[solid].astype(np.float64) if solid.any() else np.zeros((1, 3))
+    target = np.median(points, axis=0)
+    radius = max(float(np.quantile(np.linalg.norm(points - target, axis=1), 0.8)), 0.1)
+    position = target + 2.2 * radius * np.array([-0.75, -0.45, 0.5])
+    focal = 1.1 * DEFAULT_HEIGHT
+    center = (DEFAULT_WIDTH / 2, DEFAULT_HEIGHT / 2)
+    return Camera(focal, focal, *center, DEFAULT_WIDTH, DEFAULT_HEIGHT, look_at(position, target))
+
+
+def _camera_and_time(scene: Scene, name: str | None, time: float | None) -> tuple[Camera, float]:
+    if name == "orbit" or (name is None and not scene.views):
+        moment = default_time(scene) if time is None else time
+        return orbit_camera(scene, moment), moment
+    view = view_named(scene, name) if name is not None else scene.views[0]
+    return view.camera, view.time
+
+
+def _all_shots(scene: Scene, folder: Path) -> list[tuple[tuple[Camera, float], Path]]:
+    if not scene.views:
+        raise OptionError("the scene keeps no photo cameras, so --all-views draws nothing; use --view orbit")
+    if folder.suffix.lower() == ".png":
+        raise OptionError(f"--all-views writes many pictures; name a folder instead of {folder}")
+    return [((view.camera, view.time), folder / view.name / f"{view.index:02d}.png") for view in scene.views]
+
+
+def _png(path: Path) -> Path:
+    if path.suffix.lower() != ".png":
+        raise OptionError(f"{path} does not end in .png; IDs are exact in PNG only, so no other format is written")
+    return path
+
+
+def _resized(camera: Camera, width: int | None, height: int | None) -> Camera:
+    for name, value in (("width", width), ("height", height)):
+        if value is not None and not 1 <= value <= MAX_SIDE:
+            raise OptionError(f"--{name} is {value}; it must be from 1 to {MAX_SIDE} pixels")
+    if width is None and height is None:
+        return camera
+    if width is not None and height is not None:
+        # The vertical field of view stays; a wider or narrower picture shows more or less at its sides.
+        zoom = height / camera.height
+        scaled = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom, cy=camera.cy * zoom, height=height)
+        return replace(scaled, cx=width / 2 + (camera.cx - camera.width / 2) * zoom, width=width)
+    return camera.scaled(width / camera.width if width is not None else (height or 1) / camera.height)
+
+
+def _save_png(path: Path, pixels: UInt8[ndarray, "h w 3"]) -> None:
+    with atomic_file(path) as file:
+        Image.fromarray(pixels).save(file, format="PNG")

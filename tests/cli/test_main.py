@@ -1,0 +1,106 @@
+"""The dispatcher: its table matches the commands, help is quick, errors are short."""
+
+import ast
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import pytest
+
+from instdrive_app import main as dispatcher
+from instdrive_app.main import COMMANDS, Command, main
+from instdrive_core.errors import OptionError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def source_of(target):
+    """The function a command names, found without importing it."""
+    module, name = target.split(":")
+    path = ROOT / (module.replace("instdrive_app", "app", 1).replace(".", "/") + ".py")
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_table_repeats_the_commands_docstrings(name):
+    docstring = ast.get_docstring(source_of(COMMANDS[name].target))
+    assert docstring is not None
+    assert docstring.splitlines()[0] == COMMANDS[name].help
+
+
+def test_help_lists_every_command(capsys):
+    for arguments in ([], ["--help"], ["-h"]):
+        assert main(arguments) == 0
+        text = capsys.readouterr().out
+        assert all(f"  {name} " in text and command.help in text for name, command in COMMANDS.items())
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "instdrive 0.1.0\n"
+
+
+def test_help_and_version_come_at_once():
+    for option in ("--help", "--version"):
+        times = []
+        for _ in range(3):
+            start = time.perf_counter()
+            subprocess.run([sys.executable, "-m", "instdrive_app.main", option], check=True, capture_output=True)
+            times.append(time.perf_counter() - start)
+        assert min(times) < 0.5
+
+
+def test_unknown_commands_are_named(capsys):
+    assert main(["trian"]) == 2
+    message = capsys.readouterr().err
+    assert "'trian'" in message
+    assert "train" in message
+
+
+def raising(error):
+    def command(word: str = "x") -> None:
+        """Fail.
+
+        Args:
+            word: Anything.
+        """
+        raise error
+
+    return command
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Puts a function in the table under the name ``fake``."""
+
+    def install(function):
+        module = types.ModuleType("fake_command")
+        module.fake = function
+        monkeypatch.setitem(sys.modules, "fake_command", module)
+        monkeypatch.setitem(dispatcher.COMMANDS, "fake", Command("fake_command:fake", "Fail."))
+
+    return install
+
+
+def test_errors_for_the_user_are_one_line(fake, capsys):
+    fake(raising(OptionError("there is no instance 7; near it is 6")))
+    assert main(["fake"]) == 2
+    assert capsys.readouterr().err == "instdrive fake: there is no instance 7; near it is 6\n"
+
+
+def test_interrupts_and_bugs(fake, capsys):
+    fake(raising(KeyboardInterrupt()))
+    assert main(["fake"]) == 130
+    fake(raising(ZeroDivisionError("a bug")))
+    with pytest.raises(ZeroDivisionError):
+        main(["fake"])
+
+
+def test_wrong_options_exit_with_2_and_command_help_with_0(fake, capsys):
+    fake(raising(OptionError("never run")))
+    assert main(["fake", "--volume", "11"]) == 2
+    assert main(["fake", "--help"]) == 0
+    assert "Anything." in capsys.readouterr().out

@@ -1,0 +1,78 @@
+"""The wheel, installed outside the checkout, holds all code, shaders and assets, and its command runs."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
+RESOURCES = {"shaders": "instdrive_app/shaders", "assets": "instdrive_app/assets"}
+
+
+def run(*command, cwd, **environment):
+    result = subprocess.run(
+        command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def files_under(folder):
+    paths = (path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return {path.relative_to(folder).as_posix() for path in paths}
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A folder with the wheel's content, built from a copy so that the checkout stays clean."""
+    source, wheels, target = (tmp_path_factory.mktemp(name) for name in ("source", "wheels", "installed"))
+    for name in (*FOLDERS, *RESOURCES):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source / name)
+    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+    run(*pip, "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", str(wheels), str(source), cwd=source)
+    (wheel,) = wheels.glob("instdrive-*.whl")
+    run(*pip, "install", "--no-deps", "--no-index", "--target", str(target), str(wheel), cwd=wheels)
+    return target
+
+
+def test_the_wheel_holds_every_module_and_resource(installed):
+    for folder, package in FOLDERS.items():
+        missing = {name for name in files_under(ROOT / folder) if name.endswith(".py")} - files_under(
+            installed / package
+        )
+        assert not missing, f"list the packages of {sorted(missing)} in pyproject.toml"
+    for folder, package in RESOURCES.items():
+        assert files_under(ROOT / folder) <= files_under(installed / package)
+
+
+def test_the_installed_editor_finds_its_resources(installed, tmp_path):
+    code = """
+import instdrive_app, instdrive_core
+from importlib.resources import files
+print(instdrive_app.__file__, instdrive_core.__file__, sep="\\n")
+for package in ("shaders", "assets"):
+    for entry in files(f"instdrive_app.{package}").iterdir():
+        print(package, entry.name)
+print("void main" in (files("instdrive_app.shaders") / "splat.vert").read_text())
+"""
+    lines = run(sys.executable, "-c", code, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
+    assert all(line.startswith(str(installed)) for line in lines[:2]), "imported from elsewhere"
+    assert lines[-1] == "True"
+    for folder in RESOURCES:
+        expected = {f"{folder} {path.name}" for path in (ROOT / folder).iterdir() if path.name != "__pycache__"}
+        assert expected <= set(lines)
+
+
+def test_the_installed_command_runs(installed, tmp_path):
+    script = installed / "bin" / "instdrive"
+    text = run(sys.executable, str(script), "--help", cwd=tmp_path, PYTHONPATH=str(installed))
+    assert "usage: instdrive COMMAND" in text
+    assert run(sys.executable, str(script), "--version", cwd=tmp_path, PYTHONPATH=str(installed)) == "instdrive 0.1.0\n"
+    text = run(sys.executable, str(script), "apply", "--help", cwd=tmp_path, PYTHONPATH=str(installed))
+    assert "--recolor" in text
