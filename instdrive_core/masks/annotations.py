@@ -25,6 +25,8 @@ POINT_SIZE = 0.1
 OPEN = -1
 BORDER = 1
 """Pixels on either side of a border that are settled by the photo."""
+SEAM = 2.0
+"""Pixels: gaps this wide along edges too strong to spread into are closed without looking at the photo."""
 THING_REACH = 2
 """Pixels by which a thing may grow beyond its silhouette."""
 WIDE_SURFACES = frozenset(("Building", "Driveway", "Ground", "Road", "Sidewalk"))
@@ -89,7 +91,9 @@ class AnnotationLabels:
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
         labels[sky_seeds(labels != OPEN, image, camera)] = self._sky
         opened = without_borders(labels, BORDER)
-        return spread(opened, image, self._limits(camera.width), things, self._things)
+        filled = spread(opened, image, self._limits(camera.width), things, self._things)
+        seams = np.full(self._sky + 1, SEAM, np.float32)
+        return spread(filled, np.zeros_like(image), seams, things, self._things)
 
     def _limits(self, width: int) -> Float32[ndarray, " l"]:
         limits = np.full(self._sky + 1, REACH, np.float32)

@@ -86,8 +86,8 @@ def _bounds(pose: ndarray, dimensions: Float64[ndarray, "3"], camera: Camera) ->
         return None
     if depths.min() < NEAR:  # a corner behind the camera projects anywhere: take the whole image
         return 0, 0, camera.width, camera.height
-    left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
-    right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int), (camera.width, camera.height))
+    left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0).tolist()
+    right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int), (camera.width, camera.height)).tolist()
     return (left, top, right, bottom) if right > left and bottom > top else None
 
 

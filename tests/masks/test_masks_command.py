@@ -1,0 +1,56 @@
+"""`instdrive masks` from folder to folder."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from small_clip import HEIGHT, STEPS, WIDTH, write_small_clip
+
+from instdrive_core.cli.masks import masks
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.errors import DataError
+from instdrive_core.masks.labelmap import open_masks
+
+
+@pytest.fixture
+def root(tmp_path):
+    root = write_small_clip(tmp_path / "clip")
+    for camera in ("front_camera", "back_camera"):
+        for step in STEPS:
+            for name in (f"{camera}/{step:02d}.png", f"sky/{camera}/{step:02d}.png"):
+                (root / "labels" / name).parent.mkdir(parents=True, exist_ok=True)
+                value = np.uint8(0) if name.startswith("sky") else np.uint16(7)
+                Image.fromarray(np.full((HEIGHT, WIDTH), value)).save(root / "labels" / name)
+    table = {"7": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None}}
+    (root / "labels" / "instances.json").write_text(json.dumps(table))
+    return root
+
+
+def test_exact_masks_go_beside_the_photos(root, capsys):
+    masks(root)
+    found = open_masks(root / "masks")
+    assert found.source == "exact"
+    assert len(found.counts) == 2 * (len(STEPS) - 1)
+    assert found.load("front_camera/02").labels.shape == (HEIGHT, WIDTH)
+    assert "8 masks in 8 photos, from exact" in capsys.readouterr().out
+
+
+def test_source_folder_and_part_of_the_clip_can_be_chosen(root, tmp_path, capsys):
+    masks(root, "annotations", tmp_path / "out", 4, ClipOptions(cameras="front_camera", scale=0.5, last_frame=3))
+    found = open_masks(tmp_path / "out")
+    assert (found.source, found.seed) == ("annotations", 4)
+    assert set(found.counts) == {"front_camera/02", "front_camera/03"}
+    assert found.load("front_camera/02").labels.shape == (HEIGHT // 2, WIDTH // 2)
+    assert "from annotations" in capsys.readouterr().out
+
+
+def test_a_clip_that_cannot_be_written_is_named(root, capsys):
+    (root / "masks").write_text("in the way")
+    with pytest.raises(DataError, match=r"masks: cannot be written .* --out"):
+        masks(root)
+
+
+def test_a_real_clip_has_no_exact_labels(pandaset_clip, tmp_path):
+    with pytest.raises(DataError, match=r"has no exact labels.*--source annotations"):
+        masks(pandaset_clip, out=tmp_path / "out")
