@@ -82,7 +82,7 @@ class StepRenderer:
 
 
 def subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:
-    """Unit directions of all subsamples of some pixel rows, in the frame that the camera is posed in, pixel by pixel."""
+    """Unit directions of all subsamples of some pixel rows, pixel by pixel, in the frame of the camera's pose."""
     fractions = (np.arange(SIDE) + 0.5) / SIDE
     x = ((np.arange(camera.width)[:, None] + fractions) - camera.cx) / camera.fx
     y = ((np.arange(rows.start, rows.stop)[:, None] + fractions) - camera.cy) / camera.fy
