@@ -7,7 +7,7 @@ uniform vec4 selected_tint;
 uniform vec4 hovered_line;
 uniform int thickness;
 
-out vec4 overlay;
+out vec4 overlay;  // premultiplied
 
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -21,13 +21,14 @@ void main() {
         around |= texelFetch(mask, clamp(pixel - ivec2(0, step), ivec2(0), last), 0).r;
     }
     uint edge = around & ~here;
-    if ((edge & 2u) != 0u) {
-        overlay = hovered_line;
-    } else if ((edge & 1u) != 0u) {
+    if ((edge & 1u) != 0u) {
         overlay = selected_line;
+    } else if ((edge & 2u) != 0u) {
+        overlay = hovered_line;
     } else if ((here & 1u) != 0u) {
         overlay = selected_tint;
     } else {
         discard;
     }
+    overlay.rgb *= overlay.a;
 }

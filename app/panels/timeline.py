@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Ui, command_button, icon
+from instdrive_app.panels.ui import Ui, command_button, dim_text, icon
 
 
 class TimelinePanel:
@@ -23,12 +23,13 @@ class TimelinePanel:
         if timeline.camera_names:
             self._cameras(ui)
             imgui.same_line()
-        imgui.set_next_item_width(-1)
-        step = timeline.step_of(session.state.time)
-        label = f"{session.state.time:.2f} s     {step + 1} / {len(timeline.steps)}"
-        last = max(len(timeline.steps) - 1, 1)
-        changed, chosen = imgui.slider_int("##time", step, 0, last, label, imgui.SliderFlags_.no_input)
+        step, last = timeline.step_of(session.state.time), max(len(timeline.steps) - 1, 1)
+        label = f"{session.state.time:.2f} s   {step + 1} / {len(timeline.steps)}"
+        imgui.set_next_item_width(-imgui.calc_text_size(label).x - 12)
+        changed, chosen = imgui.slider_int("##time", step, 0, last, "", imgui.SliderFlags_.no_input)
         ui.mark("timeline.slider")
+        imgui.same_line()
+        dim_text(label)
         if changed:
             session.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
 

@@ -109,7 +109,7 @@ class Renderer:
     def read_blended(self) -> Float32[ndarray, "h w 4"]:
         """The blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
         assert self._targets is not None, "render was never called"
-        pixels = np.frombuffer(self._targets.blended.read(alignment=1), np.float16)
+        pixels = np.frombuffer(self._targets.blended.read(alignment=1), np.float32)
         width, height = self._targets.blended_size
         return pixels.reshape(height, width, 4).astype(np.float32)
 

@@ -11,7 +11,7 @@ class Targets:
 
     def __init__(self, ctx: moderngl.Context, size: tuple[int, int], blended_size: tuple[int, int]) -> None:
         self.size, self.blended_size = size, blended_size
-        self.blended = ctx.texture(blended_size, 4, dtype="f2")
+        self.blended = ctx.texture(blended_size, 4, dtype="f4")
         self.blended.repeat_x = self.blended.repeat_y = False
         self.blended_buffer = ctx.framebuffer([self.blended])
         self.rows = _integer_texture(ctx, size, "u4")

@@ -32,6 +32,11 @@ class Part:
     node: int = 0
 
 
+def float32_gaussians(*arrays):
+    """Gaussians from arrays of any float type."""
+    return Gaussians(*(np.asarray(array, np.float32) for array in arrays))
+
+
 def plane(rng, origin, u, v, spacing, color, noise=0.06, sh_rest=3):
     """Flat Gaussians on a rectangle from `origin` along vectors `u` and `v`, about `spacing` metres apart."""
     origin, u, v = (np.asarray(x, float) for x in (origin, u, v))
@@ -45,7 +50,7 @@ def plane(rng, origin, u, v, spacing, color, noise=0.06, sh_rest=3):
     count = len(means)
     colors = np.broadcast_to(color(means) if callable(color) else np.asarray(color), (count, 3))
     colors = np.clip(colors * (1 + rng.normal(0, noise, (count, 1))), 0.01, 0.99)
-    return Gaussians(
+    return float32_gaussians(
         means,
         np.tile(quaternion_from_matrix(frame), (count, 1)),
         np.log(np.tile([0.62 * spacing, 0.62 * spacing, 0.02], (count, 1))),
@@ -101,7 +106,7 @@ def tree(rng, x, y):
     leaves = rng.normal(0, 1, (count, 3))
     leaves *= (rng.random((count, 1)) ** 0.33) / np.linalg.norm(leaves, axis=1, keepdims=True)
     trunk = box(rng, (x - 0.12, y - 0.12, 0), (x + 0.12, y + 0.12, 2.4), 0.16, (0.30, 0.21, 0.14))
-    crown = Gaussians(
+    crown = float32_gaussians(
         leaves * 1.3 + [x, y, 3.2],
         rng.normal(0, 1, (count, 4)),
         np.log(rng.uniform(0.08, 0.22, (count, 3))),
@@ -149,7 +154,7 @@ def dataset_views():
         front = look_at(np.array([-0.6, -1.5 + 0.8 * index, 2.0]), np.array([0.3, 10 + 0.8 * index, 0.6]))
         side = look_at(np.array([-0.6, 2 + 0.8 * index, 2.2]), np.array([6.0, 9 + 0.8 * index, 0.5]))
         for name, pose in (("front_camera", front), ("right_camera", side)):
-            camera = Camera(400, 400, 240, 135, 480, 270, pose)
+            camera = Camera(400.0, 400.0, 240.0, 135.0, 480, 270, pose)
             views.append(CameraView(camera, name, index, index * 0.5))
     return tuple(views)
 
