@@ -38,18 +38,18 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
         ("colour", f"SH degree {gaussians.sh_degree}"),
         ("features", f"{gaussians.features.shape[1]} per splat, {scene.code_bits} code bits"),
     ]
-    if len(scene):
-        finite = np.isfinite(gaussians.means).all(axis=1)
+    finite = np.isfinite(gaussians.means).all(axis=1)
+    if finite.any():
         low, high = np.quantile(gaussians.means[finite], [0.01, 0.99], axis=0)
-        sizes = np.quantile(np.exp(gaussians.log_scales.max(axis=1)), [0.05, 0.5, 0.95])
-        opaque = np.quantile(gaussians.opacities, [0.05, 0.5, 0.95])
+        sizes = np.exp(np.quantile(gaussians.log_scales[finite].max(axis=1), [0.05, 0.5, 0.95]).clip(-80, 80))
+        opaque = np.quantile(gaussians.opacities[finite], [0.05, 0.5, 0.95])
         facts += [
             ("extent", f"{_numbers(low)} to {_numbers(high)} m (98 % of the splats)"),
             ("size", f"{_numbers(sizes)} m (longest axis; 5, 50, 95 %)"),
             ("opacity", f"{_numbers(opaque)} (5, 50, 95 %)"),
         ]
-        if not finite.all():
-            facts.append(("damaged", f"{int((~finite).sum()):,} splats have no finite position"))
+    if not finite.all():
+        facts.append(("damaged", f"{int((~finite).sum()):,} splats have no finite position"))
     labelled = int(np.count_nonzero(scene.instance_ids))
     facts.append(("instances", f"{len(scene.table)}, on {labelled:,} splats"))
     if scene.origin.any():
