@@ -1,0 +1,57 @@
+"""A whole scene seen by a camera at a time: actors placed, sky behind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float32, UInt32
+from numpy import ndarray
+
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, preview
+from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.view_colors import view_colors
+from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.scene import Scene, placed
+
+
+def view_scene(
+    scene: Scene,
+    camera: Camera,
+    time: float,
+    drawn: Bool[ndarray, " n"] | None = None,
+    settings: RasterSettings = DEFAULT_SETTINGS,
+    rule: PickRule = DEFAULT_PICK_RULE,
+) -> Preview:
+    """Draw the scene as it is at `time` (seconds); its colour has the sky, or black, behind it.
+
+    Args:
+        drawn: mask of the splats to draw, as `SplatState.drawn` gives it; all by default. Actors that do not exist
+            at `time` are not drawn either.
+    """
+    gaussians = scene.gaussians
+    poses, present = scene.at(time)
+    means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
+    colors = view_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+    opacities = gaussians.opacities
+    if drawn is not None:
+        opacities = np.where(drawn, opacities, np.float32(0))
+    if not present.all():
+        opacities = np.where(present[scene.nodes], opacities, np.float32(0))
+    frame = preview(means, quats, gaussians.log_scales, opacities, colors, camera, settings, rule)
+    return replace(frame, color=frame.color + sky_behind(scene, camera, frame.alpha))
+
+
+def sky_behind(scene: Scene, camera: Camera, alpha: Float32[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
+    """What the sky adds to each pixel: its colour where the Gaussians let light through, black without a sky."""
+    if scene.sky is None:
+        return np.zeros((*alpha.shape, 3), np.float32)
+    sky = scene.sky.colors(camera.ray_directions())
+    return (sky * (1 - alpha)[..., None]).astype(np.float32)
+
+
+def instance_map(scene: Scene, frame: Preview) -> UInt32[ndarray, "h w"]:
+    """The instance that each pixel stands for, 0 for none."""
+    if not len(scene):
+        return np.zeros(frame.winner.shape, np.uint32)
+    return np.where(frame.winner >= 0, scene.instance_ids[frame.winner], 0).astype(np.uint32)
