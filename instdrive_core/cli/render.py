@@ -17,7 +17,8 @@ from instdrive_core.errors import OptionError
 from instdrive_core.formats.atomic import atomic_file
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
-from instdrive_core.rasterize.scene_view import Preview, instance_map, view_scene
+from instdrive_core.rasterize.preview import Preview
+from instdrive_core.rasterize.scene_view import instance_map, view_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import Scene, placed
 
@@ -77,8 +78,9 @@ def picture(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 3"]
             return colors_from_ids(instance_map(scene, shown))
         case "codeword":
             # As in the editor: the colour map holds 24 bits, a longer codeword shows its low ones.
-            codewords = scene.codewords[np.maximum(shown.winner, 0)] & np.uint32(ID_LIMIT - 1)
-            return colors_from_ids(np.where(shown.winner >= 0, codewords, np.uint32(0)))
+            codewords = np.zeros(shown.winner.shape, np.uint32)
+            codewords[shown.winner >= 0] = scene.codewords[shown.winner[shown.winner >= 0]]
+            return colors_from_ids(codewords & np.uint32(ID_LIMIT - 1))
         case "depth":
             return depth_colors(shown.depth, shown.alpha >= 0.5)
 

@@ -1,0 +1,155 @@
+"""`instdrive render`, and that what is exported looks like what was edited."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from PIL import Image
+from random_scene import random_scene
+
+from instdrive_app.main import main
+from instdrive_core.cli.render import depth_colors, orbit_camera
+from instdrive_core.edits.bake import baked, frozen_at
+from instdrive_core.edits.color import RecolorInstances
+from instdrive_core.edits.document import Document
+from instdrive_core.formats.registry import save_scene
+from instdrive_core.instances.colormap import ids_from_colors
+from instdrive_core.instances.table import table_from_ids
+from instdrive_core.rasterize.scene_view import instance_map, view_scene
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Opaque Gaussians big enough to fill pixels, with two moving actors."""
+    scene = random_scene(count=300)
+    scene.gaussians.log_scales[:] = -1.2
+    scene.gaussians.opacity_logits[:] = 3
+    return scene
+
+
+@pytest.fixture
+def run(tmp_path, scene):
+    save_scene(tmp_path / "run", scene)
+    return tmp_path / "run"
+
+
+def pixels(path):
+    return np.asarray(Image.open(path))
+
+
+def test_color_is_what_the_rasterizer_shows(run, scene, tmp_path):
+    assert main(["render", str(run), "--view", "front_camera/3", "-o", str(tmp_path / "a.png")]) == 0
+    expected = view_scene(scene, scene.views[3].camera, scene.views[3].time).color
+    np.testing.assert_allclose(pixels(tmp_path / "a.png") / 255, np.clip(expected, 0, 1), atol=0.51 / 255)
+
+
+def test_instance_and_codeword_pictures_decode_to_ids(run, scene, tmp_path):
+    shown = view_scene(scene, scene.views[0].camera, 0.0)
+    for mode in ("instance", "codeword"):
+        assert main(["render", str(run), "--mode", mode, "-o", str(tmp_path / "a.png")]) == 0
+        ids = ids_from_colors(pixels(tmp_path / "a.png"))
+        expected = instance_map(scene, shown)
+        if mode == "codeword":
+            expected = np.where(shown.winner >= 0, scene.codewords[shown.winner], 0)
+        np.testing.assert_array_equal(ids, expected)
+        assert len(np.unique(ids)) > 3
+
+
+def test_hidden_instances_and_other_times_are_not_drawn(run, tmp_path):
+    out = tmp_path / "a.png"
+    main(["render", str(run), "--mode", "instance", "-o", str(out)])
+    assert {1, 2, 7} <= set(np.unique(ids_from_colors(pixels(out))))
+    main(["render", str(run), "--mode", "instance", "--hide", "1", "2", "--time", "9", "-o", str(out)])
+    ids = set(np.unique(ids_from_colors(pixels(out))))
+    assert not ids & {1, 2, 7, 8}
+    assert ids & {3, 4, 5, 6}
+
+
+def test_all_views_get_a_picture_each(run, tmp_path):
+    out = tmp_path / "pictures"
+    assert main(["render", str(run), "--all-views", "--mode", "depth", "--width", "32", "-o", str(out)]) == 0
+    names = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.png"))
+    assert names == [f"front_camera/{index:02d}.png" for index in range(5)]
+    assert pixels(out / names[0]).shape == (24, 32, 3)
+
+
+@pytest.mark.parametrize(
+    ("options", "shape"),
+    [
+        (["--view", "orbit"], (720, 1280, 3)),
+        (["--height", "24"], (24, 32, 3)),
+        (["--width", "90", "--height", "24"], (24, 90, 3)),
+    ],
+)
+def test_sizes(run, tmp_path, options, shape):
+    assert main(["render", str(run), *options, "-o", str(tmp_path / "a.png")]) == 0
+    assert pixels(tmp_path / "a.png").shape == shape
+    assert pixels(tmp_path / "a.png").std() > 5
+
+
+def test_a_wider_picture_keeps_the_middle(run, tmp_path):
+    for width in ("32", "48"):
+        main(["render", str(run), "--width", width, "--height", "24", "-o", str(tmp_path / f"{width}.png")])
+    middle = pixels(tmp_path / "48.png")[:, 8:40].astype(int)
+    assert np.abs(middle - pixels(tmp_path / "32.png")).max() <= 2
+
+
+def test_orbit_sees_most_of_a_scene_without_views(scene):
+    bare = dataclasses.replace(scene, views=())
+    camera = orbit_camera(bare, 0.0)
+    inside, depth = camera.project(bare.gaussians.means[bare.nodes == 0])
+    seen = (depth > 0) & (inside >= 0).all(axis=1) & (inside < [camera.width, camera.height]).all(axis=1)
+    assert seen.mean() > 0.8
+    assert orbit_camera(random_scene(count=0, actors=0), 0.0).position.shape == (3,)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--view", "front_camera/77"], "near it are front_camera/"),
+        (["--view", "back_camera/0"], "near it are front_camera/0"),
+        (["--view", "orbit", "--all-views"], "exclude each other"),
+        (["--all-views", "-o", "OUT.png"], "name a folder"),
+        (["-o", "OUT.jpg"], "does not end in .png"),
+        (["--hide", "99"], "no instance 99"),
+        (["--width", "0"], "--width is 0"),
+        (["--height", "99999"], "--height is 99999"),
+    ],
+)
+def test_what_cannot_be_drawn_is_explained(run, tmp_path, monkeypatch, capsys, options, message):
+    monkeypatch.chdir(tmp_path)
+    out = [] if "-o" in options else ["-o", "a.png"]
+    out = ["-o", "folder"] if options == ["--view", "orbit", "--all-views"] else out
+    assert main(["render", str(run), *options, *out]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_depth_runs_from_violet_to_red_and_is_black_where_nothing_is():
+    depth = np.geomspace(1, 100, 200, dtype=np.float32).reshape(10, 20)
+    there = np.ones_like(depth, bool)
+    there[5] = False
+    colors = depth_colors(depth, there).astype(int)
+    assert not colors[5].any()
+    assert colors[0, 0, 2] > colors[0, 0, 0]
+    assert colors[-1, -1, 0] > colors[-1, -1, 2]
+    assert not depth_colors(depth, np.zeros_like(there)).any()
+
+
+def test_placed_scenes_look_like_moving_ones(scene):
+    camera = scene.views[2].camera
+    moving, still = view_scene(scene, camera, 0.3), view_scene(frozen_at(scene, 0.3), camera, 0.3)
+    np.testing.assert_allclose(still.color, moving.color, atol=2e-3)
+    np.testing.assert_allclose(still.alpha, moving.alpha, atol=2e-3)
+
+
+def test_exported_solid_instances_show_their_color(scene):
+    alone = dataclasses.replace(scene, sky=None)
+    alone.instance_ids = np.where(scene.nodes == 0, 1, scene.instance_ids).astype(np.uint32)
+    alone.table = table_from_ids(alone.instance_ids, scene.gaussians.means, scene.codewords, scene.nodes)
+    document = Document(alone)
+    document.apply(RecolorInstances((1,), "solid", (0.8, 0.4, 0.2)))
+    shown = view_scene(baked(document), scene.views[0].camera, 9.0)
+    covered = shown.alpha > 0.5
+    assert covered.sum() > 200
+    expected = shown.alpha[covered][:, None] * np.array([0.8, 0.4, 0.2])
+    np.testing.assert_allclose(shown.color[covered], expected, atol=2e-3)
