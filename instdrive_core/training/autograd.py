@@ -79,7 +79,7 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx, means, quats, log_scales, opacity_logits, channels, camera, geometry_channels, statistics):
         opacities = torch.sigmoid(opacity_logits)
-        raster = render(*_arrays(means, quats, log_scales, opacities, channels), camera)
+        raster = render(_array(means), _array(quats), _array(log_scales), _array(opacities), _array(channels), camera)
         ctx.save_for_backward(means, quats, log_scales, channels, opacities)  # so that torch notices changes in place
         ctx.raster, ctx.camera = raster.context, camera
         ctx.geometry_channels, ctx.statistics = geometry_channels, statistics
@@ -89,13 +89,19 @@ class _Rasterize(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, grad_image, grad_depth, grad_alpha):
         *_, opacities = ctx.saved_tensors
-        gradients = render_backward(ctx.raster, *_arrays(grad_image, grad_depth, grad_alpha), ctx.geometry_channels)
+        grads = _array(grad_image), _array(grad_depth), _array(grad_alpha)
+        gradients = render_backward(ctx.raster, grads[0], grads[1], grads[2], ctx.geometry_channels)
         if ctx.statistics is not None:
             ctx.statistics.add(gradients, ctx.camera)
         grad_logits = torch.from_numpy(gradients.opacities) * opacities * (1 - opacities)
-        grads = (gradients.means, gradients.quats, gradients.log_scales)
-        means, quats, log_scales = (torch.from_numpy(grad) for grad in grads)
-        return means, quats, log_scales, grad_logits, torch.from_numpy(gradients.channels), None, None, None
+        return (
+            torch.from_numpy(gradients.means),
+            torch.from_numpy(gradients.quats),
+            torch.from_numpy(gradients.log_scales),
+            grad_logits,
+            torch.from_numpy(gradients.channels),
+            *(None, None, None),
+        )
 
 
 class _ViewColors(torch.autograd.Function):
@@ -103,16 +109,19 @@ class _ViewColors(torch.autograd.Function):
     def forward(ctx, means, sh_dc, sh_rest, camera_position, nodes, poses):
         ctx.save_for_backward(means, sh_dc, sh_rest)
         ctx.view = (camera_position, nodes, poses)
-        return torch.from_numpy(view_colors(*_arrays(means, sh_dc, sh_rest), *ctx.view))
+        return torch.from_numpy(
+            view_colors(_array(means), _array(sh_dc), _array(sh_rest), camera_position, nodes, poses)
+        )
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad_colors):
-        arrays = _arrays(*ctx.saved_tensors)
-        grad_dc, grad_rest = view_colors_backward(*arrays, *ctx.view, *_arrays(grad_colors))
+        means, sh_dc, sh_rest = (_array(tensor) for tensor in ctx.saved_tensors)
+        position, nodes, poses = ctx.view
+        grad_dc, grad_rest = view_colors_backward(means, sh_dc, sh_rest, position, nodes, poses, _array(grad_colors))
         return None, torch.from_numpy(grad_dc), torch.from_numpy(grad_rest), None, None, None
 
 
-def _arrays(*tensors: Tensor) -> tuple[ndarray, ...]:
-    """Views of the tensors' memory."""
-    return tuple(tensor.detach().numpy() for tensor in tensors)
+def _array(tensor: Tensor) -> ndarray:
+    """A view of the tensor's memory."""
+    return tensor.detach().numpy()
