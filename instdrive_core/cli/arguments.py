@@ -55,8 +55,15 @@ def view_named(scene: Scene, name: str) -> CameraView:
     wanted = f"{camera}/{int(index)}" if slash and index.isdecimal() else name
     if wanted in by_name:
         return by_name[wanted]
-    near = difflib.get_close_matches(wanted, by_name, n=NEAR, cutoff=0.3) or list(by_name)[:NEAR]
+    near = _views_near(scene, camera, int(index)) if index.isdecimal() else []
+    near = near or difflib.get_close_matches(wanted, by_name, n=NEAR, cutoff=0.3) or list(by_name)[:NEAR]
     raise OptionError(f"there is no view {name!r}; near it are {', '.join(near)}, and `orbit` shows the whole scene")
+
+
+def _views_near(scene: Scene, camera: str, index: int) -> list[str]:
+    """The views of this camera at the nearest time steps."""
+    steps = sorted((view.index for view in scene.views if view.name == camera), key=lambda step: abs(step - index))
+    return [f"{camera}/{step}" for step in sorted(steps[:NEAR])]
 
 
 def default_time(scene: Scene) -> float:

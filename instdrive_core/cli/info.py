@@ -23,10 +23,11 @@ def info(scene: tyro.conf.Positional[Path], *, instances: int = 20) -> None:
         print(f"{label + ':':<14}{value}")
     largest = sorted(opened.table, key=lambda instance: (-instance.count, instance.id))[: max(instances, 0)]
     if largest:
-        print(f"\n{'ID':>8}  {'splats':>9}  {'codeword':>8}  {'class':<16}name")
+        width = max(len("class"), *(len(instance.class_name) for instance in largest))
+        print(f"\n{'ID':>8}  {'splats':>9}  {'codeword':>10}  {'class':<{width}}  name")
     for instance in largest:
-        columns = f"{instance.id:>8}  {instance.count:>9,}  {instance.codeword:>8}  {instance.class_name or '-':<16}"
-        print(columns + instance.name)
+        counts = f"{instance.id:>8}  {instance.count:>9,}  {instance.codeword:>10}"
+        print(f"{counts}  {instance.class_name or '-':<{width}}  {instance.name}")
     if len(opened.table) > len(largest):
         print(f"… and {len(opened.table) - len(largest)} more (--instances {len(opened.table)})")
 

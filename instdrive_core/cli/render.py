@@ -105,7 +105,7 @@ def orbit_camera(scene: Scene, time: float) -> Camera:
     points = means[solid].astype(np.float64) if solid.any() else np.zeros((1, 3))
     target = np.median(points, axis=0)
     radius = max(float(np.quantile(np.linalg.norm(points - target, axis=1), 0.8)), 0.1)
-    position = target + 2.2 * radius * np.array([-0.75, -0.45, 0.5])
+    position = target + 2.2 * radius * np.array([-0.5, -0.4, 0.77])
     focal = 1.1 * DEFAULT_HEIGHT
     center = (DEFAULT_WIDTH / 2, DEFAULT_HEIGHT / 2)
     return Camera(focal, focal, *center, DEFAULT_WIDTH, DEFAULT_HEIGHT, look_at(position, target))

@@ -3,6 +3,7 @@
 Nothing in training separates two objects that no photo shows together, so they may share a codeword; space tells them
 apart. Gaussians are gathered into small cells, the cells of a (node, codeword) group are joined to near ones by a
 k-nearest-neighbour graph whose reach follows the local spacing, and components too small to be objects are given away.
+Within an actor nothing is split: its box already says that it is one thing.
 """
 
 from __future__ import annotations
@@ -142,8 +143,11 @@ def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
     limits = config.spacing_factor * np.sqrt(spacing[:, None] * spacing[targets])
     extents = cells.extents[:, None] + cells.extents[targets]
     near = inside & (distances <= np.minimum(limits, config.max_gap) + config.extent_factor * extents)
-    sources = np.broadcast_to(np.arange(count)[:, None], targets.shape)[near]
-    graph = coo_array((np.ones(len(sources), np.uint8), (sources, targets[near])), shape=(count, count))
+    # Cells are in order of their groups: a chain through an actor's cells keeps them together.
+    chained = np.flatnonzero((cells.groups[1:] == cells.groups[:-1]) & (cells.nodes[1:] > 0))
+    sources = np.concatenate([np.broadcast_to(np.arange(count)[:, None], targets.shape)[near], chained])
+    targets = np.concatenate([targets[near], chained + 1])
+    graph = coo_array((np.ones(len(sources), np.uint8), (sources, targets)), shape=(count, count))
     return connected_components(graph.tocsr(), directed=False)[1].astype(np.int64)
 
 

@@ -62,6 +62,13 @@ def test_touching_things_of_two_codewords_and_two_nodes_stay_apart():
     assert sorted(only(labels[part]) for part in parts) == [1, 2, 3, 4]
 
 
+def test_an_actor_is_not_split():
+    planted = Planted()
+    cab, trailer, load = (planted.blob([0, y, 0], code, node=3) for y, code in ((4, 5), (-4, 5), (-4, 6)))
+    labels = planted.split()
+    assert only(labels[cab]) == only(labels[trailer]) != only(labels[load])
+
+
 def test_sparse_surface_of_large_gaussians_hangs_together():
     planted = Planted()
     grid = np.stack(np.meshgrid(np.arange(0, 60, 2.5), np.arange(0, 12, 2.5), [0]), axis=-1).reshape(-1, 3)
