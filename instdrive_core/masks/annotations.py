@@ -16,7 +16,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.labelled_cloud import UNKNOWN, build_cloud
 from instdrive_core.masks.silhouettes import draw_objects
-from instdrive_core.masks.sky import sky_seeds
+from instdrive_core.masks.sky import SkyColors, sky_seeds, surely_sky
 from instdrive_core.masks.splatting import splat
 from instdrive_core.masks.spreading import spread
 
@@ -58,6 +58,7 @@ class AnnotationLabels:
         self._cloud = build_cloud(clip, held_out)
         self._sky = 1 + max(self.instances, default=0)
         self._things = range(min(self._cloud.tracks, default=self._sky), self._sky)
+        self._sky_colors = self._gathered_colors(clip)
         self._last: tuple[str, Int32[ndarray, "h w"]] | None = None
 
     @property
@@ -85,15 +86,30 @@ class AnnotationLabels:
 
     def _made(self, frame: Frame) -> Int32[ndarray, "h w"]:
         image, camera = frame.load_image(), frame.view.camera
-        drawn, depths = splat(self._cloud.points, self._cloud.ids, camera, POINT_SIZE)
-        draw_objects(self._cloud, frame.view, drawn, depths)
-        labels = np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN)
+        labels = self._drawn(frame)
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
-        labels[sky_seeds(labels != OPEN, image, camera)] = self._sky
+        labels[sky_seeds(labels != OPEN, image, camera, self._sky_colors)] = self._sky
         opened = without_borders(labels, BORDER)
         filled = spread(opened, image, self._limits(camera.width), things, self._things)
         seams = np.full(self._sky + 1, SEAM, np.float32)
         return spread(filled, np.zeros_like(image), seams, things, self._things)
+
+    def _drawn(self, frame: Frame) -> Int32[ndarray, "h w"]:
+        """IDs where points were drawn, else OPEN."""
+        drawn, depths = splat(self._cloud.points, self._cloud.ids, frame.view.camera, POINT_SIZE)
+        draw_objects(self._cloud, frame.view, drawn, depths)
+        return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN)
+
+    def _gathered_colors(self, clip: Clip) -> SkyColors:
+        """What sky and surfaces look like in a few steps of the clip."""
+        colors = SkyColors()
+        steps = sorted({frame.view.index for frame in clip.training_frames()})
+        chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
+        for frame in clip.training_frames():
+            if frame.view.index in chosen:
+                image, surface = frame.load_image(), self._drawn(frame) != OPEN
+                colors.add(image, surely_sky(surface, image, frame.view.camera), surface)
+        return colors
 
     def _limits(self, width: int) -> Float32[ndarray, " l"]:
         limits = np.full(self._sky + 1, REACH, np.float32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float64, UInt8
+from jaxtyping import Bool, Float64, Int32, UInt8
 from numpy import ndarray
 from scipy import ndimage
 
@@ -18,32 +18,81 @@ MAX_CONTRAST = 24.0
 COLUMN_REACH = 0.01
 """A beam does not hit each column: surfaces count this share of the image's width to either side."""
 COLOR_BINS = 24
+MIN_SHARE = 0.01
+"""Share of the photo from which on the sky found in it says enough about its colours."""
 MIN_LIKELIHOOD = 0.97
 """Share of sky among pixels of a colour, from which on pixels of that colour next to the sky are sky."""
 
 
-def sky_seeds(supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera) -> Bool[ndarray, "h w"]:
-    """Pixels that surely are sky.
+class SkyColors:
+    """How often each colour is the sky's and a surface's: smoothed histograms over pixels of which that is known."""
+
+    def __init__(self) -> None:
+        self._sky = np.zeros((COLOR_BINS,) * 3)
+        self._surface = np.zeros((COLOR_BINS,) * 3)
+
+    def add(self, image: UInt8[ndarray, "h w 3"], sky: Bool[ndarray, "h w"], surface: Bool[ndarray, "h w"]) -> None:
+        """Learn from a photo."""
+        bins = _color_bins(image)
+        self._sky += np.bincount(bins[sky], minlength=COLOR_BINS**3).reshape(self._sky.shape)
+        self._surface += np.bincount(bins[surface], minlength=COLOR_BINS**3).reshape(self._sky.shape)
+
+    def likelihood(self, image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "h w"]:
+        """How likely each pixel's colour is the sky's, were both as frequent; 0 for colours never met."""
+        sky, surface = (
+            np.asarray(ndimage.gaussian_filter(counts, 0.7)) / max(1, counts.sum())
+            for counts in (self._sky, self._surface)
+        )
+        return (sky / np.maximum(sky + surface, 1e-12)).ravel()[_color_bins(image)]
+
+
+def surely_sky(supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera) -> Bool[ndarray, "h w"]:
+    """Pixels through which LiDAR beams went without meeting a surface, up to the upper edge of the photo.
 
     Args:
         supported: where a surface was met.
         image: the photo.
         camera: its view, in a world whose z axis points up.
     """
-    elevation = np.degrees(np.arcsin(np.clip(camera.ray_directions()[..., 2], -1, 1)))
-    empty = _empty(supported, elevation, camera) & (_contrast(image) < MAX_CONTRAST)
-    seeds = _connected(empty, _top_row(empty))
-    alike = ~supported & (elevation > LOWEST_SKY) & (_likelihood(image, seeds, supported) > MIN_LIKELIHOOD)
-    return _connected(seeds | alike, seeds)
+    empty = _empty(supported, camera) & (_contrast(image) < MAX_CONTRAST)
+    return _connected(empty, _top_row(empty))
 
 
-def _empty(supported: Bool[ndarray, "h w"], elevation: Float64[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h w"]:
+def sky_seeds(
+    supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera, elsewhere: SkyColors
+) -> Bool[ndarray, "h w"]:
+    """Pixels that are sky: surely, or by their colour and next to such.
+
+    Between tall buildings, LiDAR reaches no sky: there, unsupported pixels at the photo's upper edge are taken for
+    sky if they look like the sky `elsewhere` in the clip. Other arguments as of `surely_sky`.
+    """
+    seeds = surely_sky(supported, image, camera)
+    colors = SkyColors()
+    colors.add(image, seeds, supported)
+    is_open = ~supported & (_elevation(camera) > LOWEST_SKY)
+    if seeds.mean() < MIN_SHARE:
+        looks_alike = is_open & (elsewhere.likelihood(image) > MIN_LIKELIHOOD)
+        return seeds | _connected(looks_alike, _top_row(looks_alike))
+    return _connected(seeds | (is_open & (colors.likelihood(image) > MIN_LIKELIHOOD)), seeds)
+
+
+def _elevation(camera: Camera) -> Float64[ndarray, "h w"]:
+    """Degrees above the horizon."""
+    x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+    y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy)[:, None]
+    up = camera.world_from_camera[2, :3]
+    sine = (up[0] * x + up[1] * y + up[2]) / np.sqrt(x * x + y * y + 1)
+    return np.degrees(np.arcsin(np.clip(sine, -1, 1)))
+
+
+def _empty(supported: Bool[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h w"]:
     """Pixels through which beams went without meeting a surface.
 
     Beams get sparser towards the upper end of the field of view; a pixel is empty if no surface lies within the
     distance of the next beams. Above the field of view, a column is taken to go on as it is at its upper end,
     or next to it: wires and poles are thin.
     """
+    elevation = _elevation(camera)
     reach = max(1, round(COLUMN_REACH * camera.width))
     wide = ndimage.maximum_filter1d(supported, 2 * reach + 1, axis=1)
     rows = np.arange(camera.height)[:, None]
@@ -63,19 +112,9 @@ def _contrast(image: UInt8[ndarray, "h w 3"]) -> ndarray:
     return (ndimage.maximum_filter(values, (3, 3, 1)) - ndimage.minimum_filter(values, (3, 3, 1))).max(axis=2)
 
 
-def _likelihood(
-    image: UInt8[ndarray, "h w 3"], sky: Bool[ndarray, "h w"], surface: Bool[ndarray, "h w"]
-) -> Float64[ndarray, "h w"]:
-    """How likely each pixel's colour is the sky's rather than a surface's, from smoothed colour histograms."""
+def _color_bins(image: UInt8[ndarray, "h w 3"]) -> Int32[ndarray, "h w"]:
     bins = (image.astype(np.int32) * COLOR_BINS) // 256
-    flat = (bins[..., 0] * COLOR_BINS + bins[..., 1]) * COLOR_BINS + bins[..., 2]
-
-    def histogram(mask: Bool[ndarray, "h w"]) -> ndarray:
-        counts = np.bincount(flat[mask], minlength=COLOR_BINS**3).reshape((COLOR_BINS,) * 3)
-        return np.asarray(ndimage.gaussian_filter(counts.astype(np.float64), 0.7)) / max(1, int(mask.sum()))
-
-    of_sky, of_surface = histogram(sky), histogram(surface)
-    return np.asarray(of_sky / np.maximum(of_sky + of_surface, 1e-12)).ravel()[flat]
+    return (bins[..., 0] * COLOR_BINS + bins[..., 1]) * COLOR_BINS + bins[..., 2]
 
 
 def _top_row(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:

@@ -40,9 +40,16 @@ def make_masks(
     return write_masks(folder, masks(), source, seed)
 
 
-def ensure_masks(clip_path: str | Path, clip: Clip, run_dir: str | Path, masks: Path | None) -> MaskFolder | None:
+def ensure_masks(
+    clip_path: str | Path,
+    clip: Clip,
+    run_dir: str | Path,
+    masks: Path | None,
+    on_frame: Callable[[int], None] = lambda done: None,
+) -> MaskFolder | None:
     """The masks a run trains on: the given folder, else the clip's own ``masks/``, else ones made from its annotations
     in the run's folder (kept there from an earlier start of the run); None where the clip has no annotations either.
+    `on_frame` is told the number of frames done while masks are made.
 
     Raises DataError where a folder of masks is damaged.
     """
@@ -53,7 +60,7 @@ def ensure_masks(clip_path: str | Path, clip: Clip, run_dir: str | Path, masks: 
             return open_masks(folder)
     if not has_annotations(clip):
         return None
-    return make_masks(clip, "annotations", Path(run_dir) / "masks")
+    return make_masks(clip, "annotations", Path(run_dir) / "masks", on_frame=on_frame)
 
 
 def _frame_masks(labels: ExactLabels | AnnotationLabels, frame: Frame, seed: int) -> FrameMasks:
