@@ -150,7 +150,7 @@ def _select_commands(session: EditorSession) -> list[Command]:
             lambda: session.select_codeword_of(session.selected[0]),
             "Select",
             ("G",),
-            enabled=lambda: len(session.selected) == 1 and _has_codewords(session),
+            enabled=lambda: len(session.selected) == 1 and session.has_codewords,
             icon="ICON_FA_BARCODE",
             undoable=True,
         ),
@@ -293,7 +293,3 @@ def _switch(
 
 def _editable(session: EditorSession) -> bool:
     return session.document is not None and not session.jobs.blocking
-
-
-def _has_codewords(session: EditorSession) -> bool:
-    return session.document is not None and session.document.scene.code_bits > 0

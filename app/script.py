@@ -14,11 +14,11 @@ from numpy import ndarray
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
+from instdrive_app.pointer import Click
 from instdrive_app.render.renderer import Renderer
 from instdrive_app.session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import ViewMode, resolve
-from instdrive_app.tools.pick import Click
 from instdrive_app.virtual_display import has_display, virtual_display
 from instdrive_app.window import EditorWindow, WindowOptions
 from instdrive_core.errors import InstDriveError

@@ -129,6 +129,11 @@ class EditorSession:
         """IDs of the selected instances."""
         return self.document.selected_instances() if self.document else ()
 
+    @property
+    def has_codewords(self) -> bool:
+        """Whether the open scene knows codewords."""
+        return self.document is not None and self.document.scene.code_bits > 0
+
     def select(self, ids: tuple[int, ...], mode: SelectMode = "replace") -> None:
         """Select instances, add them or take them away; selecting nothing clears."""
         if ids:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.commands import Command
+from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.session import EditorSession
 from instdrive_app.theme import ACCENT, DIM, TEXT, Fonts, rgba
-from instdrive_app.tools.pick import PickTool
 from instdrive_core.instances.table import Instance
 
 Rect = tuple[float, float, float, float]
@@ -22,7 +22,7 @@ class Ui:
 
     session: EditorSession
     view: LiveView
-    tool: PickTool
+    tool: Tool
     fonts: Fonts
     script_pointer: tuple[float, float] | None = None
     """Where a script holds the pointer over the picture (pixels), instead of the mouse."""

@@ -12,10 +12,10 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app import camera
 from instdrive_app.panels.instance_menu import instance_menu
 from instdrive_app.panels.ui import Ui, icon, swatch
+from instdrive_app.pointer import Click
 from instdrive_app.render.present_pass import DEPTH_RAMP
 from instdrive_app.state import ViewMode
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, packed, rgba
-from instdrive_app.tools.pick import Click
 
 DRAG_PIXELS = 4.0
 """A press that moves further is a drag, not a click."""

@@ -62,12 +62,6 @@ class LiveView:
                 self._sharp_seconds = self.frame_seconds
         return self.renderer.picture
 
-    def instance_at(self, x: float, y: float) -> int:
-        """The instance under a pixel position of the last frame; 0 = none, or while the camera moves."""
-        if self._renderer is None or self.snapshot is None or self.snapshot.draft:
-            return 0
-        return self._renderer.instance_at(self.snapshot, int(x), int(y))
-
     def depth_at(self, x: float, y: float) -> float | None:
         """Depth (metres along the viewing axis) of the splat that the ID view shows at a pixel; None where none is."""
         if self._renderer is None or self.snapshot is None or self.snapshot.draft:

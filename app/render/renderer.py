@@ -96,11 +96,6 @@ class Renderer:
         row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
         return row_plus_one - 1 if row_plus_one else None
 
-    def instance_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int:
-        """The instance that the ID view shows at a pixel; 0 = none, or outside."""
-        row = self.row_at(snapshot, x, y)
-        return int(self._document.scene.instance_ids[row]) if row is not None else 0
-
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
         """The last frame as RGB."""
         pixels = np.frombuffer(self.picture.read(alignment=1), np.uint8)

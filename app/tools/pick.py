@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from instdrive_app.pointer import Click
 from instdrive_app.render.picking import Picker
 from instdrive_app.session import EditorSession
 from instdrive_app.state import FrameSnapshot
 
 SAME_PLACE = 4.0
 """Pixels within which a second click means the same place."""
-
-
-@dataclass(frozen=True)
-class Click:
-    """A press and release of the left button at one place of the picture (pixels, from its top left)."""
-
-    x: float
-    y: float
-    shift: bool = False
-    ctrl: bool = False
-    alt: bool = False
 
 
 class PickTool:
@@ -67,7 +55,7 @@ class PickTool:
         if instance == 0:
             if not (click.shift or click.ctrl or click.alt):
                 session.clear_selection()
-        elif click.alt:
+        elif click.alt and session.has_codewords:
             session.select_codeword_of(instance)
         elif click.ctrl:
             session.select((instance,), "remove")

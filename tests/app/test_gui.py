@@ -1,0 +1,163 @@
+"""The real window under a virtual display, driven by true mouse and key events; the export read by plyfile."""
+
+import shutil
+
+import numpy as np
+import pytest
+from plyfile import PlyData
+from procedural_street import FIRST_CAR, procedural_street
+from window_driver import WindowDriver
+
+from instdrive_app.virtual_display import virtual_display
+from instdrive_core.formats.registry import save_scene
+
+pytestmark = pytest.mark.gui
+
+RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
+RED_CAR_SIDE, BLUE_CAR_REAR = (-2.1, 4.6, 0.8), (3.4, 5.8, 0.8)
+"""World points on the cars that the first camera sees."""
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """The street as a .ply file, instance attributes included."""
+    path = tmp_path_factory.mktemp("street") / "street.ply"
+    save_scene(path, procedural_street())
+    return path
+
+
+@pytest.fixture(scope="module")
+def street_folder(tmp_path_factory):
+    """The street as a scene folder, with its cameras and its driving car."""
+    path = tmp_path_factory.mktemp("street") / "street"
+    save_scene(path, procedural_street())
+    return path
+
+
+@pytest.fixture
+def window(street_folder, tmp_path):
+    """An editor window that has opened the street."""
+    for tool in ("Xvfb", "xdotool"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+    with virtual_display((1280, 720)):
+        driver = WindowDriver(street_folder, tmp_path)
+        try:
+            driver.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
+            driver.wait_until_calm()
+            yield driver
+        finally:
+            driver.close()
+
+
+def test_the_main_job(window, tmp_path):
+    hover_and_select(window)
+    window.key("Delete")
+    gone = window.wait_for(lambda state: RED_CAR not in state["visible"], "the red car to be deleted")
+    assert gone["selected"] == []
+    window.key("ctrl+z")
+    window.wait_for(lambda state: RED_CAR in state["visible"], "undo")
+    window.key("ctrl+shift+z")
+    window.wait_for(lambda state: RED_CAR not in state["visible"], "redo")
+    window.click(*window.pixel_of(BLUE_CAR_REAR))
+    window.wait_for(lambda state: state["selected"] == [BLUE_CAR], "the blue car to be selected")
+    window.click_widget("inspector.color.orange")
+    state = window.wait_for(lambda state: state["history"][-1].startswith("Tint"), "the recolour")
+    assert state["cursor"] == len(state["history"])
+    exported = tmp_path / "edited.ply"
+    export(window, exported)
+    check_export(exported, procedural_street())
+    assert window.quit() == 0
+
+
+def hover_and_select(window):
+    x, y = window.pixel_of(RED_CAR_SIDE)
+    window.move(x, y)
+    state = window.wait_for(lambda state: state["hovered"] == RED_CAR, "the red car to be hovered")
+    assert "hover label" in state["widgets"]
+    assert state["selected"] == []
+    window.click(x, y)
+    window.wait_for(lambda state: state["selected"] == [RED_CAR], "the red car to be selected")
+
+
+def export(window, path):
+    window.key("ctrl+e")
+    window.wait_for_widget("dialog.path")
+    window.key("ctrl+a")
+    window.type(str(path))
+    window.click_widget("dialog.accept")
+    window.wait_for(lambda state: any(str(path) in text for text in state["messages"]), "the export")
+
+
+def check_export(path, scene):
+    """An independent reader finds the red car gone, the blue car in other colours, the rest bit by bit as it was."""
+    vertices = PlyData.read(path)["vertex"].data
+    still = scene.nodes == 0  # the driving car is written where it is at the moment shown
+    before = scene.gaussians.select(still)
+    kept = scene.instance_ids[still] != RED_CAR
+    ids, static = vertices["instance_id"], vertices["instance_id"] != scene.instance_ids[scene.nodes == 1][0]
+    assert len(vertices) == len(scene) - (~kept).sum()
+    assert not (ids == RED_CAR).any()
+    found = vertices[static]
+    np.testing.assert_array_equal(found["instance_id"], scene.instance_ids[still][kept])
+    columns = {"x": before.means[:, 0], "rot_0": before.quats[:, 0], "scale_1": before.log_scales[:, 1]}
+    columns |= {"y": before.means[:, 1], "z": before.means[:, 2], "opacity": before.opacity_logits}
+    for name, values in columns.items():
+        np.testing.assert_array_equal(found[name], values[kept], err_msg=name)
+    blue = found["instance_id"] == BLUE_CAR
+    for channel in range(3):
+        colors, old = found[f"f_dc_{channel}"], before.sh_dc[kept, channel]
+        np.testing.assert_array_equal(colors[~blue], old[~blue])
+        assert (colors[blue] != old[blue]).mean() > 0.99
+    means = [found[f"f_dc_{channel}"][blue].mean() for channel in range(3)]
+    assert means[0] > means[1] > means[2], "the blue car became orange"
+
+
+def test_modifiers_the_list_and_the_menu(window):
+    red, blue = window.pixel_of(RED_CAR_SIDE), window.pixel_of(BLUE_CAR_REAR)
+    window.click(*red)
+    window.wait_for(lambda state: state["selected"] == [RED_CAR], "a click to select")
+    window.click(*blue, "shift")
+    window.wait_for(lambda state: state["selected"] == [RED_CAR, BLUE_CAR], "Shift to add")
+    window.click(*red, "ctrl")
+    window.wait_for(lambda state: state["selected"] == [BLUE_CAR], "Ctrl to remove")
+    window.click(*red, "alt")
+    window.wait_for(lambda state: state["selected"] == [RED_CAR, BLUE_CAR], "Alt to take the shared codeword")
+    window.key("Escape")
+    window.wait_for(lambda state: state["selected"] == [], "Escape to clear")
+    window.click_widget(f"instances.{BLUE_CAR}")
+    window.wait_for(lambda state: state["selected"] == [BLUE_CAR], "the list to select")
+    window.click_widget(f"instances.{RED_CAR}.eye")
+    window.wait_for(lambda state: RED_CAR not in state["visible"], "the eye to hide")
+    window.key("alt+h")
+    window.wait_for(lambda state: RED_CAR in state["visible"], "everything to be shown")
+    window.click(*red, button=3)
+    window.click_widget("menu.delete")
+    window.wait_for(lambda state: RED_CAR not in state["visible"], "the menu to delete")
+    window.click_widget("instances.search")
+    window.type("blu")  # typing must not run shortcuts
+    assert window.state["view_mode"] == "COLOR"
+
+
+def test_views_cameras_and_navigation(window):
+    for key, mode in (("2", "INSTANCE"), ("3", "CODEWORD"), ("4", "DEPTH"), ("1", "COLOR")):
+        window.key(key)
+        window.wait_for(lambda state, mode=mode: state["view_mode"] == mode, mode)
+    start = window.state["camera"]["world_from_camera"]
+    left, top, right, bottom = window.state["widgets"]["viewport"]
+    middle = ((left + right) / 2, (top + bottom) / 2)
+    window.drag(middle, (middle[0] + 120, middle[1] + 10))
+    turned = window.wait_for(lambda state: state["camera"]["world_from_camera"] != start, "the camera to orbit")
+    assert turned["selected"] == [], "a drag is no click"
+    window.key("Right")
+    later = window.wait_for(lambda state: state["time"] > 0, "the next time step")
+    assert later["time"] == pytest.approx(0.5)
+    window.click_widget("timeline.camera")
+    window.click_widget("timeline.camera.right_camera")
+    side = procedural_street().views[3].camera.world_from_camera
+    window.wait_for(
+        lambda state: np.allclose(state["camera"]["world_from_camera"], side), "the right camera at that time"
+    )
+    window.key("F1")
+    window.click_widget("dialog.cancel")
+    assert window.quit() == 0

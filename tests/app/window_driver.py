@@ -1,0 +1,144 @@
+"""Drives the editor's real window with true mouse and key events, and reads what the window reports."""
+
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+from instdrive_core.scene.camera import Camera
+
+PATIENCE = 25.0
+"""Seconds to wait for the window to come to a state, on a busy machine."""
+
+
+class WindowDriver:
+    """One running editor on the present display."""
+
+    def __init__(self, scene, folder, size=(1280, 720)):
+        self._report = folder / "report.jsonl"
+        self._errors = (folder / "stderr.txt").open("w+")
+        command = [sys.executable, "-m", "instdrive_app.main", "edit", str(scene), "--report", str(self._report)]
+        command += ["--size", str(size[0]), str(size[1]), "--no-remember-layout"]
+        self._process = subprocess.Popen(command, stderr=self._errors)
+
+    @property
+    def state(self):
+        """The last complete line of the report."""
+        if self._process.poll() is not None:
+            self._errors.seek(0)
+            raise AssertionError(f"the editor ended with status {self._process.returncode}:\n{self._errors.read()}")
+        if not self._report.exists():
+            return {"open": False, "widgets": {}}
+        lines = self._report.read_text(encoding="utf-8").rsplit("\n", 2)
+        return json.loads(lines[-2]) if len(lines) > 1 else {"open": False, "widgets": {}}
+
+    def wait_for(self, wanted, what):
+        """The first state for which `wanted(state)` holds; fails with `what` and the last state."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            state = self.state
+            if wanted(state):
+                return state
+            time.sleep(0.05)
+        shown = {key: value for key, value in state.items() if key not in ("widgets", "camera")}
+        raise AssertionError(f"waited {PATIENCE:.0f} s for: {what}. The window reports {shown}")
+
+    def wait_until_calm(self, seconds=0.4):
+        """The state, once it has not changed for a while: panels have found their places, the picture is sharp."""
+        end = time.monotonic() + PATIENCE
+        seen, since = None, time.monotonic()
+        while time.monotonic() < end:
+            state = self.state
+            if state != seen:
+                seen, since = state, time.monotonic()
+            elif time.monotonic() - since > seconds:
+                return state
+            time.sleep(0.05)
+        raise AssertionError("the window does not come to rest")
+
+    def wait_for_widget(self, name):
+        """The middle of a widget, once it is drawn and has not moved for a moment."""
+        seen = None
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            rect = self.state["widgets"].get(name)
+            if rect is not None and rect == seen:
+                return (rect[0] + rect[2]) / 2, (rect[1] + rect[3]) / 2
+            seen = rect
+            time.sleep(0.1)
+        raise AssertionError(f"no widget {name!r}; there are {sorted(self.state['widgets'])}")
+
+    def pixel_of(self, point):
+        """Where a world point is in the window."""
+        state = self.wait_until_calm()
+        left, top, right, bottom = state["widgets"]["viewport"]
+        lens = state["camera"]
+        pose = np.array(lens["world_from_camera"])
+        size = (int(right - left), int(bottom - top))
+        camera = Camera(*(float(lens[name]) for name in ("fx", "fy", "cx", "cy")), *size, pose)
+        x, y = camera.project(np.array([point], float))[0][0]
+        return left + x, top + y
+
+    def move(self, x, y):
+        """Move the mouse; a second, tiny move makes sure that the window hears of it."""
+        self._xdotool("mousemove", round(x) - 1, round(y), "mousemove", round(x), round(y))
+
+    def click(self, x, y, *modifiers, button=1):
+        """Press and release, with modifier keys held; both last over several frames."""
+        self.move(x, y)
+        for modifier in modifiers:
+            self._xdotool("keydown", modifier)
+        time.sleep(0.15)
+        self._xdotool("mousedown", button)
+        time.sleep(0.15)
+        self._xdotool("mouseup", button)
+        time.sleep(0.1)
+        for modifier in modifiers:
+            self._xdotool("keyup", modifier)
+
+    def click_widget(self, name, *modifiers, button=1):
+        """Click the middle of a widget."""
+        self.click(*self.wait_for_widget(name), *modifiers, button=button)
+
+    def drag(self, start, end, button=1, steps=8):
+        """Press at `start`, move to `end`, release."""
+        self.move(*start)
+        time.sleep(0.1)
+        self._xdotool("mousedown", button)
+        for part in np.linspace(0, 1, steps + 1)[1:]:
+            self._xdotool("mousemove", *(round(a + (b - a) * part) for a, b in zip(start, end, strict=True)))
+            time.sleep(0.05)
+        self._xdotool("mouseup", button)
+
+    def key(self, name):
+        """Press a key or a chord such as ``ctrl+z``."""
+        *modifiers, key = name.split("+")
+        for modifier in modifiers:
+            self._xdotool("keydown", modifier)
+        self._xdotool("keydown", key)
+        time.sleep(0.12)
+        self._xdotool("keyup", key)
+        for modifier in modifiers:
+            self._xdotool("keyup", modifier)
+
+    def type(self, text):
+        """Type text into what has the keyboard."""
+        self._xdotool("type", "--delay", "15", text)
+
+    def quit(self):
+        """Ctrl+Q; returns the exit status."""
+        self.key("ctrl+q")
+        return self._process.wait(PATIENCE)
+
+    def close(self):
+        """End the editor if it still runs."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            self._process.wait(PATIENCE)
+        self._errors.close()
+
+    @staticmethod
+    def _xdotool(*words):
+        subprocess.run(["xdotool", *map(str, words)], check=True, capture_output=True)
