@@ -10,28 +10,34 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from instdrive_core.errors import DataError
+
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A file name beside `path` to write to; the file takes the place of `path` when the block ends without an error.
 
     At any moment, also after a power cut, `path` is the old file or the new one, whole. Missing folders are made.
+    Raises DataError where the system does not let it be written (no space, no permission).
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
-    temporary.touch(exist_ok=False)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.touch(exist_ok=False)
         yield temporary
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
         if path.exists():
             temporary.chmod(stat.S_IMODE(path.stat().st_mode))
         temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
+        sync_folder(path.parent)
+    except OSError as error:
+        problem = f"the file cannot be written ({error.strerror or error})"
+        raise DataError(path, problem, "Free some space or choose another place") from error
+    finally:
+        if temporary.parent.is_dir():
+            temporary.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -41,7 +41,12 @@ def open_scene(path: str | Path) -> Scene:
             problem = f"the folder holds no {MANIFEST}"
             raise DataError(path, problem, "Open a run folder that training has written a scene to, or a scene file")
         return _folder_format().read(path)
-    return _format_of(path).read(path)
+    try:
+        return _format_of(path).read(path)
+    except OSError as error:
+        raise DataError(
+            path, f"the file cannot be read ({error.strerror or error})", "Check its permissions"
+        ) from error
 
 
 def save_scene(path: str | Path, scene: Scene) -> None:

@@ -45,8 +45,12 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
     if half:
         arrays = {name: _halved(name, array) for name, array in arrays.items()}
     name = f"scene.{_digest(arrays)}.safetensors"
-    with atomic_path(folder / name) as temporary:
-        save_file(arrays, temporary)
+    try:
+        with atomic_path(folder / name) as temporary:
+            save_file(arrays, temporary)
+    except SafetensorError as error:
+        problem = f"the file cannot be written ({error})"
+        raise DataError(folder / name, problem, "Free some space or choose another place") from error
     manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **manifest_of(scene)}
     for view in manifest["views"]:
         view["photo"] = _stored_photo(view["photo"], folder)

@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_file, write_bytes
 
 
@@ -41,6 +42,17 @@ def test_an_error_keeps_the_old_file(tmp_path):
     assert names(tmp_path) == ["a.bin"]
 
 
+def test_what_the_system_refuses_is_explained(tmp_path):
+    (tmp_path / "file").write_bytes(b"in the way")
+    with pytest.raises(DataError, match="cannot be written"):
+        write_bytes(tmp_path / "file" / "a.bin", b"new")
+    (tmp_path / "folder" / "a.bin").mkdir(parents=True)
+    with pytest.raises(DataError, match="cannot be written"):
+        write_bytes(tmp_path / "folder" / "a.bin", b"new")
+    assert names(tmp_path) == ["file", "folder"]
+    assert names(tmp_path / "folder") == ["a.bin"]
+
+
 def test_modes_are_those_of_ordinary_or_replaced_files(tmp_path):
     mask = os.umask(0o027)
     try:
@@ -55,6 +67,7 @@ def test_modes_are_those_of_ordinary_or_replaced_files(tmp_path):
 
 KEEP_WRITING = """
 import itertools, sys
+from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import write_bytes
 for number in itertools.count():
     write_bytes(sys.argv[1], bytes([number % 256]) * 3_000_000)
