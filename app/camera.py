@@ -103,7 +103,8 @@ def _turned(pose: Float[ndarray, "4 4"], yaw: float, pitch: float) -> Float[ndar
     rotation = about_z @ pose[:3, :3]
     cosine, sine = np.cos(pitch), np.sin(pitch)
     tilted = rotation @ np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
-    if abs(tilted[2, 2]) <= STEEPEST or abs(tilted[2, 2]) < abs(rotation[2, 2]):
+    upright = tilted[2, 1] <= max(rotation[2, 1], 0.0)  # y points down: no drag turns the picture over the pole
+    if upright and abs(tilted[2, 2]) <= max(STEEPEST, abs(rotation[2, 2])):
         rotation = tilted
     left, _, right = np.linalg.svd(rotation)  # many small turns must not shear the axes
     turned = pose.copy()

@@ -90,15 +90,15 @@ class EditorSession:
 
     # ------------------------------------------------------------------ edits
 
-    def apply(self, edit: Edit, gesture: str | None = None) -> bool:
-        """Do an edit; returns whether it was done. What hinders it is told to the user."""
+    def apply(self, make: Callable[..., Edit], *parameters: object, gesture: str | None = None) -> bool:
+        """Make an edit and do it; returns whether it was done. What hinders it is told to the user."""
         if self.document is None:
             return False
         if self.jobs.blocking:
-            self.messages.error(f"{edit.title}: please wait until the work under way is done")
+            self.messages.error("Please wait until the work under way is done")
             return False
         try:
-            self.document.apply(edit, gesture)
+            self.document.apply(make(*parameters), gesture)
         except EditError as error:
             self.messages.error(str(error))
             return False
@@ -137,47 +137,50 @@ class EditorSession:
     def select(self, ids: tuple[int, ...], mode: SelectMode = "replace") -> None:
         """Select instances, add them or take them away; selecting nothing clears."""
         if ids:
-            self.apply(SelectInstances(ids, mode))
+            self.apply(SelectInstances, ids, mode)
         elif mode == "replace":
             self.clear_selection()
 
     def select_codeword_of(self, instance: int) -> None:
         """Select all splats that share an instance's codeword."""
         if self.document is not None:
-            self.apply(SelectCodeword(self.document.scene.table[instance].codeword))
+            self.apply(SelectCodeword, self.document.scene.table[instance].codeword)
 
     def clear_selection(self) -> None:
         """Select nothing."""
         if self.document is not None and len(self.document.state.rows_with(Flag.SELECTED)):
-            self.apply(SelectNone())
+            self.apply(SelectNone)
 
     def delete(self, ids: tuple[int, ...]) -> None:
         """Delete instances."""
-        if ids and self.apply(DeleteInstances(ids)) and self.state.hovered in ids:
+        if ids and self.apply(DeleteInstances, ids) and self.state.hovered in ids:
             self.state.hovered = 0
 
     def hide(self, ids: tuple[int, ...], hidden: bool = True) -> None:
         """Hide instances or show them again."""
         if ids:
-            self.apply(HideInstances(ids, hidden))
+            self.apply(HideInstances, ids, hidden)
 
     def show_all(self) -> None:
         """Show everything that is hidden."""
-        self.apply(ShowAll())
+        self.apply(ShowAll)
 
     def solo(self, ids: tuple[int, ...]) -> None:
         """Hide every other instance; where that is so already, show all."""
         if self.document is None or not ids:
             return
         others = tuple(i for i in self.document.visible_instances() if i not in ids)
-        self.apply(HideInstances(others) if others else ShowAll())
+        if others:
+            self.apply(HideInstances, others)
+        else:
+            self.apply(ShowAll)
 
     def recolor(
         self, ids: tuple[int, ...], mode: RecolorMode, color: tuple[float, float, float], gesture: str | None = None
     ) -> None:
         """Give instances a colour; calls of one `gesture` become one step."""
         if ids:
-            self.apply(RecolorInstances(ids, mode, color), gesture)
+            self.apply(RecolorInstances, ids, mode, color, gesture=gesture)
 
     def ask_name(self, instance: int) -> None:
         """Open the rename dialog."""
@@ -185,7 +188,7 @@ class EditorSession:
 
     def rename(self, instance: int, name: str) -> None:
         """Give an instance another name."""
-        self.apply(RenameInstance(instance, name))
+        self.apply(RenameInstance, instance, name)
 
     # ------------------------------------------------------------------ view
 
