@@ -62,4 +62,4 @@ def points_inside(
     lower = -half - margin
     if bottom is not None:
         lower[2] = -half[2] - bottom
-    return np.logical_and(local >= lower, local <= half + margin).all(axis=1)
+    return np.all((local >= lower) & (local <= half + margin), axis=1)
