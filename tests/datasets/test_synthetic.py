@@ -22,6 +22,7 @@ from instdrive_core.datasets.synthetic.write import STEP_SECONDS, ego_pose
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.track import points_inside
 
 CONFIG = StreetConfig(seed=3, steps=3, width=192, height=108, lidar_azimuths=500)
 STANDARD = StreetConfig(seed=7)
@@ -301,6 +302,17 @@ def test_the_standard_clip_shows_enough_instances_and_movers() -> None:
     assert any(item.label.startswith("Pedestrian") for item in moving)
     shapes = {tuple(np.round(actor.dimensions, 2)) for actor in street.actors if actor.label == "Car"}
     assert len(shapes) >= 3
+
+
+def test_vehicles_keep_clear_of_each_other(street: Street) -> None:
+    vehicles = [actor for actor in street.actors if actor.motion is not None]
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0, 0.5) for z in (-0.4, 0.4)])
+    for time in (0.0, 1.9):
+        poses = [street.box_pose(actor, time) for actor in vehicles]
+        for actor, pose in zip(vehicles, poses, strict=True):
+            outline = corners * actor.dimensions @ pose[:3, :3].T + pose[:3, 3]
+            others = [(other, box) for other, box in zip(vehicles, poses, strict=True) if other is not actor]
+            assert not any(points_inside(outline, box, other.dimensions).any() for other, box in others)
 
 
 def test_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:

@@ -31,4 +31,5 @@ def contact_sheet(clip: Path, width: int = 480) -> Image.Image:
 
 
 if __name__ == "__main__":
+    Path(sys.argv[2]).parent.mkdir(parents=True, exist_ok=True)
     contact_sheet(Path(sys.argv[1])).save(sys.argv[2], quality=80)

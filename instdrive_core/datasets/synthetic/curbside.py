@@ -44,7 +44,7 @@ def bus_stop(places: CurbPlaces, rng: np.random.Generator, palette: Palette) -> 
     y = float(rng.uniform(6, 14))
     places.claim(1, y, 2.2)
     shelter = furniture.bus_shelter(rng, palette)
-    return Fixture(shelter.at(ROAD_HALF + 0.75, y, CURB_HEIGHT, facing_street(1)), _STATIC)
+    return Fixture(shelter.at(ROAD_HALF + 0.62, y, CURB_HEIGHT, facing_street(1)), _STATIC)
 
 
 def lamp_posts(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: Palette) -> list[Fixture]:

@@ -110,11 +110,11 @@ def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palet
     for side in (-1, 1):
         for y in np.linspace(-22, 58, 8):
             inner = rng.random() < 0.5
-            x = side * (FRONT - (1.6 if inner else 1.0) + rng.uniform(-0.08, 0.08))
+            x = side * (FRONT - (1.73 if inner else 1.2) + rng.uniform(-0.04, 0.04))
             yaw = 0.0 if inner else _HALF_TURN
             route = Route(float(x), float(y + rng.uniform(-3.5, 3.5)), yaw, float(rng.uniform(1.1, 1.6)))
             actors.append(_person(route, rng, palette))
-        x = side * (ROAD_HALF + rng.uniform(1.2, 2.4))
+        x = side * (ROAD_HALF + rng.uniform(0.75, 0.85))
         y = crossing - side * rng.uniform(2.0, 3.5)
         route = Route(float(x), float(y), 0.0 if side > 0 else _HALF_TURN, float(rng.uniform(1.1, 1.4)))
         actors.append(_person(route, rng, palette))
@@ -139,14 +139,14 @@ def road_works(y: float, rng: np.random.Generator, palette: Palette) -> list[Act
     """Cones around barriers in the left parking strip."""
     cone = furniture.cone(palette)
     actors = []
-    for dx, dy in ((0.85, -2.0), (0.85, 0.0), (0.85, 2.0), (-0.7, -2.4)):
+    for dx, dy in ((0.95, -2.3), (0.95, 0.0), (0.95, 2.3), (-0.7, -2.5)):
         route = Route(-PARKING + dx, y + dy, float(rng.uniform(-3, 3)))
         low, high = (bound.astype(float) for bound in cone.bounds())
         actors.append(Actor("Cones", route, partial(_unchanging, cone), low, high, _draw_uuid(rng)))
     for dy in (-1.6, 1.6):
         mesh = furniture.barrier(palette)
         low, high = (bound.astype(float) for bound in mesh.bounds())
-        route = Route(-PARKING, y + dy, float(rng.uniform(-0.15, 0.15)))
+        route = Route(-PARKING, y + dy, float(rng.uniform(-0.06, 0.06)))
         label = "Temporary Construction Barriers"
         actors.append(Actor(label, route, partial(_unchanging, mesh), low, high, _draw_uuid(rng)))
     return actors

@@ -59,8 +59,12 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
     if progress is not None:
         progress(0, config.steps)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        upcoming = pool.submit(_renderer, street, times[0])
         for step, time in enumerate(times):
-            _write_step(out, street, config, step, time, pool)
+            renderer = upcoming.result()
+            if step + 1 < config.steps:  # built beside the photos of this step
+                upcoming = pool.submit(_renderer, street, times[step + 1])
+            _write_step(out, street, config, step, time, renderer, pool)
             if progress is not None:
                 progress(step + 1, config.steps)
 
@@ -115,11 +119,19 @@ def _gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[st
     }
 
 
+def _renderer(street: Street, time: float) -> StepRenderer:
+    return StepRenderer(street.geometry(time), street.materials, street.light)
+
+
 def _write_step(
-    out: Path, street: Street, config: StreetConfig, step: int, time: float, pool: ThreadPoolExecutor
+    out: Path,
+    street: Street,
+    config: StreetConfig,
+    step: int,
+    time: float,
+    renderer: StepRenderer,
+    pool: ThreadPoolExecutor,
 ) -> None:
-    geometry = street.geometry(time)
-    renderer = StepRenderer(geometry, street.materials, street.light)
     jobs = [pool.submit(_write_photo, out, street, config, camera, step, time, renderer) for camera in CAMERAS]
     jobs.append(pool.submit(_write_lidar, out, street, config, step, time, renderer))
     write_cuboids(out, step, street, time)
