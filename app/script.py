@@ -57,7 +57,8 @@ class ScriptedSession:
     def __init__(self, window: EditorWindow, out: Path) -> None:
         self._window, self._out = window, out
         self._session = window.session
-        self._protocol: dict[str, object] = {}
+        self._pictures: list[str] = []
+        self._protocol: dict[str, object] = {"pictures": self._pictures}
 
     def play(self) -> Iterator[None]:
         """From the opened scene to the exported one."""
@@ -172,10 +173,10 @@ class ScriptedSession:
         return self._renderer.read_picture()
 
     def _save(self, name: str, outlines: bool = False) -> None:
-        Image.fromarray(self._picture(ViewMode.COLOR, outlines)).save(self._out / name)
+        self._write(name, self._picture(ViewMode.COLOR, outlines))
 
     def _id_map(self) -> UInt32[ndarray, "h w"]:
-        Image.fromarray(self._picture(ViewMode.INSTANCE, outlines=False)).save(self._out / "id_map.png")
+        self._write("id_map.png", self._picture(ViewMode.INSTANCE, outlines=False))
         return self._renderer.instance_ids(resolve(self._session.state, *self._picture_size))
 
     def _picture_pixel(self, pointer: tuple[float, float]) -> list[int]:
@@ -189,7 +190,11 @@ class ScriptedSession:
     def _window_saved(self, name: str) -> Iterator[None]:
         self._session.messages.dismiss()
         yield from self._window.screenshot()
-        Image.fromarray(self._window.last_screenshot).save(self._out / name)
+        self._write(name, self._window.last_screenshot)
+
+    def _write(self, name: str, picture: UInt8[ndarray, "h w 3"]) -> None:
+        Image.fromarray(picture).save(self._out / name)
+        self._pictures.append(name)
 
 
 def middle_of(mask: ndarray) -> tuple[float, float]:

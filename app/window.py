@@ -122,6 +122,7 @@ class EditorWindow:
         calls.setup_imgui_style = apply_style
         calls.setup_imgui_config = _configure
         calls.post_init = self._guarded(self._create_context)
+        calls.pre_new_frame = self._guarded(lambda: self.ui.marks.clear())
         calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
         calls.show_status = self._guarded(lambda: draw_status(self.ui))
         calls.show_gui = self._guarded(self._before_panels)
@@ -203,16 +204,8 @@ class EditorWindow:
             self._reporter = Reporter(self._options.report)
 
     def _before_panels(self) -> None:
-        self.ui.marks.clear()
         self._session.tick(imgui.get_io().delta_time)
         run_shortcuts(self.ui)
-        if self._steps is None and self._script is not None:
-            self._steps = self._script(self)
-        if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
-            self._session.quitting = True
-        parameters = hello_imgui.get_runner_params()
-        parameters.app_shall_exit = self._session.quitting
-        parameters.fps_idling.enable_idling = not self._is_lively()
 
     def _is_lively(self) -> bool:
         """Whether frames must follow each other without an event."""
@@ -225,6 +218,13 @@ class EditorWindow:
         draw_toasts(self.ui)
         if self._reporter is not None:
             self._reporter.write(self.ui)
+        if self._steps is None and self._script is not None:
+            self._steps = self._script(self)
+        if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
+            self._session.quitting = True
+        parameters = hello_imgui.get_runner_params()
+        parameters.app_shall_exit = self._session.quitting
+        parameters.fps_idling.enable_idling = not self._is_lively()
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from imgui_bundle import imgui
 
 from instdrive_app.panels.recolor import preset_row
-from instdrive_app.panels.ui import Ui, icon, swatch
+from instdrive_app.panels.ui import Ui, icon_menu_item, swatch
 
 
 def instance_menu(ui: Ui, instance_id: int) -> None:
@@ -39,6 +39,6 @@ def instance_menu(ui: Ui, instance_id: int) -> None:
 
 
 def _item(ui: Ui, name: str, symbol: str, title: str, action: Callable[[], None]) -> None:
-    if imgui.menu_item_simple(f"{icon(symbol)}   {title}"):
+    if icon_menu_item(symbol, title):
         action()
     ui.mark(f"menu.{name}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.commands import Command
-from instdrive_app.panels.ui import Ui, icon
+from instdrive_app.panels.ui import Ui, icon_menu_item
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {"LeftArrow": "left_arrow", "RightArrow": "right_arrow", "Escape": "escape", "Delete": "delete"}
@@ -27,8 +27,7 @@ def draw_menus(ui: Ui) -> None:
 def _menu_item(ui: Ui, command: Command) -> None:
     shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
     checked = command.checked() if command.checked else False
-    title = f"{icon(command.icon)}   {command.title}"
-    if imgui.menu_item(title, shortcut, checked, command.enabled())[0]:
+    if icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
         ui.session.commands.run(command.id)
     ui.mark(f"menu {command.id}")
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
 from instdrive_app.commands import Command
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.session import EditorSession
-from instdrive_app.theme import ACCENT, DIM, TEXT, Fonts, rgba
+from instdrive_app.theme import ACCENT, DIM, TEXT, Fonts, packed, rgba
 from instdrive_core.instances.table import Instance
 
 Rect = tuple[float, float, float, float]
@@ -76,6 +77,18 @@ def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         shortcut = f"  ({command.shortcuts[0]})" if command.shortcuts else ""
         imgui.set_tooltip(f"{command.title}{shortcut}")
+
+
+def icon_menu_item(symbol: str, title: str, shortcut: str = "", checked: bool = False, enabled: bool = True) -> bool:
+    """A menu item behind an icon column; returns whether it was clicked."""
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.3
+    space = " " * int(np.ceil((width + 8) / imgui.calc_text_size(" ").x))
+    clicked, _ = imgui.menu_item(f"{space}{title}", shortcut, checked, enabled)
+    glyph = icon(symbol)
+    color = packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6)
+    place = ImVec2(at.x + (width - imgui.calc_text_size(glyph).x) / 2, at.y)
+    imgui.get_window_draw_list().add_text(place, color, glyph)
+    return clicked
 
 
 def fitted_text(text: str, width: float) -> str:

@@ -1,7 +1,6 @@
 """The editor's controller without a window."""
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from instdrive_app.session import EditorSession
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.edits.document import Document
-from instdrive_core.errors import InstDriveError
 from instdrive_core.formats.registry import open_scene, save_scene
 
 
@@ -218,14 +216,3 @@ def test_toasts_fade_and_the_log_stays():
     messages.dismiss()
     assert messages.toasts == ()
     assert len(messages.log) == 2
-
-
-def test_errors_of_the_editor_are_the_users_to_read():
-    from instdrive_app.edit_command import edit
-    from instdrive_app.render.programs import ShaderError
-    from instdrive_app.script import ScriptError
-    from instdrive_app.virtual_display import DisplayError
-
-    assert all(issubclass(kind, InstDriveError) for kind in (ShaderError, ScriptError, DisplayError))
-    with pytest.raises(InstDriveError, match="no such file"):
-        edit(Path("missing.ply"))

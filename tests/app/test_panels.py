@@ -1,0 +1,87 @@
+"""Parts of the panels that need no window."""
+
+from pathlib import Path
+
+import pytest
+from imgui_bundle import imgui
+
+from instdrive_app import edit_command
+from instdrive_app.actions import register_commands
+from instdrive_app.panels.file_dialog import _listing, _problem, has_desktop_dialogs
+from instdrive_app.panels.instances import _matches
+from instdrive_app.panels.menus import key_chord
+from instdrive_app.panels.ui import icon
+from instdrive_app.session import EditorSession
+from instdrive_app.timeline import Timeline
+from instdrive_app.window import require_display
+from instdrive_core.errors import InstDriveError
+from instdrive_core.formats.scene_folder import MANIFEST
+from instdrive_core.instances.table import Instance
+
+
+def test_every_command_has_a_menu_an_icon_and_keys_that_exist():
+    session = EditorSession()
+    register_commands(session)
+    for command in session.commands:
+        assert command.menu
+        assert icon(command.icon)
+        for shortcut in command.shortcuts:
+            assert key_chord(shortcut) > 0
+    session.close()
+    assert key_chord("Ctrl+Shift+Z") == imgui.Key.mod_ctrl | imgui.Key.mod_shift | imgui.Key.z
+    assert key_chord("1") == imgui.Key._1
+
+
+def test_the_file_browser_lists_folders_and_scenes(tmp_path):
+    for name in ("a.ply", "notes.txt", ".hidden.ply", "Z.PLY"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "run").mkdir()
+    assert [entry.name for entry in _listing(tmp_path)] == ["run", "a.ply", "Z.PLY"]
+    assert _listing(tmp_path / "nowhere") == []
+
+
+def test_paths_are_judged_before_they_are_used(tmp_path):
+    (tmp_path / "a.ply").write_bytes(b"")
+    (tmp_path / "run").mkdir()
+    assert not _problem("open", tmp_path / "a.ply")
+    assert _problem("open", tmp_path / "run")
+    (tmp_path / "run" / MANIFEST).write_text("{}")
+    assert not _problem("open", tmp_path / "run")
+    assert not _problem("export", tmp_path / "new.ply")
+    assert not _problem("export", tmp_path / "new_run")
+    assert ".ply" in _problem("export", tmp_path / "new.obj")
+    assert "no folder" in _problem("export", tmp_path / "nowhere" / "new.ply")
+    assert "file name" in _problem("export", tmp_path)
+
+
+@pytest.mark.parametrize(("tools", "expected"), [((), False), (("zenity",), True), (("kdialog",), True)])
+def test_desktop_dialogs_need_their_program(monkeypatch, tools, expected):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("shutil.which", lambda name: name if name in tools else None)
+    assert has_desktop_dialogs() is expected
+
+
+@pytest.mark.parametrize(
+    ("search", "found"), [("", True), ("CAR", True), ("17", True), ("red car", True), ("tree", False)]
+)
+def test_search_takes_every_word(search, found):
+    assert _matches(Instance(17, "red taxi", class_name="Car"), search.lower().split()) is found
+
+
+def test_a_timeline_without_cameras_takes_the_tracks_moments():
+    assert Timeline(()).steps == ()
+    assert Timeline(()).step_of(3.0) == 0
+    with pytest.raises(ValueError, match="no camera 'front'"):
+        Timeline(()).nearest_view("front", 0.0)
+
+
+def test_missing_scenes_and_displays_are_explained(monkeypatch):
+    monkeypatch.setattr(edit_command, "SAMPLE", "no_such_scene")
+    with pytest.raises(InstDriveError, match="instdrive edit SCENE"):
+        edit_command.edit()
+    with pytest.raises(InstDriveError, match="no such file"):
+        edit_command.edit(Path("missing.ply"))
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(InstDriveError, match="xvfb-run"):
+        require_display()
