@@ -2,8 +2,8 @@
 
 With g the pixel's gradient contracted with a splat's channels, and S what the splats behind it add to Σ w·g, a
 fragment's dL/dα′ is T·g - S / (1 - α′). S starts as the whole pixel, known from the forward pass, and shrinks as the
-walk goes on: nothing is stored per fragment. Sums over a tile's pixels go to one row per pair (tile, splat), and
-`project_backward` adds a splat's rows in tile order, so the result does not depend on which thread took which tile.
+walk goes on: nothing is stored per fragment. Sums over a tile's pixels go to one row per pair (tile, splat);
+`project_backward` adds each splat's rows in tile order, so the result does not depend on which thread took which tile.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def blend_backward(
     geometry_channels: int,
     settings: RasterSettings,
 ) -> Float32[ndarray, "m 9+c"]:
-    """Sums of every pair (tile, splat), listed splat by splat; columns as named above.
+    """Sums of every pair (tile, splat), in the order of the tile lists; columns as named above.
 
     Args:
         outputs: image, depth and alpha of the forward pass.
@@ -54,7 +54,7 @@ def blend_backward(
     with numba.parallel_chunksize(TILES_PER_TASK):
         _blend_backward(
             (projection.splats, projection.rows, channels),
-            (tiles.starts, tiles.splats, tiles.slots, tiles.spans),
+            (tiles.starts, tiles.splats, tiles.spans),
             tiles.columns,
             settings.as_row(),
             outputs,
@@ -151,7 +151,7 @@ def _channel_sums(scratch, block, first, last):
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def _walk_tile(scratch, staged, sums, arrays, lists, start, stop, left, top, constants, geometry, out):
     splats, rows, channels = arrays
-    _, pair_splats, slots, spans = lists
+    _, pair_splats, spans = lists
     min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
     geometry_blocks = (geometry + _BLOCK) // _BLOCK
     features = np.uint64(channels.shape[1]) - geometry
@@ -172,17 +172,15 @@ def _walk_tile(scratch, staged, sums, arrays, lists, start, stop, left, top, con
                 sums[k], sums[k + np.uint64(1)], sums[k + np.uint64(2)], sums[k + np.uint64(3)] = _channel_sums(
                     scratch, block, first, last
                 )
-            slot = np.uint64(slots[pair])
             for k in range(np.uint64(SUM_CHANNELS) + geometry):
-                out[slot, k] = sums[k]
+                out[pair, k] = sums[k]
             for k in range(features):
-                out[slot, np.uint64(SUM_CHANNELS) + geometry + k] = sums[feature_start + k]
+                out[pair, np.uint64(SUM_CHANNELS) + geometry + k] = sums[feature_start + k]
         if not any_alive(scratch, _TRANSMITTANCE):
             break
     for pair in range(done, stop):
-        slot = np.uint64(slots[pair])
         for k in range(np.uint64(out.shape[1])):
-            out[slot, k] = np.float32(0)
+            out[pair, k] = np.float32(0)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -33,12 +33,12 @@ class TileLists:
     """Tile t owns the pairs starts[t] … starts[t + 1]."""
     splats: Int32[ndarray, " m"]
     """Index into the projection."""
-    slots: Int32[ndarray, " m"]
-    """Place of the pair when pairs are listed splat by splat."""
     spans: UInt8[ndarray, "m 2"]
     """First row and end row of the tile that the splat reaches."""
+    pairs: Int32[ndarray, " m"]
+    """The pairs splat by splat, each splat's in tile order."""
     splat_starts: Int64[ndarray, " v+1"]
-    """Splat v owns the slots splat_starts[v] … splat_starts[v + 1]."""
+    """Splat v owns the entries splat_starts[v] … splat_starts[v + 1] of `pairs`."""
 
 
 def bin_splats(projection: Projection, width: int, height: int) -> TileLists:
@@ -53,10 +53,10 @@ def bin_splats(projection: Projection, width: int, height: int) -> TileLists:
     totals = counters.sum(axis=0)
     starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(totals)])
     cursors = starts[:-1] + np.cumsum(counters, axis=0) - counters
-    pairs = int(starts[-1])
-    splats, slots, spans = np.empty(pairs, np.int32), np.empty(pairs, np.int32), np.empty((pairs, 2), np.uint8)
-    _place_pairs(projection.splats, projection.covariances, size, cursors, splat_starts, splats, slots, spans)
-    return TileLists(columns, rows, starts, splats, slots, spans, splat_starts)
+    total = int(starts[-1])
+    splats, spans, pairs = np.empty(total, np.int32), np.empty((total, 2), np.uint8), np.empty(total, np.int32)
+    _place_pairs(projection.splats, projection.covariances, size, cursors, splat_starts, splats, spans, pairs)
+    return TileLists(columns, rows, starts, splats, spans, pairs, splat_starts)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -116,12 +116,12 @@ def _count_pairs(splats, covariances, size, counters, splat_counts):
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
-def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, out_slots, out_spans):
+def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, out_spans, out_pairs):
     width, height, columns = size[0], size[1], size[2]
     count = len(splats)
     for chunk in numba.prange(_CHUNKS):
         for v in range(count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS):
-            slot = splat_starts[v]
+            entry = splat_starts[v]
             rows, across = _ellipse(splats, covariances, v, 1), _ellipse(splats, covariances, v, 0)
             top, bottom = _indices(rows[1] - rows[2], rows[1] + rows[2], height)
             for row in range(top // TILE, (bottom + TILE - 1) // TILE):
@@ -130,7 +130,7 @@ def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, o
                     first, end = _extent(across, column, height)
                     place = cursors[chunk, row * columns + column]
                     cursors[chunk, row * columns + column] += 1
-                    out_splats[place], out_slots[place] = v, slot
+                    out_splats[place], out_pairs[entry] = v, place
                     out_spans[place, 0] = min(max(first - row * TILE, 0), TILE)
                     out_spans[place, 1] = max(min(end - row * TILE, TILE), out_spans[place, 0])
-                    slot += 1
+                    entry += 1

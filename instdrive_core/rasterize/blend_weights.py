@@ -125,7 +125,7 @@ def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
     splats, splat_rows = projected
     starts, pair_splats, spans = lists
     pixels, order, tile_of_pixel = asked
-    counts, rows, weights = out
+    counts, rows, weights = out[0], out[1], out[2]  # indexed, not unpacked: see project_backward
     min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
     for place in numba.prange(len(pixels)):
         column, line = pixels[place] % width, pixels[place] // width

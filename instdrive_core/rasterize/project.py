@@ -32,6 +32,8 @@ class Projection:
     ½ dᵀ·conic·d at which the splat still reaches the alpha limit, times two."""
     covariances: Float32[ndarray, "v 3"]
     """2D covariance xx, xy, yy (pixel²), low-pass included."""
+    places: Int32[ndarray, " n"]
+    """Where each row stands in `rows`, -1 for those culled."""
 
 
 def camera_row(camera: Camera) -> Float32[ndarray, " 22"]:
@@ -67,8 +69,9 @@ def project(
         np.empty((len(rows), SPLAT_WIDTH), np.float32),
         np.empty((len(rows), 3), np.float32),
     )
-    _gather(rows, splats, covariances, sorted_splats, sorted_covariances)
-    return Projection(rows, sorted_splats, sorted_covariances)
+    places = np.full(count, -1, np.int32)
+    _gather(rows, splats, covariances, sorted_splats, sorted_covariances, places)
+    return Projection(rows, sorted_splats, sorted_covariances, places)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
@@ -127,9 +130,10 @@ def _project(means, quats, log_scales, opacities, view, constants, splats, covar
 
 
 @numba.njit(cache=True, parallel=True)
-def _gather(rows, splats, covariances, sorted_splats, sorted_covariances):
+def _gather(rows, splats, covariances, sorted_splats, sorted_covariances, places):
     for place in numba.prange(len(rows)):
         row = rows[place]
+        places[row] = place
         for column in range(SPLAT_WIDTH):
             sorted_splats[place, column] = splats[row, column]
         for column in range(3):

@@ -25,6 +25,9 @@ from instdrive_core.rasterize.bin import TileLists
 from instdrive_core.rasterize.project import CONIC_XX, CONIC_XY, CONIC_YY, OPACITY, Projection, camera_row
 from instdrive_core.scene.camera import Camera
 
+_CHUNK = 1 << 8
+"""Rows that one thread takes at a time."""
+
 
 @dataclass(frozen=True)
 class RasterGradients:
@@ -57,20 +60,20 @@ def project_backward(
     """Add each splat's pair sums in tile order and carry them back through the projection."""
     count = len(means)
     result = RasterGradients(
-        means=np.zeros((count, 3), np.float32),
-        quats=np.zeros((count, 4), np.float32),
-        log_scales=np.zeros((count, 3), np.float32),
-        opacities=np.zeros(count, np.float32),
-        channels=np.zeros((count, pair_sums.shape[1] - SUM_CHANNELS), np.float32),
-        means2d_abs=np.zeros(count, np.float32),
-        visible=np.zeros(count, np.bool_),
-        radii=np.zeros(count, np.float32),
+        means=np.empty((count, 3), np.float32),
+        quats=np.empty((count, 4), np.float32),
+        log_scales=np.empty((count, 3), np.float32),
+        opacities=np.empty(count, np.float32),
+        channels=np.empty((count, pair_sums.shape[1] - SUM_CHANNELS), np.float32),
+        means2d_abs=np.empty(count, np.float32),
+        visible=np.empty(count, np.bool_),
+        radii=np.empty(count, np.float32),
     )
     _project_backward(
         (means, quats, log_scales),
         camera_row(camera),
-        (projection.rows, projection.splats, projection.covariances, tiles.splat_starts),
-        pair_sums,
+        (projection.places, projection.splats, projection.covariances),
+        (tiles.splat_starts, tiles.pairs, pair_sums),
         (result.means, result.quats, result.log_scales, result.opacities, result.channels),
         (result.means2d_abs, result.visible, result.radii),
     )
@@ -78,12 +81,23 @@ def project_backward(
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)
-def _sum_pairs(pair_sums, start, stop, sums):
-    for k in range(len(sums)):
-        sums[k] = pair_sums[start, k]
-    for pair in range(start + 1, stop):
-        for k in range(len(sums)):
+def _sum_pairs(paired, v, sums):
+    """Add the rows of splat v; False where it reaches no pixel."""
+    splat_starts, pairs, pair_sums = paired
+    sums[:] = 0
+    for entry in range(splat_starts[v], splat_starts[v + 1]):
+        pair = np.uint64(pairs[entry])
+        for k in range(np.uint64(len(sums))):
             sums[k] += pair_sums[pair, k]
+    return splat_starts[v] < splat_starts[v + 1]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _write_zeros(i, grads, statistics):
+    grad_means, grad_quats, grad_log_scales, grad_opacities, grad_channels = grads
+    means2d_abs, _, radii = statistics
+    grad_means[i], grad_quats[i], grad_log_scales[i], grad_channels[i] = 0, 0, 0, 0
+    grad_opacities[i] = means2d_abs[i] = radii[i] = 0
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)
@@ -129,80 +143,94 @@ def _quaternion_gradient(w, x, y, z, g, length):
     return (dw - along * w) / length, (dx - along * x) / length, (dy - along * y) / length, (dz - along * z) / length
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def _project_backward(inputs, view, projected, pair_sums, grads, statistics):
+@numba.njit(cache=True, error_model="numpy", fastmath=True)
+def _write_statistics(i, covariance, sums, statistics):
+    means2d_abs, _, radii = statistics
+    means2d_abs[i] = np.sqrt(sums[SUM_ABS_X] * sums[SUM_ABS_X] + sums[SUM_ABS_Y] * sums[SUM_ABS_Y])
+    half, xx, xy, yy = np.float32(0.5), covariance[0], covariance[1], covariance[2]
+    spread = np.sqrt((half * (xx - yy)) ** 2 + xy * xy)
+    radii[i] = np.float32(3) * np.sqrt(half * (xx + yy) + spread)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=True)
+def _write_gradients(i, splat, sums, inputs, view, grads):
+    """Carry the sums of one splat back to its parameters."""
     means, quats, log_scales = inputs
-    rows, splats, covariances, splat_starts = projected
     grad_means, grad_quats, grad_log_scales, grad_opacities, grad_channels = grads
-    means2d_abs, visible, radii = statistics
     fx, fy = view[12], view[13]
-    one, two, half, zero = np.float32(1), np.float32(2), np.float32(0.5), np.float32(0)
-    for v in numba.prange(len(rows)):
-        if splat_starts[v] == splat_starts[v + 1]:
-            continue
-        i = rows[v]
-        sums = np.empty(pair_sums.shape[1], np.float32)
-        _sum_pairs(pair_sums, splat_starts[v], splat_starts[v + 1], sums)
-        for channel in range(grad_channels.shape[1]):
-            grad_channels[i, channel] = sums[SUM_CHANNELS + channel]
-        grad_opacities[i] = sums[SUM_D] / splats[v, OPACITY]
-        means2d_abs[i] = np.sqrt(sums[SUM_ABS_X] * sums[SUM_ABS_X] + sums[SUM_ABS_Y] * sums[SUM_ABS_Y])
-        visible[i] = True
-        xx, xy, yy = covariances[v, 0], covariances[v, 1], covariances[v, 2]
-        spread = np.sqrt((half * (xx - yy)) ** 2 + xy * xy)
-        radii[i] = np.float32(3) * np.sqrt(half * (xx + yy) + spread)
+    one, two, zero = np.float32(1), np.float32(2), np.float32(0)
+    for channel in range(grad_channels.shape[1]):
+        grad_channels[i, channel] = sums[SUM_CHANNELS + channel]
+    grad_opacities[i] = sums[SUM_D] / splat[OPACITY]
 
-        conic_xx, conic_xy, conic_yy = splats[v, CONIC_XX], splats[v, CONIC_XY], splats[v, CONIC_YY]
-        d_px = conic_xx * sums[SUM_X] + conic_xy * sums[SUM_Y]
-        d_py = conic_xy * sums[SUM_X] + conic_yy * sums[SUM_Y]
-        d_xx, d_xy, d_yy = _covariance_gradient(conic_xx, conic_xy, conic_yy, sums)
+    conic_xx, conic_xy, conic_yy = splat[CONIC_XX], splat[CONIC_XY], splat[CONIC_YY]
+    d_px = conic_xx * sums[SUM_X] + conic_xy * sums[SUM_Y]
+    d_py = conic_xy * sums[SUM_X] + conic_yy * sums[SUM_Y]
+    d_xx, d_xy, d_yy = _covariance_gradient(conic_xx, conic_xy, conic_yy, sums)
 
-        # the forward pass again: camera point, T = J·R_view, Q = T·R, U = Q·S
-        mx, my, mz = means[i, 0], means[i, 1], means[i, 2]
-        x = view[0] * mx + view[1] * my + view[2] * mz + view[9]
-        y = view[3] * mx + view[4] * my + view[5] * mz + view[10]
-        rz = one / (view[6] * mx + view[7] * my + view[8] * mz + view[11])
-        slope_x, slope_y = x * rz, y * rz
-        tx, ty = min(max(slope_x, view[18]), view[19]), min(max(slope_y, view[20]), view[21])
-        j00, j02, j11, j12 = fx * rz, -fx * tx * rz, fy * rz, -fy * ty * rz
-        t00, t01, t02 = j00 * view[0] + j02 * view[6], j00 * view[1] + j02 * view[7], j00 * view[2] + j02 * view[8]
-        t10, t11, t12 = j11 * view[3] + j12 * view[6], j11 * view[4] + j12 * view[7], j11 * view[5] + j12 * view[8]
-        qw, qx, qy, qz = quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3]
-        length = np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-        qw, qx, qy, qz = qw / length, qx / length, qy / length, qz / length
-        r = _rotation(qw, qx, qy, qz)
+    # the forward pass again: camera point, T = J·R_view, Q = T·R, U = Q·S
+    mx, my, mz = means[i, 0], means[i, 1], means[i, 2]
+    x = view[0] * mx + view[1] * my + view[2] * mz + view[9]
+    y = view[3] * mx + view[4] * my + view[5] * mz + view[10]
+    rz = one / (view[6] * mx + view[7] * my + view[8] * mz + view[11])
+    slope_x, slope_y = x * rz, y * rz
+    tx, ty = min(max(slope_x, view[18]), view[19]), min(max(slope_y, view[20]), view[21])
+    j00, j02, j11, j12 = fx * rz, -fx * tx * rz, fy * rz, -fy * ty * rz
+    t00, t01, t02 = j00 * view[0] + j02 * view[6], j00 * view[1] + j02 * view[7], j00 * view[2] + j02 * view[8]
+    t10, t11, t12 = j11 * view[3] + j12 * view[6], j11 * view[4] + j12 * view[7], j11 * view[5] + j12 * view[8]
+    qw, qx, qy, qz = quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3]
+    length = np.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+    qw, qx, qy, qz = qw / length, qx / length, qy / length, qz / length
+    r = _rotation(qw, qx, qy, qz)
 
-        # Σ = U·Uᵀ, so dL/dU = 2·dL/dΣ·U, column by column of the splat's axes
-        e00 = e01 = e02 = e10 = e11 = e12 = zero  # dL/dT
-        g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = zero  # dL/dR
-        for axis in range(3):
-            ra, rb, rc = r[axis], r[3 + axis], r[6 + axis]
-            size = np.exp(log_scales[i, axis])
-            u0, u1 = size * (t00 * ra + t01 * rb + t02 * rc), size * (t10 * ra + t11 * rb + t12 * rc)
-            d_u0, d_u1 = two * (d_xx * u0 + d_xy * u1), two * (d_xy * u0 + d_yy * u1)
-            grad_log_scales[i, axis] = d_u0 * u0 + d_u1 * u1
-            d_q0, d_q1 = d_u0 * size, d_u1 * size
-            e00, e01, e02 = e00 + d_q0 * ra, e01 + d_q0 * rb, e02 + d_q0 * rc
-            e10, e11, e12 = e10 + d_q1 * ra, e11 + d_q1 * rb, e12 + d_q1 * rc
-            ga, gb, gc = t00 * d_q0 + t10 * d_q1, t01 * d_q0 + t11 * d_q1, t02 * d_q0 + t12 * d_q1
-            if axis == 0:
-                g0, g3, g6 = ga, gb, gc
-            elif axis == 1:
-                g1, g4, g7 = ga, gb, gc
+    # Σ = U·Uᵀ, so dL/dU = 2·dL/dΣ·U, column by column of the splat's axes
+    e00 = e01 = e02 = e10 = e11 = e12 = zero  # dL/dT
+    g0 = g1 = g2 = g3 = g4 = g5 = g6 = g7 = g8 = zero  # dL/dR
+    for axis in range(3):
+        ra, rb, rc = r[axis], r[3 + axis], r[6 + axis]
+        size = np.exp(log_scales[i, axis])
+        u0, u1 = size * (t00 * ra + t01 * rb + t02 * rc), size * (t10 * ra + t11 * rb + t12 * rc)
+        d_u0, d_u1 = two * (d_xx * u0 + d_xy * u1), two * (d_xy * u0 + d_yy * u1)
+        grad_log_scales[i, axis] = d_u0 * u0 + d_u1 * u1
+        d_q0, d_q1 = d_u0 * size, d_u1 * size
+        e00, e01, e02 = e00 + d_q0 * ra, e01 + d_q0 * rb, e02 + d_q0 * rc
+        e10, e11, e12 = e10 + d_q1 * ra, e11 + d_q1 * rb, e12 + d_q1 * rc
+        ga, gb, gc = t00 * d_q0 + t10 * d_q1, t01 * d_q0 + t11 * d_q1, t02 * d_q0 + t12 * d_q1
+        if axis == 0:
+            g0, g3, g6 = ga, gb, gc
+        elif axis == 1:
+            g1, g4, g7 = ga, gb, gc
+        else:
+            g2, g5, g8 = ga, gb, gc
+    gradient = _quaternion_gradient(qw, qx, qy, qz, (g0, g1, g2, g3, g4, g5, g6, g7, g8), length)
+    grad_quats[i, 0], grad_quats[i, 1], grad_quats[i, 2], grad_quats[i, 3] = gradient
+
+    d_j00, d_j02 = e00 * view[0] + e01 * view[1] + e02 * view[2], e00 * view[6] + e01 * view[7] + e02 * view[8]
+    d_j11, d_j12 = e10 * view[3] + e11 * view[4] + e12 * view[5], e10 * view[6] + e11 * view[7] + e12 * view[8]
+    d_z = (fx * (tx * d_j02 - d_j00) + fy * (ty * d_j12 - d_j11)) * rz * rz + sums[SUM_DEPTH]
+    d_slope_x, d_slope_y = d_px * fx, d_py * fy
+    if tx == slope_x:
+        d_slope_x -= fx * rz * d_j02
+    if ty == slope_y:
+        d_slope_y -= fy * rz * d_j12
+    d_x, d_y = d_slope_x * rz, d_slope_y * rz
+    d_z -= d_x * slope_x + d_y * slope_y
+    for axis in range(3):
+        grad_means[i, axis] = view[axis] * d_x + view[3 + axis] * d_y + view[6 + axis] * d_z
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
+def _project_backward(inputs, view, projected, paired, grads, statistics):
+    places, splats, covariances = projected
+    visible, count = statistics[1], len(projected[0])
+    for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
+        start, stop = chunk * _CHUNK, min((chunk + 1) * _CHUNK, count)
+        sums = np.empty((_CHUNK, paired[2].shape[1]), np.float32)
+        for i in range(start, stop):  # alone, so that the cache misses of many splats overlap
+            visible[i] = places[i] >= 0 and _sum_pairs(paired, places[i], sums[i - start])
+        for i in range(start, stop):
+            if visible[i]:
+                _write_statistics(i, covariances[places[i]], sums[i - start], statistics)
+                _write_gradients(i, splats[places[i]], sums[i - start], inputs, view, grads)
             else:
-                g2, g5, g8 = ga, gb, gc
-        gradient = _quaternion_gradient(qw, qx, qy, qz, (g0, g1, g2, g3, g4, g5, g6, g7, g8), length)
-        grad_quats[i, 0], grad_quats[i, 1], grad_quats[i, 2], grad_quats[i, 3] = gradient
-
-        d_j00, d_j02 = e00 * view[0] + e01 * view[1] + e02 * view[2], e00 * view[6] + e01 * view[7] + e02 * view[8]
-        d_j11, d_j12 = e10 * view[3] + e11 * view[4] + e12 * view[5], e10 * view[6] + e11 * view[7] + e12 * view[8]
-        d_z = (fx * (tx * d_j02 - d_j00) + fy * (ty * d_j12 - d_j11)) * rz * rz + sums[SUM_DEPTH]
-        d_slope_x, d_slope_y = d_px * fx, d_py * fy
-        if tx == slope_x:
-            d_slope_x -= fx * rz * d_j02
-        if ty == slope_y:
-            d_slope_y -= fy * rz * d_j12
-        d_x, d_y = d_slope_x * rz, d_slope_y * rz
-        d_z -= d_x * slope_x + d_y * slope_y
-        for axis in range(3):
-            grad_means[i, axis] = view[axis] * d_x + view[3 + axis] * d_y + view[6 + axis] * d_z
+                _write_zeros(i, grads, statistics)
