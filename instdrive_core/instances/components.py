@@ -30,17 +30,17 @@ class ComponentConfig:
     """The local spacing is the distance to the neighbour of this rank."""
     spacing_factor: float = 3.0
     """Two cells are joined up to this many times the geometric mean of their spacings …"""
-    max_gap: float = 2.0
+    max_gap: float = 8.0
     """… and at most this many metres, …"""
     extent_factor: float = 1.0
     """… plus this many middle standard deviations of the Gaussians on both sides."""
     max_extent: float = 3.0
     """Metres; larger Gaussians count as this large."""
-    min_support: float = 5.0
+    min_support: float = 3.0
     """A component whose opacities sum to less is a fragment, not an object."""
-    absorb_distance: float = 1.5
+    absorb_distance: float = 20.0
     """Metres up to which a fragment joins a component of its own codeword."""
-    vote_distance: float = 0.5
+    vote_distance: float = 10.0
     """Metres up to which neighbours of other codewords vote on a fragment."""
 
 

@@ -77,7 +77,7 @@ class InstanceConfig:
     """Standard deviation of the first features."""
     feature_lr: float = 0.05
     """Adam's step for features."""
-    contrastive_weight: float = 1.0
+    contrastive_weight: float = 0.1
     """Pull inside a mask, push between masks of one image."""
     voxel_weight: float = 1.0
     """Agreement inside randomly shifted voxels."""
@@ -87,8 +87,8 @@ class InstanceConfig:
     """Share of the run after which pseudo supervision begins."""
     voxel_every: int = 5
     """Steps between two voxel losses."""
-    voxel_size: float = 0.5
-    """Metres."""
+    voxel_size: float = 1.0
+    """Metres. The paper's 0.5 m leaves large surfaces in more pieces (docs/method.md)."""
     pixels_per_view: int = 4_096
     """Pixels per step, stratified over masks; `joint` samples them from the rendered map."""
     min_alpha: float = 0.5
@@ -145,6 +145,7 @@ def printed_form(instances: InstanceConfig) -> InstanceConfig:
         feature_lr=2.5e-3,
         contrastive_weight=0.1,
         voxel_weight=0.1,
+        voxel_size=0.5,
         pseudo_weight=0.1,
         whole_actors=False,
     )
@@ -156,8 +157,8 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
     if preset == "demo":
         config = replace(
             config,
-            init=InitConfig(lidar_points=60_000, near_points=4_000, far_points=6_000, actor_points=2_000),
-            geometry=replace(config.geometry, iterations=1_200, coarse_iterations=400),
+            init=InitConfig(lidar_points=90_000, near_points=8_000, far_points=8_000, actor_points=2_000),
+            geometry=replace(config.geometry, iterations=1_800, coarse_iterations=500),
             instances=replace(config.instances, iterations=1_500),
         )
     elif preset == "paper":

@@ -77,7 +77,7 @@ def test_sparse_surface_of_large_gaussians_hangs_together():
     # The same places with small Gaussians are beyond the longest gap.
     dots = Planted()
     dots.add(grid, 1, scale=0.01)
-    assert not dots.split().any()
+    assert not dots.split(ComponentConfig(max_gap=2.0)).any()
 
 
 def test_clumps_of_cloned_gaussians_do_not_break_a_surface():
@@ -106,14 +106,14 @@ def test_fragment_joins_the_nearest_component_of_its_codeword():
 def test_fragment_without_its_codeword_near_goes_to_its_surroundings():
     planted = Planted()
     car, other = planted.blob([0, 0, 0], 5, 400), planted.blob([0, 9, 0], 6, 400)
-    stray = planted.add(planted.rng.normal([0.8, 0, 0], 0.05, (5, 3)), 77)
+    stray = planted.add(planted.rng.normal([0.8, 0, 0], 0.05, (4, 3)), 77)
     assert only(planted.split()[stray]) == only(planted.split()[car]) != only(planted.split()[other])
 
 
 def test_votes_never_cross_nodes():
     planted = Planted()
     planted.blob([0, 0, 0], 5, 400, node=1)
-    stray = planted.add(planted.rng.normal([0.8, 0, 0], 0.05, (5, 3)), 77, node=2)
+    stray = planted.add(planted.rng.normal([0.8, 0, 0], 0.05, (4, 3)), 77, node=2)
     assert only(planted.split()[stray]) == 0
 
 
