@@ -85,7 +85,6 @@ def _edit_commands(session: EditorSession) -> list[Command]:
             ("Delete",),
             enabled=selected,
             icon="ICON_FA_TRASH",
-            undoable=True,
             separator=True,
         ),
         Command(
@@ -96,7 +95,6 @@ def _edit_commands(session: EditorSession) -> list[Command]:
             ("C",),
             enabled=selected,
             icon="ICON_FA_PAINTBRUSH",
-            undoable=True,
         ),
         Command(
             "edit.rename",
@@ -106,7 +104,6 @@ def _edit_commands(session: EditorSession) -> list[Command]:
             ("F2",),
             enabled=lambda: len(session.selected) == 1,
             icon="ICON_FA_PEN",
-            undoable=True,
         ),
         Command(
             "edit.hide",
@@ -116,7 +113,6 @@ def _edit_commands(session: EditorSession) -> list[Command]:
             ("H",),
             enabled=selected,
             icon="ICON_FA_EYE_SLASH",
-            undoable=True,
             separator=True,
         ),
         Command(
@@ -127,7 +123,6 @@ def _edit_commands(session: EditorSession) -> list[Command]:
             ("I",),
             enabled=selected,
             icon="ICON_FA_BULLSEYE",
-            undoable=True,
         ),
         Command(
             "edit.show_all",
@@ -137,7 +132,6 @@ def _edit_commands(session: EditorSession) -> list[Command]:
             ("Alt+H",),
             enabled=lambda: _editable(session),
             icon="ICON_FA_EYE",
-            undoable=True,
         ),
     ]
 
@@ -152,7 +146,6 @@ def _select_commands(session: EditorSession) -> list[Command]:
             ("G",),
             enabled=lambda: len(session.selected) == 1 and session.has_codewords,
             icon="ICON_FA_BARCODE",
-            undoable=True,
         ),
         Command(
             "select.none",
@@ -162,7 +155,6 @@ def _select_commands(session: EditorSession) -> list[Command]:
             ("Escape",),
             enabled=lambda: bool(session.selected),
             icon="ICON_FA_BAN",
-            undoable=True,
         ),
     ]
 

@@ -23,7 +23,6 @@ class Command:
     """For switches: whether it is on."""
     icon: str = ""
     """Name of an icon constant of Font Awesome 6, e.g. ``ICON_FA_TRASH``."""
-    undoable: bool = False
     separator: bool = False
     """Whether the menu draws a line above it."""
 

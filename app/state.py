@@ -99,7 +99,6 @@ class EditorState:
     """Everything that changes the picture and is no edit. Written by commands, tools and panels."""
 
     view_mode: ViewMode = ViewMode.COLOR
-    tool: str = "pick"
     time: float = 0.0
     """Seconds since the clip's first time step."""
     viewpoint: Viewpoint = field(default_factory=default_viewpoint)

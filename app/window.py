@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,14 +83,25 @@ class EditorWindow:
     def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
         """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
 
-        What a panel or the script raises closes the window and is raised here.
+        What a panel or the script raises closes the window and is raised here. Raises DisplayError where no window
+        can be opened.
         """
         self._script = script
         try:
             hello_imgui.run(self._parameters())
-        finally:
-            if self._failure is not None:  # the cause; the runner may raise too where its first frame was cut short
-                raise self._failure
+        except RuntimeError as error:  # also where a first frame was cut short: then the failure kept is the cause
+            self._failure = self._failure or self._explained(error)
+        if self._failure is not None:
+            raise self._failure
+
+    def _explained(self, error: RuntimeError) -> BaseException:
+        if self._ui is not None:
+            return error
+        display = os.environ.get("DISPLAY", "not set")
+        return DisplayError(
+            f"the window could not be opened ({error}). It needs a display (DISPLAY is {display}) and OpenGL 3.3; "
+            "check the display, or update the graphics driver"
+        )
 
     def screenshot(self) -> Iterator[None]:
         """Yields until `last_screenshot` holds the whole window of a later frame."""

@@ -14,7 +14,7 @@ from instdrive_app.panels.instance_menu import instance_menu
 from instdrive_app.panels.ui import Ui, icon, swatch
 from instdrive_app.pointer import Click
 from instdrive_app.render.present_pass import DEPTH_RAMP
-from instdrive_app.state import ViewMode
+from instdrive_app.state import ViewMode, Viewpoint
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, packed, rgba
 
 DRAG_PIXELS = 4.0
@@ -72,6 +72,8 @@ class ViewportPanel:
         _camera_tag(ui, place)
         if ui.session.state.view_mode is ViewMode.DEPTH:
             _depth_legend(ui, place)
+        elif ui.session.state.view_mode in (ViewMode.INSTANCE, ViewMode.CODEWORD):
+            _opacity_slider(ui, place)
 
     def _navigate(self, ui: Ui, place: Rectangle, hovered: bool, active: bool) -> None:
         state, io = ui.session.state, imgui.get_io()
@@ -86,7 +88,7 @@ class ViewportPanel:
         if moved is not viewpoint:
             ui.session.look_from(moved)
 
-    def _dragged_view(self, ui: Ui, place: Rectangle):
+    def _dragged_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
         """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans."""
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
         button = next((b for b in range(3) if imgui.is_mouse_dragging(b, DRAG_PIXELS)), None)
@@ -132,7 +134,7 @@ class ViewportPanel:
             imgui.end_popup()
 
 
-def _flown(viewpoint, seconds: float, fast: bool):
+def _flown(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:
     step, up = np.zeros(3), 0.0
     for key, direction in FLY_KEYS.items():
         if imgui.is_key_down(key):
@@ -225,6 +227,19 @@ def _depth_legend(ui: Ui, place: Rectangle) -> None:
         label = f"{near * math.pow(far / near, place_on_ramp):.3g} m"
         shift = imgui.calc_text_size(label).x * place_on_ramp
         draw.add_text(ImVec2(left + width * place_on_ramp - shift, top + height + 3), packed(TEXT), label)
+
+
+def _opacity_slider(ui: Ui, place: Rectangle) -> None:
+    """From which opacity on splats are drawn in the ID views and can be clicked."""
+    imgui.set_cursor_screen_pos(ImVec2(place.x + 10, place.y + place.height - imgui.get_frame_height() - 10))
+    imgui.set_next_item_width(200)
+    imgui.push_style_color(imgui.Col_.frame_bg, rgba(BACKGROUND, 0.85))
+    state, form = ui.session.state, "Opacity from %.2f"
+    _, state.id_opacity = imgui.slider_float("##id opacity", state.id_opacity, 0.0, 0.95, form)
+    imgui.pop_style_color()
+    ui.mark("viewport.opacity")
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip("Fainter splats are left out of this view and cannot be clicked")
 
 
 def _empty_state(ui: Ui, place: Rectangle) -> None:

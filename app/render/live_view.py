@@ -11,9 +11,9 @@ from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document import Document
 
 SMOOTH_SECONDS = 1 / 25
-"""Frames that take longer than this are drawn coarsely while the camera moves."""
+"""Frames that take longer than this are drawn coarsely while the camera moves or the drive plays."""
 SETTLE_SECONDS = 0.15
-"""A camera that has stood still for so long is not moving."""
+"""A view that has stood still for so long is not moving."""
 
 
 class LiveView:
@@ -25,7 +25,7 @@ class LiveView:
         self._document: Document | None = None
         self._sharp_seconds = 0.0
         self._moved_at = 0.0
-        self._last_pose = b""
+        self._last_look: tuple[bytes, float] | None = None
         self.snapshot: FrameSnapshot | None = None
         """The last frame shown."""
         self.frame_seconds = 0.0
@@ -79,10 +79,9 @@ class LiveView:
         self._renderer = self._document = self.snapshot = None
 
     def _is_draft(self, state: EditorState) -> bool:
-        now, pose = time.monotonic(), state.viewpoint.world_from_camera.tobytes()
-        if pose != self._last_pose:
-            first = not self._last_pose
-            self._last_pose = pose
-            if not first:
+        now, look = time.monotonic(), (state.viewpoint.world_from_camera.tobytes(), state.time)
+        if look != self._last_look:
+            if self._last_look is not None:
                 self._moved_at = now
+            self._last_look = look
         return now - self._moved_at < SETTLE_SECONDS and self._sharp_seconds > SMOOTH_SECONDS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import moderngl
 import numpy as np
@@ -162,11 +162,6 @@ class Renderer:
         self._project(snapshot.camera)
         self._ids.draw(targets, snapshot.id_opacity)
         self._keys["rows"] = key
-
-
-def sharp(snapshot: FrameSnapshot) -> FrameSnapshot:
-    """The same frame at full resolution."""
-    return replace(snapshot, draft=False)
 
 
 def _camera_key(camera: Camera) -> tuple:
