@@ -152,7 +152,17 @@ def _hover_label(ui: Ui, place: Rectangle, x: float, y: float) -> None:
     document = ui.session.document
     assert document is not None
     instance = document.scene.table[ui.session.state.hovered]
-    imgui.set_next_window_pos(ImVec2(place.x + x + 18, place.y + y + 14))
+    facts = [instance.class_name] if instance.class_name else []
+    facts.append(f"#{instance.id}")
+    if document.scene.code_bits:
+        facts.append(f"code {instance.codeword}")
+    facts.append(f"{document.instance_flags(instance.id).drawn:,} splats")
+    text = "  ·  ".join(facts)
+    line, gap = imgui.get_text_line_height_with_spacing(), 18.0
+    width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(instance.name).x * 1.1 + 2 * line) + 24
+    left = min(x + gap, place.width - width - 6)
+    top = y + gap if y + gap + 2 * line + 20 < place.height else y - gap - 2 * line - 10
+    imgui.set_next_window_pos(ImVec2(place.x + max(left, 6), place.y + max(top, 6)))
     flags = imgui.WindowFlags_
     passive = flags.no_inputs | flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings
     imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.92))
@@ -162,12 +172,7 @@ def _hover_label(ui: Ui, place: Rectangle, x: float, y: float) -> None:
     imgui.push_font(ui.fonts.bold, 0.0)
     imgui.text(instance.name)
     imgui.pop_font()
-    facts = [instance.class_name] if instance.class_name else []
-    facts.append(f"#{instance.id}")
-    if document.scene.code_bits:
-        facts.append(f"code {instance.codeword}")
-    facts.append(f"{document.instance_flags(instance.id).drawn:,} splats")
-    imgui.text_colored(rgba(DIM), "  ·  ".join(facts))
+    imgui.text_colored(rgba(DIM), text)
     size, corner = imgui.get_window_size(), imgui.get_window_pos()
     ui.marks["hover label"] = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
     imgui.end()

@@ -26,8 +26,8 @@ class OutlinePass:
         self._mask_triangle = ctx.vertex_array(self._mask_program, [])
         self._line_triangle = ctx.vertex_array(self._line_program, [])
 
-    def draw(self, targets: Targets, scene: GpuScene, hovered: int, thickness: int = 2) -> None:
-        """Draw over `targets.shown`, reading `targets.rows`. `hovered` is an instance ID or 0."""
+    def draw(self, targets: Targets, scene: GpuScene, hovered: int, tint: bool = True, thickness: int = 2) -> None:
+        """Draw over `targets.shown`, reading `targets.rows`. `hovered` is an ID or 0; without `tint` only lines."""
         for unit, texture in enumerate((targets.rows, scene.instance_ids.texture, scene.states.texture)):
             texture.use(unit)
         set_uniforms(
@@ -46,7 +46,7 @@ class OutlinePass:
             self._line_program,
             mask=0,
             selected_line=SELECTED_LINE,
-            selected_tint=SELECTED_TINT,
+            selected_tint=SELECTED_TINT if tint else (0.0, 0.0, 0.0, 0.0),
             hovered_line=HOVERED_LINE,
             thickness=thickness,
         )

@@ -69,7 +69,7 @@ class Renderer:
             return
         self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)
         if marked:
-            self._outline.draw(targets, self.scene, snapshot.hovered)
+            self._outline.draw(targets, self.scene, snapshot.hovered, tint=snapshot.view_mode not in FLAT_MODES)
         self._keys["shown"] = shown
 
     def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:

@@ -146,7 +146,11 @@ def test_outlines_surround_what_is_selected_and_hovered(renderer, street):
     ids = renderer.instance_ids(resolve(state, *SIZE))
     assert changed[ids == FIRST_CAR + 1].mean() > 0.95  # tinted
     assert changed[ids == FIRST_CAR].mean() < 0.2  # outlined only
-    state.show_outlines = False
+    state.view_mode = ViewMode.INSTANCE
+    renderer.render(resolve(state, *SIZE))
+    inside = ids_from_colors(renderer.read_picture()) == ids
+    assert inside[ids == FIRST_CAR + 1].all(), "ID colours stay exact under a selection"
+    state.view_mode, state.show_outlines = ViewMode.COLOR, False
     renderer.render(resolve(state, *SIZE))
     np.testing.assert_array_equal(renderer.read_picture(), plain)
 
