@@ -67,7 +67,7 @@ class InstancesPanel:
             self._sort = (spec.column_index, spec.sort_direction == imgui.SortDirection.descending)
             specs.specs_dirty = False
 
-    def _rows(self, document: Document) -> list[tuple[Instance, InstanceSummary]]:
+    def _rows(self, document: Document) -> list[Instance]:
         """Instances that are left, match the search, in order."""
         counts = document.counts()
         alive = {int(i) for i in counts.ids[counts.count > counts.deleted]}
@@ -75,11 +75,11 @@ class InstancesPanel:
         found = [i for i in document.scene.table if i.id in alive and _matches(i, wanted)]
         column, descending = self._sort
         found.sort(key=SORT_KEYS[column], reverse=descending)  # type: ignore[arg-type]
-        return [(instance, document.instance_flags(instance.id)) for instance in found]
+        return found
 
-    def _draw_rows(self, ui: Ui, document: Document, rows: list[tuple[Instance, InstanceSummary]]) -> None:
+    def _draw_rows(self, ui: Ui, document: Document, rows: list[Instance]) -> None:
         selected = ui.session.selected
-        ids = [instance.id for instance, _ in rows]
+        ids = [instance.id for instance in rows]
         scroll_to = self._newly_selected(selected, ids)
         clipper = imgui.ListClipper()
         clipper.begin(len(rows))
@@ -87,7 +87,8 @@ class InstancesPanel:
             clipper.include_item_by_index(scroll_to)
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
-                instance, summary = rows[number]
+                instance = rows[number]
+                summary = document.instance_flags(instance.id)
                 imgui.push_id(instance.id)
                 imgui.table_next_row()
                 self._draw_row(ui, instance, summary, instance.id in selected, ids)
