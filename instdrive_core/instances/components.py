@@ -162,9 +162,9 @@ def _absorb_by_codeword(
     solid, loose = np.flatnonzero(kept[components]), np.flatnonzero(~kept[components])
     if not len(solid) or not len(loose):
         return
-    places, _ = _set_apart(cells.positions, cells.groups)
+    places, apart = _set_apart(cells.positions, cells.groups)
     distances, found = (part[:, 0] for part in _nearest(places[solid], places[loose], 1))
-    hit = distances <= config.absorb_distance
+    hit = distances <= min(config.absorb_distance, apart / 2)
     fragments, targets = components[loose[hit]], components[solid[found[hit]]]
     # Writing the farthest first leaves the nearest.
     order = np.argsort(-distances[hit], kind="stable")
@@ -182,10 +182,10 @@ def _absorb_by_vote(
     solid, loose = np.flatnonzero(kept[components]), np.flatnonzero(owners[components] < 0)
     if not len(solid) or not len(loose):
         return
-    places, _ = _set_apart(cells.positions, cells.nodes)
+    places, apart = _set_apart(cells.positions, cells.nodes)
     neighbors = min(config.neighbors, len(solid))
     distances, found = _nearest(places[solid], places[loose], neighbors)
-    hit = distances <= config.vote_distance
+    hit = distances <= min(config.vote_distance, apart / 2)
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
     ballots, votes = np.unique(np.stack([voters, components[solid[found[hit]]]]), axis=1, return_counts=True)
     # Fewest votes first, so that the winner is written last; a tie goes to the lower component.

@@ -13,11 +13,11 @@ Preset = Literal["demo", "quick", "paper"]
 class InitConfig:
     """Where the first Gaussians come from (drivestudio's Street-Gaussians configuration, scaled down)."""
 
-    lidar_points: int = 100_000
+    lidar_points: int = 150_000
     """LiDAR points kept for the background, after voxel thinning."""
-    near_points: int = 8_000
+    near_points: int = 15_000
     """Random points around the cameras, where LiDAR sees nothing."""
-    far_points: int = 12_000
+    far_points: int = 15_000
     """Random points far out, in inverse distance."""
     actor_points: int = 3_000
     """Largest number of points per moving object."""
@@ -29,9 +29,9 @@ class InitConfig:
 class GeometryConfig:
     """The RGB stage: appearance and shape."""
 
-    iterations: int = 2_000
+    iterations: int = 4_500
     """Steps of one image each."""
-    coarse_iterations: int = 600
+    coarse_iterations: int = 1_000
     """Of these, the first so many run at half the resolution."""
     sh_degree: int = 1
     """Degree of the spherical harmonics, 0 to 3."""
@@ -65,7 +65,7 @@ class InstanceConfig:
 
     schedule: Literal["after", "joint"] = "after"
     """`after`: on frozen geometry with cached blending weights. `joint`: in every RGB step, as printed."""
-    iterations: int = 2_000
+    iterations: int = 2_500
     """Steps of the `after` schedule; `joint` follows the RGB stage's."""
     feature_dim: int = 16
     """d of the codebook {-1, 1}^d."""
