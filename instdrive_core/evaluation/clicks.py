@@ -27,6 +27,11 @@ class Clicks:
     iou: float
     """Of the selection, as the instance map shows it, with the object's ground-truth mask; ignored pixels left out."""
 
+    @property
+    def hit(self) -> bool:
+        """Whether the selection is the object that was meant."""
+        return self.iou > 0.5
+
 
 def clicks_on_things(views: Sequence[LabelledView], things: Collection[int], seed: int) -> list[Clicks]:
     """Click on `CLICKS_PER_OBJECT` seeded random pixels of each visible thing in each view."""
@@ -51,8 +56,5 @@ def selection_scores(clicks: Sequence[Clicks]) -> dict[str, float | None]:
     counts = np.array([each.count for each in clicks])
     if not counts.sum():
         return {"hit_rate": None, "iou": None}
-    iou = np.array([each.iou for each in clicks])
-    return {
-        "hit_rate": float(counts[iou > 0.5].sum() / counts.sum()),
-        "iou": float((counts * iou).sum() / counts.sum()),
-    }
+    iou, hit = np.array([each.iou for each in clicks]), np.array([each.hit for each in clicks])
+    return {"hit_rate": float(counts[hit].sum() / counts.sum()), "iou": float((counts * iou).sum() / counts.sum())}

@@ -1,0 +1,81 @@
+"""The bound that instance learning can reach on given geometry: every Gaussian with its true ID."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Int, UInt32
+from numpy import ndarray
+from scipy.sparse import csr_array, find
+from scipy.spatial import KDTree
+
+from instdrive_core.datasets.clip import Frame
+from instdrive_core.evaluation.world import world_gaussians
+from instdrive_core.masks.ground_truth import GroundTruth
+from instdrive_core.rasterize.blend_weights import blend_weights
+from instdrive_core.scene.scene import Scene
+
+PIXELS_PER_VIEW = 8192
+MIN_WEIGHT = 0.1
+"""Gaussians with less blending weight in all sampled pixels count as unseen: what shines through a surface in front
+of them would name them after that surface."""
+
+
+def true_instance_ids(
+    scene: Scene,
+    frames: Sequence[Frame],
+    ground_truth: GroundTruth,
+    seed: int = 0,
+    pixels_per_view: int = PIXELS_PER_VIEW,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> UInt32[ndarray, " n"]:
+    """The true ID of each Gaussian: the one whose labelled pixels it contributes most blending weight to.
+
+    Weights are summed over `pixels_per_view` seeded random labelled pixels of every frame (ties: the lower ID).
+    Unseen Gaussians, with less than `MIN_WEIGHT` in all, take the ID of the nearest seen one of their node; 0 where
+    there is none.
+    """
+    shape = (len(scene), max(ground_truth.instances, default=0) + 1)
+    votes = csr_array(shape, dtype=np.float64)
+    for number, frame in enumerate(frames):
+        labels = ground_truth.load(frame).ravel()
+        labelled = np.flatnonzero(labels)
+        rng = np.random.default_rng((seed, number))
+        pixels = np.sort(rng.choice(labelled, min(pixels_per_view, len(labelled)), replace=False))
+        votes += _votes(scene, frame, pixels, labels[pixels], shape)
+        progress(number + 1, len(frames))
+    return _spread(_most_voted(votes, len(scene)), scene)
+
+
+def _votes(
+    scene: Scene, frame: Frame, pixels: Int[ndarray, " p"], labels: UInt32[ndarray, " p"], shape: tuple[int, int]
+) -> csr_array:
+    """Summed blending weight of each Gaussian in the pixels of each ID, (n, IDs)."""
+    world = world_gaussians(scene, frame.view.time)
+    found = blend_weights(world.means, world.quats, world.log_scales, world.opacities, frame.view.camera, pixels)
+    columns = np.repeat(labels, np.diff(found.indptr))
+    return csr_array((found.weights.astype(np.float64), (found.rows, columns)), shape=shape)
+
+
+def _most_voted(votes: csr_array, count: int) -> UInt32[ndarray, " n"]:
+    """The ID with the largest weight in each of `count` rows; 0 where the row's sum is below `MIN_WEIGHT`."""
+    rows, columns, weights = find(votes)
+    order = np.lexsort((columns, np.negative(weights), rows))
+    seen, first = np.unique(rows[order], return_index=True)
+    ids = np.zeros(count, np.uint32)
+    ids[seen] = columns[order][first]
+    ids[np.bincount(rows, weights, minlength=count) < MIN_WEIGHT] = 0
+    return ids
+
+
+def _spread(ids: UInt32[ndarray, " n"], scene: Scene) -> UInt32[ndarray, " n"]:
+    """Fill every 0 with the ID of the nearest Gaussian of the same node that has one."""
+    filled = ids.copy()
+    for node in np.unique(scene.nodes[ids == 0]):
+        known = np.flatnonzero((scene.nodes == node) & (ids > 0))
+        unknown = np.flatnonzero((scene.nodes == node) & (ids == 0))
+        if len(known):
+            _, nearest = KDTree(scene.gaussians.means[known]).query(scene.gaussians.means[unknown], workers=-1)
+            filled[unknown] = ids[known[nearest]]
+    return filled

@@ -1,0 +1,35 @@
+"""A scene's Gaussians where they are at one time, ready for the rasterizer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32
+from numpy import ndarray
+
+from instdrive_core.scene.scene import Scene, placed
+
+
+@dataclass(frozen=True)
+class WorldGaussians:
+    """One row per row of the scene; a Gaussian that is not there has opacity 0."""
+
+    means: Float32[ndarray, "n 3"]
+    quats: Float32[ndarray, "n 4"]
+    log_scales: Float32[ndarray, "n 3"]
+    opacities: Float32[ndarray, " n"]
+
+    def without(self, rows: Bool[ndarray, " n"]) -> WorldGaussians:
+        """The same without the given rows."""
+        opacities = np.where(rows, np.float32(0), self.opacities)
+        return WorldGaussians(self.means, self.quats, self.log_scales, opacities)
+
+
+def world_gaussians(scene: Scene, time: float) -> WorldGaussians:
+    """Every actor placed at `time` (seconds); actors whose track does not cover it are absent."""
+    poses, present = scene.at(time)
+    means, quats = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    there = present[scene.nodes] > 0
+    opacities = np.where(there, scene.gaussians.opacities, np.float32(0))
+    return WorldGaussians(means, quats, scene.gaussians.log_scales, opacities)

@@ -1,0 +1,156 @@
+"""The protocol on a toy drive whose right answers are known, from memory and from a run folder."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evaluation_scene import DRIVING, PARKED, ROAD, ToyDrive
+
+from instdrive_core.cli.eval import evaluate
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.errors import DataError
+from instdrive_core.evaluation import protocol
+from instdrive_core.evaluation.protocol import evaluate_run, evaluate_scene
+from instdrive_core.formats.scene_folder import write_scene_folder
+from instdrive_core.instances.table import table_from_ids
+
+FACTS = {
+    "clip": "toy",
+    "cameras": "front,side",
+    "scale": 1.0,
+    "first_frame": None,
+    "last_frame": None,
+    "masks": "exact",
+    "seed": 3,
+    "iterations": 10,
+    "train_seconds": 1.5,
+    "peak_rss_mb": 250,
+    "backend": "cpu",
+}
+NESTED_KEYS = {
+    "": ("psnr", "ssim", "psnr_actors", "n_gaussians", "n_instances", "train_seconds", "peak_rss_mb", "iterations"),
+    "codeword.per_view.": ("miou", "macc"),
+    "codeword.scene.": ("miou", "macc"),
+    "per_view.": ("miou", "macc", "miou_majority"),
+    "scene.": ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff"),
+    "scene.oracle_": ("miou", "pq"),
+    "lidar.": ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance"),
+    "click.": ("hit_rate", "iou", "collateral", "residue"),
+}
+KEYS = {prefix + key for prefix, keys in NESTED_KEYS.items() for key in keys}
+KEYS |= {"seed", "clip", "cameras", "masks", "backend"}
+"""As EVALUATION writes them."""
+
+
+def flat(figures: dict, prefix: str = "") -> dict:
+    entries: dict = {}
+    for key, value in figures.items():
+        entries |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+    return entries
+
+
+def measured(drive: ToyDrive, **facts) -> dict:
+    return flat(evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS | facts).figures)
+
+
+@pytest.fixture
+def run(drive: ToyDrive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The toy drive as a finished run; its clip is handed over in memory."""
+    write_scene_folder(tmp_path, drive.scene)
+    (tmp_path / "run.json").write_text(json.dumps(FACTS))
+    monkeypatch.setattr(protocol, "load_clip", lambda path, options: drive.clip)
+    monkeypatch.setattr(protocol, "open_ground_truth", lambda clip: drive.truth)
+    return tmp_path
+
+
+def test_perfect_ids_on_good_geometry(drive):
+    figures = measured(drive)
+    assert set(figures) == KEYS
+    assert figures["scene.miou"] > 0.7
+    assert figures["scene.acc50"] == 1
+    assert figures["click.hit_rate"] > 0.85, "some pixels of the thin pole show the road"
+    assert figures["scene.pq"] == pytest.approx(figures["scene.miou"])
+    assert figures["scene.id_switches"] == 0
+    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.03)
+    assert figures["codeword.scene.miou"] > 0.7
+    assert figures["psnr"] > 15
+    assert figures["psnr_actors"] > 12
+    assert figures["ssim"] > 0.5
+    assert figures["click.residue"] < 0.01
+    assert figures["click.collateral"] < 0.05
+    assert {key for key, value in figures.items() if value is None} == {key for key in KEYS if "lidar" in key}
+    assert figures["train_seconds"] == 1.5
+    assert figures["n_instances"] == 4
+
+
+def test_merged_objects_cost_what_they_should(drive):
+    ids = drive.scene.instance_ids
+    perfect = measured(drive)
+    ids[ids == DRIVING] = PARKED
+    merged = measured(drive)
+    assert merged["scene.oracle_miou"] == perfect["scene.oracle_miou"], "the oracle does not look at learned IDs"
+    assert merged["scene.miou"] < perfect["scene.miou"] - 0.2
+    assert merged["click.hit_rate"] < 1
+    assert merged["codeword.scene.miou"] == perfect["codeword.scene.miou"]
+
+
+def test_stuff_in_pieces_wins_majority_matching_only(drive):
+    road = drive.scene.instance_ids == ROAD
+    far = drive.scene.gaussians.means[:, 1] > 9
+    drive.scene.instance_ids[road & far] = 99
+    figures = measured(drive)
+    assert figures["per_view.miou_majority"] > figures["per_view.miou"]
+    assert figures["scene.miou_stuff"] < 0.9
+
+
+def test_controls_are_near_nothing(drive):
+    evaluation = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
+    one, random = (evaluation.controls[name]["scene"] for name in ("one ID for all", "random IDs"))
+    assert one["miou"] < 0.3
+    assert random["miou"] < 0.3
+    assert evaluation.held_out_steps == (4, 14)
+
+
+def test_what_does_not_apply_is_none(drive):
+    scene, count = drive.scene, len(drive.scene)
+    scene.instance_ids, scene.code_bits = np.zeros(count, np.uint32), 0
+    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means)
+    drive.truth.source = "annotations"
+    figures = measured(drive)
+    empty = ("codeword.", "per_view.", "scene.", "lidar.", "click.")
+    assert {key for key, value in figures.items() if value is None} == {key for key in KEYS if key.startswith(empty)}
+
+
+def test_annotations_measured_with_annotations_are_privileged(drive):
+    drive.truth.source = "annotations"
+    facts = FACTS | {"masks": "annotations"}
+    assert evaluate_scene(drive.scene, drive.clip, drive.truth, facts).privileged
+    assert not evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS).privileged
+
+
+def test_same_figures_from_a_run_folder(drive, run):
+    again = flat(evaluate_run(run))
+    assert again == measured(drive)
+
+
+def test_command_prints_a_table_and_writes_the_figures(run, capsys):
+    evaluate(run, json=run / "eval.json")
+    printed = capsys.readouterr().out
+    assert all(row in printed for row in ("oracle", "instance", "codeword", "one ID for all", "random IDs"))
+    assert "held-out time steps 4, 14" in printed
+    assert set(flat(json.loads((run / "eval.json").read_text()))) == KEYS
+
+
+def test_clip_without_held_out_steps(drive):
+    frames = drive.clip.training_frames()
+    clip = Clip("toy", "toy", np.zeros(3), frames, (), drive.clip.tracks, {}, ("front", "side"))
+    with pytest.raises(DataError, match="no held-out time step"):
+        evaluate_scene(drive.scene, clip, drive.truth, FACTS)
+
+
+def test_clip_with_another_origin(drive, run, monkeypatch):
+    moved = Clip("toy", "toy", np.array([5.0, 0, 0]), drive.clip.frames, (), drive.clip.tracks, {}, ("front", "side"))
+    monkeypatch.setattr(protocol, "load_clip", lambda path, options: moved)
+    with pytest.raises(DataError, match="origin"):
+        evaluate_run(run)
