@@ -16,7 +16,9 @@ demo: $(VENV)/.ready
 test: $(VENV)/.ready-dev
 	$(BIN)/python -m pytest
 
+# pyright does not follow pyproject's package-dir: it finds app/ under its import name through a link.
 lint: $(VENV)/.ready-dev
+	@mkdir -p $(VENV)/paths && ln -sfn ../../app $(VENV)/paths/instdrive_app
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright

@@ -6,84 +6,96 @@ import json
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from rich.console import Console
 from tyro.conf import arg
 
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.synthetic.config import StreetConfig
+from instdrive_core.training.config import TrainConfig, train_config
+
 
 def demo(
     out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: int = 7, script: bool | None = None
 ) -> None:
-    """Make a synthetic drive, train and evaluate it, and edit it.
+    """Train a synthetic drive, evaluate it, and open the editor on it.
 
     Args:
         out: Folder for clip, run and pictures; what is already there is used again.
         seed: Of the synthetic street.
         script: Play a scripted session instead of opening the window; default: only where there is no display.
     """
-    console = Console()
-    steps = Steps(console)
-    clip, run = out / "clip", out / "run"
-    steps.do("synthetic drive", (clip / "meta" / "gps.json").exists(), lambda: _synth(clip, seed))
-    steps.do("masks", (clip / "masks" / "masks.json").exists(), lambda: _masks(clip))
-    steps.do("training", (run / "run.json").exists(), lambda: _train(clip, run))
-    steps.do("evaluation", (out / "eval.json").exists(), lambda: _evaluate(run, out / "eval.json", console))
-    if script if script is not None else not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        steps.do("scripted editor session", False, lambda: _scripted(run, out))
+    run = prepare_run(out, StreetConfig(seed=seed), train_config("instdrive", "demo"), Console())
+    has_display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    if script or (script is None and not has_display):
+        play(run, out)
     else:
         from instdrive_app.edit_command import edit
 
         edit(run)
 
 
-class Steps:
-    """Runs steps one after the other and says how long each took."""
+@dataclass(frozen=True)
+class _Step:
+    """One part of the demo and the file that tells that it is complete."""
 
-    def __init__(self, console: Console) -> None:
-        self.console = console
+    title: str
+    result: Path
+    work: Callable[[], None]
 
-    def do(self, title: str, done: bool, work: Callable[[], None]) -> None:
-        """Run `work` unless its result is already there."""
-        if done:
-            self.console.print(f"[dim]{title}: already there[/dim]")
-            return
-        self.console.rule(title, align="left")
+
+def prepare_run(out: Path, street: StreetConfig, config: TrainConfig, console: Console) -> Path:
+    """Clip, masks, training and evaluation under `out`, each only where its result is missing; returns the run."""
+    clip, run, report = out / "clip", out / "run", out / "eval.json"
+    steps = (
+        _Step("synthetic drive", clip / "meta" / "gps.json", lambda: _record(clip, street)),
+        _Step("masks", clip / "masks" / "masks.json", lambda: _mask(clip)),
+        _Step("training (a first run also compiles kernels)", run / "run.json", lambda: _train(clip, run, config)),
+        _Step("evaluation", report, lambda: _evaluate(run, report)),
+    )
+    for step in steps:
+        if step.result.exists():
+            console.print(f"[dim]{step.title}: already there[/dim]")
+            continue
+        console.rule(step.title, align="left")
         started = time.perf_counter()
-        work()
-        self.console.print(f"[green]{title}: {time.perf_counter() - started:.0f} s[/green]")
+        step.work()
+        console.print(f"[green]{step.title}: {time.perf_counter() - started:.0f} s[/green]")
+    return run
 
 
-def _synth(clip: Path, seed: int) -> None:
-    from instdrive_core.cli.synth import synth
-
-    synth(clip, seed=seed)
-
-
-def _masks(clip: Path) -> None:
-    from instdrive_core.cli.masks import masks
-
-    masks(clip, source="exact")
-
-
-def _train(clip: Path, run: Path) -> None:
-    from instdrive_core.cli.train import train
-    from instdrive_core.datasets.clip import ClipOptions
-    from instdrive_core.training.run import CHECKPOINT
-
-    train(clip, run, preset="demo", options=ClipOptions(scale=1.0), resume=(run / CHECKPOINT).exists())
-
-
-def _evaluate(run: Path, report: Path, console: Console) -> None:
-    from instdrive_core.cli.eval import evaluate
-
-    evaluate(run, json=report)
-
-
-def _scripted(run: Path, out: Path) -> None:
+def play(run: Path, out: Path) -> None:
+    """A scripted session in the editor's own code; pictures and the edited scene go into `out`."""
     from instdrive_app.script import run_scripted_session
 
     run_scripted_session(run, out)
     session = json.loads((out / "session.json").read_text())
-    print(f"pictures, edited.ply and eval.json are in {out} (clicked: {session.get('picked_name', '?')})")
+    print(f"pictures, edited.ply and session.json are in {out}; clicked: {session['picked_name']}")
+
+
+def _record(clip: Path, street: StreetConfig) -> None:
+    from instdrive_core.cli.synth import synth
+
+    synth(clip, street.seed, street.steps, street.width, street.height)
+
+
+def _mask(clip: Path) -> None:
+    from instdrive_core.cli.masks import masks
+
+    masks(clip, "exact")
+
+
+def _train(clip: Path, run: Path, config: TrainConfig) -> None:
+    from instdrive_core.cli.train_progress import train_with_progress
+    from instdrive_core.training.run import CHECKPOINT, RunRequest
+
+    train_with_progress(RunRequest(clip, run, ClipOptions(), config, resume=(run / CHECKPOINT).exists()))
+
+
+def _evaluate(run: Path, report: Path) -> None:
+    from instdrive_core.cli.eval import evaluate
+
+    evaluate(run, report)

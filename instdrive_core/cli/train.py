@@ -34,10 +34,8 @@ def train(
         resume: Go on from the folder's checkpoint.
         options: Which part of the clip to use.
     """
-    from instdrive_core.cli.train_progress import TrainProgress
-    from instdrive_core.training.run import RunRequest, run_training
+    from instdrive_core.cli.train_progress import train_with_progress
+    from instdrive_core.training.run import RunRequest
 
-    request = RunRequest(clip, out, options, train_config(method, preset, seed), masks, resume)
-    with TrainProgress() as progress:
-        run_training(request, progress.on_event, progress.on_note)
+    train_with_progress(RunRequest(clip, out, options, train_config(method, preset, seed), masks, resume))
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

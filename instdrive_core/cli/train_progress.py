@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from instdrive_core.training.events import Event, StageStarted, StepDone
+from instdrive_core.training.run import RunRequest, run_training
 
 _TITLES = {"rgb": "colour", "instances": "instances"}
 
@@ -72,6 +73,12 @@ class TrainProgress:
         if not self.console.is_terminal and (event.iteration % 200 == 0 or event.iteration == event.total):
             left = (event.total - event.iteration) / speed if speed else 0.0
             self.on_note(f"{_TITLES[event.stage]} {event.iteration}/{event.total} · {figures} · {left:.0f} s left")
+
+
+def train_with_progress(request: RunRequest) -> None:
+    """Run a training with the bar on the terminal."""
+    with TrainProgress() as progress:
+        run_training(request, progress.on_event, progress.on_note)
 
 
 def _smoothed(before: float | None, value: float) -> float:

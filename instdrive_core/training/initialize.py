@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from jaxtyping import Float32, UInt16
 from numpy import ndarray
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
@@ -143,7 +144,7 @@ def _thinned(
         points = points.take(np.sort(rng.choice(len(points.positions), 8 * limit, replace=False)))
     if len(points.positions) <= limit:
         return points
-    distances, _ = cKDTree(centers).query(points.positions, workers=-1)
+    distances, _ = KDTree(centers).query(points.positions, workers=-1)
     level = np.floor(np.log2(np.maximum(distances, 4.0) / 4.0) * 2) / 2
     order = rng.permutation(len(points.positions))
     low, high = 0.005, 2.0
@@ -174,7 +175,8 @@ def _points_beyond_lidar(views: list[TrainingView], count: int, rng: np.random.G
         depth = view.depth_map()
         if not depth.any():
             continue
-        distance, (rows, columns) = ndimage.distance_transform_edt(depth == 0, return_indices=True)
+        found = ndimage.distance_transform_edt(depth == 0, return_indices=True)
+        distance, (rows, columns) = cast(tuple[ndarray, ndarray], found)
         silent = distance > max(4, 0.02 * view.camera.width)
         for mask in (view.valid, None if view.sky is None else ~view.sky):
             if mask is not None:
@@ -204,11 +206,11 @@ def _gaussians_from_points(
     """Isotropic Gaussians as wide as the mean distance to 3 neighbours, at most 3 % of the distance to the cameras."""
     count = len(points.positions)
     neighbours = min(4, count)
-    distances, _ = cKDTree(points.positions).query(points.positions, k=neighbours, workers=-1)
+    distances, _ = KDTree(points.positions).query(points.positions, k=neighbours, workers=-1)
     spacing = distances.reshape(count, -1)[:, 1:].mean(axis=1) if neighbours > 1 else np.full(count, 0.1)
     limit = 0.3
     if centers is not None:
-        limit = np.maximum(0.3, 0.03 * cKDTree(centers).query(points.positions, workers=-1)[0])
+        limit = np.maximum(0.3, 0.03 * KDTree(centers).query(points.positions, workers=-1)[0])
     scales = np.clip(spacing, 0.005, limit)
     quats = np.zeros((count, 4), np.float32)
     quats[:, 0] = 1

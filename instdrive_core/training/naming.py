@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 from jaxtyping import Float32, UInt16, UInt32
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import points_inside
@@ -51,7 +51,7 @@ def _classes_by_lidar(
     background = np.flatnonzero(nodes == 0)
     if not len(background):
         return {}
-    tree = cKDTree(means[background])
+    tree = KDTree(means[background])
     votes: dict[int, Counter[int]] = {}
     for sweep in clip.training_sweeps():
         points = sweep.load()
