@@ -52,6 +52,7 @@ class LiveView:
         if document is not self._document:
             self.release()
             self._renderer, self._document = Renderer(self._ctx, document), document
+        self.renderer.free_retired()
         self.snapshot = resolve(state, width, height, draft=self._is_draft(state))
         before, started = self.renderer.blended_draws, time.perf_counter()
         self.renderer.render(self.snapshot)

@@ -36,6 +36,7 @@ class Renderer:
         self._sky, self._color, self._ids = SkyPass(ctx), ColorPass(ctx, self._projector), IdPass(ctx, self._projector)
         self._present, self._outline = PresentPass(ctx), OutlinePass(ctx)
         self._targets: Targets | None = None
+        self._retired: list[Targets] = []
         self._keys: dict[str, object] = {}
         self.blended_draws = 0
         """How often splats were blended; stands still while nothing changes."""
@@ -71,6 +72,13 @@ class Renderer:
         if marked:
             self._outline.draw(targets, self.scene, snapshot.hovered, tint=snapshot.view_mode not in FLAT_MODES)
         self._keys["shown"] = shown
+
+    def free_retired(self) -> None:
+        """Free targets of sizes no longer drawn. Call between window frames: a frame's draw list names its texture by
+        number, and the driver gives the number of a freed one to the next."""
+        for targets in self._retired:
+            targets.release()
+        self._retired.clear()
 
     def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
@@ -112,6 +120,7 @@ class Renderer:
         """Free everything on the GPU."""
         for thing in (self._sky, self._color, self._ids, self._present, self._outline, self._projector, self.scene):
             thing.release()
+        self.free_retired()
         if self._targets is not None:
             self._targets.release()
 
@@ -122,7 +131,7 @@ class Renderer:
         targets = self._targets
         if targets is None or targets.size != size or targets.blended_size != blended_size:
             if targets is not None:
-                targets.release()
+                self._retired.append(targets)
             targets = self._targets = Targets(self._ctx, size, blended_size)
             self._keys.clear()
         return targets

@@ -86,6 +86,10 @@ def test_the_scripted_session_shows_what_it_did(demo_folder):
     difference = np.abs(pictures["recolored.png"][recolored].astype(int) - pictures["color.png"][recolored])
     assert (difference.max(axis=1) > 8).mean() > 0.5
 
+    # The window still shows the scene after the session drew pictures of other sizes.
+    viewport = [pictures[f"{name}.png"][60:480, 10:920].mean(axis=2).ravel() for name in ("hover", "editor")]
+    assert np.corrcoef(*viewport)[0, 1] > 0.8
+
     exported = PlyData.read(demo_folder / "edited.ply")["vertex"]["instance_id"]
     assert session["picked_id"] not in exported
     assert session["recolored_id"] in exported
