@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 
 from benchmarks.workload import Workload, load_workload
-from instdrive_core.errors import InstDriveError
+from instdrive_core.errors import InstDriveError, OptionError
 from instdrive_core.rasterize.render import render, render_backward
 
 _GEOMETRY_CHANNELS = 3
@@ -33,13 +33,15 @@ class Options:
     state: Literal["init", "trained"] = "init"
     """Gaussians as training starts with them, or as it leaves them."""
     channels: int = 11
-    """RGB and up to 8 features."""
+    """RGB and up to 8 features: 0 … 11."""
     runs: int = 15
     """Timed runs."""
 
 
 def measure(workload: Workload, channels: int, runs: int) -> tuple[float, float]:
     """Median milliseconds of the forward and the backward pass."""
+    if not 0 <= channels <= workload.channels.shape[1]:
+        raise OptionError(f"--channels is {channels}; the workload has {workload.channels.shape[1]}, choose 0 … that")
     camera, values = workload.cameras[0], np.ascontiguousarray(workload.channels[:, :channels])
     rng = np.random.default_rng(0)
     shape = (camera.height, camera.width)

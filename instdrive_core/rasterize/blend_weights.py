@@ -16,6 +16,7 @@ from numpy import ndarray
 
 from instdrive_core.rasterize.bin import TILE, TileLists, bin_splats
 from instdrive_core.rasterize.fragment import FAST, FLOOR, exponent_of, power_of_two
+from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.project import Projection, project
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
@@ -59,9 +60,7 @@ def blend_weights(
     pixels = np.ascontiguousarray(pixels, np.int64)
     if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
         raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
-    means, quats, log_scales, opacities = (
-        np.ascontiguousarray(array, np.float32) for array in (means, quats, log_scales, opacities)
-    )
+    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
     projection = project(means, quats, log_scales, opacities, camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     counts = np.zeros(len(pixels), np.int64)
@@ -75,7 +74,7 @@ def blend_weights(
 
 def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Float32[ndarray, "p d"]:
     """W·F: the features of all Gaussians blended at each pixel."""
-    features = np.ascontiguousarray(features, np.float32)
+    features = kernel_array(features)
     blended = np.zeros((len(weights.indptr) - 1, features.shape[1]), np.float32)
     _sum_rows(weights.indptr, weights.rows, weights.weights, features, np.arange(len(blended)), blended)
     return blended
@@ -89,7 +88,7 @@ def apply_weights_transposed(weights: BlendWeights, grad: Float[ndarray, "p d"],
     """
     rows, starts, pixels, values = weights._by_row
     result = np.zeros((count, grad.shape[1]), np.float32)
-    _sum_rows(starts, pixels, values, np.ascontiguousarray(grad, np.float32), rows, result)
+    _sum_rows(starts, pixels, values, kernel_array(grad), rows, result)
     return result
 
 

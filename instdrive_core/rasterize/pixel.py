@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.rasterize.bin import TILE
 from instdrive_core.rasterize.fragment import FLOOR, exponent_of, power_of_two
+from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
 from instdrive_core.rasterize.project import DEPTH, camera_row, project
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
@@ -48,9 +49,7 @@ def pixel_contributors(
     """
     if not (0 <= x < camera.width and 0 <= y < camera.height):
         raise ValueError(f"pixel ({x}, {y}) is outside the {camera.width} × {camera.height} image")
-    means, quats, log_scales, opacities = (
-        np.ascontiguousarray(array, np.float32) for array in (means, quats, log_scales, opacities)
-    )
+    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
     near = _rows_near(means, log_scales, opacities, camera, x, y, settings)
     projection = project(means[near], quats[near], log_scales[near], opacities[near], camera, settings)
     left, top = x // TILE * TILE, y // TILE * TILE

@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_core.rasterize.bin import PIXELS, TILE, bin_splats
 from instdrive_core.rasterize.blend import BATCH, STRIDE, TILES_PER_TASK, any_alive, stage
 from instdrive_core.rasterize.fragment import FAST, FLOOR, power_of_two
+from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.project import OPACITY, project
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
@@ -64,7 +65,7 @@ def preview(
 ) -> Preview:
     """Draw N Gaussians (arguments as for `render`) and find the splat that each pixel stands for."""
     means, quats, log_scales, opacities, colors = (
-        np.ascontiguousarray(array, np.float32) for array in (means, quats, log_scales, opacities, colors)
+        kernel_array(array) for array in (means, quats, log_scales, opacities, colors)
     )
     projection = project(means, quats, log_scales, opacities, camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)

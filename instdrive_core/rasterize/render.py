@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray
 
 from instdrive_core.rasterize.backward import blend_backward
 from instdrive_core.rasterize.bin import TileLists, bin_splats
 from instdrive_core.rasterize.blend import blend
+from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.project import Projection, project
 from instdrive_core.rasterize.project_backward import RasterGradients, project_backward
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
@@ -67,8 +67,13 @@ def render(
 
     Non-finite Gaussians, those nearer than the near plane and those off the image are not drawn.
     """
-    means, quats, log_scales, channels = _float32(means), _float32(quats), _float32(log_scales), _float32(channels)
-    projection = project(means, quats, log_scales, _float32(opacities), camera, settings)
+    means, quats, log_scales, channels = (
+        kernel_array(means),
+        kernel_array(quats),
+        kernel_array(log_scales),
+        kernel_array(channels),
+    )
+    projection = project(means, quats, log_scales, kernel_array(opacities), camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     outputs = blend(projection, tiles, channels, camera.width, camera.height, settings)
     context = RasterContext(means, quats, log_scales, channels, camera, settings, projection, tiles, outputs)
@@ -93,7 +98,7 @@ def render_backward(
     count = context.channels.shape[1]
     if not 0 <= geometry_channels <= count:
         raise ValueError(f"geometry_channels is {geometry_channels}, expected 0 … {count}")
-    grads = (_float32(grad_image), _float32(grad_depth), _float32(grad_alpha))
+    grads = (kernel_array(grad_image), kernel_array(grad_depth), kernel_array(grad_alpha))
     pair_sums = blend_backward(
         context.projection,
         context.tiles,
@@ -106,8 +111,3 @@ def render_backward(
     return project_backward(
         context.means, context.quats, context.log_scales, context.camera, context.projection, context.tiles, pair_sums
     )
-
-
-def _float32(array: ndarray) -> ndarray:
-    """C-contiguous float32, copied only where it is not: the kernels are compiled for one layout."""
-    return np.ascontiguousarray(array, dtype=np.float32)

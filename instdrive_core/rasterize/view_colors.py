@@ -11,6 +11,7 @@ from jaxtyping import Float, Float32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
+from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.scene.scene import node_rotations
 
 _CHUNK = 1 << 12
@@ -55,7 +56,7 @@ def view_colors_backward(
     """
     grad_dc, grad_rest = np.zeros(sh_dc.shape, np.float32), np.zeros(sh_rest.shape, np.float32)
     arguments = _arguments(means, sh_dc, sh_rest, camera_position, nodes, poses)
-    _colors_backward(arguments, np.ascontiguousarray(grad_colors, np.float32), grad_dc, grad_rest)
+    _colors_backward(arguments, kernel_array(grad_colors), grad_dc, grad_rest)
     return grad_dc, grad_rest
 
 
@@ -70,9 +71,9 @@ def _arguments(
     if nodes is None or poses is None or len(poses) < 2:
         nodes, rotations = np.zeros(0, np.uint16), np.eye(3, dtype=np.float32)[None]
     else:
-        rotations = node_rotations(np.asarray(poses, np.float64)).astype(np.float32)
-    floats = (np.ascontiguousarray(array, np.float32) for array in (means, sh_dc, sh_rest, position))
-    return *floats, np.ascontiguousarray(nodes, np.uint16), np.ascontiguousarray(rotations)
+        rotations = node_rotations(np.asarray(poses, np.float64))
+    floats = (kernel_array(array) for array in (means, sh_dc, sh_rest, position))
+    return *floats, np.require(nodes, np.uint16, ["C", "W"]), kernel_array(rotations)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)

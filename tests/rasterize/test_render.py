@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from little_scenes import Splats, in_view, plain_splats, random_splats, small_camera
 
+from instdrive_core.rasterize.project import _project
 from instdrive_core.rasterize.reference import render_reference
 from instdrive_core.rasterize.render import render
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
@@ -117,3 +118,19 @@ def test_equal_depths_are_blended_in_row_order() -> None:
 def test_settings_that_the_kernels_cannot_honour_are_refused() -> None:
     with pytest.raises(ValueError, match="min_alpha"):
         RasterSettings(min_alpha=1e-3)
+
+
+def test_any_memory_layout_is_taken_without_compiling_anew() -> None:
+    camera = small_camera()
+    splats = random_splats(camera, 40, 3, seed=7)
+    expected = render(*splats.arrays(), camera).image
+    compiled = len(_project.signatures)
+    odd = [np.asfortranarray(array).astype(np.float64) for array in splats.arrays()]
+    for array in odd:
+        array.flags.writeable = False
+    frozen = [array.copy() for array in splats.arrays()]
+    for array in frozen:
+        array.flags.writeable = False
+    for arrays in (odd, frozen):
+        np.testing.assert_array_equal(render(*arrays, camera).image, expected)
+    assert len(_project.signatures) == compiled

@@ -1,0 +1,16 @@
+"""The one memory layout that the kernels are compiled for."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32
+from numpy import ndarray
+
+
+def kernel_array(array: Float[ndarray, "*n"]) -> Float32[ndarray, "*n"]:
+    """The array as float32, C-contiguous and writeable; copied only where it is not.
+
+    Any other layout, a read-only flag included, would make Numba compile every kernel anew: seconds for a copy of
+    milliseconds.
+    """
+    return np.require(array, np.float32, ["C", "W"])
