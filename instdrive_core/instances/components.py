@@ -30,18 +30,21 @@ class ComponentConfig:
     """The local spacing is the distance to the neighbour of this rank."""
     spacing_factor: float = 3.0
     """Two cells are joined up to this many times the geometric mean of their spacings …"""
-    max_gap: float = 8.0
-    """… and at most this many metres, …"""
+    max_gap: float = 1.0
+    """… and at most this many metres (more where the scene is sparse), …"""
     extent_factor: float = 1.0
     """… plus this many middle standard deviations of the Gaussians on both sides."""
     max_extent: float = 3.0
     """Metres; larger Gaussians count as this large."""
-    min_support: float = 3.0
+    min_support: float = 4.0
     """A component whose opacities sum to less is a fragment, not an object."""
-    absorb_distance: float = 20.0
-    """Metres up to which a fragment joins a component of its own codeword."""
-    vote_distance: float = 10.0
-    """Metres up to which neighbours of other codewords vote on a fragment."""
+    absorb_distance: float = 1.5
+    """Metres up to which a fragment joins a component of its own codeword (more where the scene is sparse)."""
+    vote_distance: float = 0.5
+    """Metres up to which neighbours of other codewords vote on a fragment (more where the scene is sparse)."""
+    sparse_limit: float = 10.0
+    """Metres: far from the cameras Gaussians lie metres apart, and the three distances grow with the scene's local
+    spacing, whatever the codewords, up to this."""
 
 
 DEFAULT_CONFIG = ComponentConfig()
@@ -58,6 +61,8 @@ class _Cells:
     nodes: Int64[ndarray, " m"]
     extents: Float64[ndarray, " m"]
     support: Float64[ndarray, " m"]
+    scene_spacing: Float64[ndarray, " m"]
+    """`spacing_factor` times the local spacing among the node's cells of all codewords, metres."""
 
 
 def split_components(
@@ -109,14 +114,26 @@ def _gathered(
     cell_of = _cell_numbers((firsts - center) / config.cell_size + 0.5, group_of_first)[cell_of]
     group_of_cell = np.zeros(cell_of.max() + 1, np.int64)
     group_of_cell[cell_of] = groups
+    positions = np.stack([_means_of(means[:, axis], cell_of) for axis in range(3)], axis=1)
+    nodes_of_cell = pairs[group_of_cell] >> 32
     return _Cells(
         of_gaussian=cell_of,
-        positions=np.stack([_means_of(means[:, axis], cell_of) for axis in range(3)], axis=1),
+        positions=positions,
         groups=group_of_cell,
-        nodes=pairs[group_of_cell] >> 32,
+        nodes=nodes_of_cell,
+        scene_spacing=_scene_spacing(positions, nodes_of_cell, config),
         extents=np.minimum(_means_of(np.median(scales, axis=1), cell_of), config.max_extent),
         support=np.bincount(cell_of, weights=opacities),
     )
+
+
+def _scene_spacing(
+    positions: Float64[ndarray, "m 3"], nodes: Int64[ndarray, " m"], config: ComponentConfig
+) -> Float64[ndarray, " m"]:
+    rank = min(config.spacing_neighbor + 1, len(positions))
+    places, _ = _set_apart(positions, nodes)
+    distances, _ = _nearest(places, places, rank)
+    return np.minimum(config.spacing_factor * distances[:, -1], config.sparse_limit)
 
 
 def _cell_numbers(places: Float[ndarray, "n 3"], groups: Int64[ndarray, " n"]) -> Int64[ndarray, " n"]:
@@ -139,10 +156,12 @@ def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
     distances, targets = _nearest(places, places, neighbors)
     inside = distances < apart
     rank = min(config.spacing_neighbor, neighbors - 1)
-    spacing = np.clip(np.where(inside, distances, np.inf)[:, rank], config.cell_size, config.max_gap)
+    gaps = np.maximum(config.max_gap, cells.scene_spacing)
+    spacing = np.clip(np.where(inside, distances, np.inf)[:, rank], config.cell_size, gaps)
     limits = config.spacing_factor * np.sqrt(spacing[:, None] * spacing[targets])
+    limits = np.minimum(limits, np.minimum(gaps[:, None], gaps[targets]))
     extents = cells.extents[:, None] + cells.extents[targets]
-    near = inside & (distances <= np.minimum(limits, config.max_gap) + config.extent_factor * extents)
+    near = inside & (distances <= limits + config.extent_factor * extents)
     # Cells are in order of their groups: a chain through an actor's cells keeps them together.
     chained = np.flatnonzero((cells.groups[1:] == cells.groups[:-1]) & (cells.nodes[1:] > 0))
     sources = np.concatenate([np.broadcast_to(np.arange(count)[:, None], targets.shape)[near], chained])
@@ -164,7 +183,8 @@ def _absorb_by_codeword(
         return
     places, apart = _set_apart(cells.positions, cells.groups)
     distances, found = (part[:, 0] for part in _nearest(places[solid], places[loose], 1))
-    hit = distances <= min(config.absorb_distance, apart / 2)
+    reach = np.maximum(config.absorb_distance, cells.scene_spacing[loose])
+    hit = distances <= np.minimum(reach, apart / 2)
     fragments, targets = components[loose[hit]], components[solid[found[hit]]]
     # Writing the farthest first leaves the nearest.
     order = np.argsort(-distances[hit], kind="stable")
@@ -185,7 +205,8 @@ def _absorb_by_vote(
     places, apart = _set_apart(cells.positions, cells.nodes)
     neighbors = min(config.neighbors, len(solid))
     distances, found = _nearest(places[solid], places[loose], neighbors)
-    hit = distances <= min(config.vote_distance, apart / 2)
+    reach = np.maximum(config.vote_distance, cells.scene_spacing[loose])
+    hit = distances <= np.minimum(reach, apart / 2)[:, None]
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
     ballots, votes = np.unique(np.stack([voters, components[solid[found[hit]]]]), axis=1, return_counts=True)
     # Fewest votes first, so that the winner is written last; a tie goes to the lower component.

@@ -74,10 +74,19 @@ def test_sparse_surface_of_large_gaussians_hangs_together():
     grid = np.stack(np.meshgrid(np.arange(0, 60, 2.5), np.arange(0, 12, 2.5), [0]), axis=-1).reshape(-1, 3)
     road = planted.add(grid, 1, scale=1.0)
     assert only(planted.split()[road]) == 1
-    # The same places with small Gaussians are beyond the longest gap.
-    dots = Planted()
-    dots.add(grid, 1, scale=0.01)
-    assert not dots.split(ComponentConfig(max_gap=2.0)).any()
+
+
+def test_far_apart_is_measured_by_the_scene_around():
+    grid = np.stack(np.meshgrid(np.arange(0, 30, 2.5), np.arange(0, 12, 2.5), [0]), axis=-1).reshape(-1, 3)
+    sparse = Planted()
+    facade = sparse.add(grid, 1, scale=0.01)
+    assert only(sparse.split()[facade]) == 1
+    # The same places amid a dense surface of another codeword are strays on it.
+    dense = Planted()
+    ground = np.stack(np.meshgrid(np.arange(-1, 31, 0.25), np.arange(-1, 13, 0.25), [0.1]), axis=-1).reshape(-1, 3)
+    road, strays = dense.add(ground, 2, scale=0.05), dense.add(grid, 1, scale=0.01)
+    labels = dense.split()
+    assert only(labels[strays]) == only(labels[road])
 
 
 def test_clumps_of_cloned_gaussians_do_not_break_a_surface():
