@@ -1,0 +1,117 @@
+"""Run folders: what a training leaves, resuming it, and refusing what cannot be trained."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.errors import DataError, OptionError
+from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.training.config import InitConfig, TrainConfig, train_config
+from instdrive_core.training.events import CheckpointDue
+from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory):
+    """Five steps of a small street, of which step 4 is held out; without masks of its own."""
+    clip = tmp_path_factory.mktemp("street") / "clip"
+    write_street(clip, StreetConfig(seed=3, steps=5, width=96, height=54, lidar_azimuths=300))
+    return clip
+
+
+def short(method="instdrive") -> TrainConfig:
+    config = train_config(method, "demo", seed=1)
+    return replace(
+        config,
+        init=InitConfig(lidar_points=3_000, near_points=200, far_points=200, actor_points=100),
+        geometry=replace(config.geometry, iterations=16, coarse_iterations=4, sky_resolution=8),
+        instances=replace(config.instances, iterations=16, pixels_per_view=500, feature_dim=8),
+        checkpoint_every=8,
+    )
+
+
+def train(clip, out, notes=None, on_event=lambda event: None, **request):
+    values = {"options": ClipOptions(cameras="1"), "config": short(), **request}
+    return run_training(RunRequest(clip, out, **values), on_event, (notes if notes is not None else []).append)
+
+
+class Interrupted(Exception):
+    """Stands for a killed process."""
+
+
+def test_a_run_holds_scene_log_facts_and_its_masks(street, tmp_path):
+    notes = []
+    run = train(street, tmp_path / "run", notes)
+    scene, facts = read_scene_folder(run), json.loads((run / "run.json").read_text())
+    assert facts["n_gaussians"] == len(scene)
+    assert facts["masks"] == "annotations"
+    assert (run / "masks" / "masks.json").is_file()
+    assert facts["n_instances"] == len(scene.table) > 0
+    assert scene.code_bits == 8
+    assert set(np.unique(scene.instance_ids)) - {0} == {instance.id for instance in scene.table}
+    lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"rgb", "instances"}
+    assert any("annotations" in note for note in notes)
+
+
+@pytest.mark.parametrize("stage", ["rgb", "instances"])
+def test_an_interrupted_run_resumes_to_the_same_bits(street, tmp_path, stage):
+    def stop(event):
+        if isinstance(event, CheckpointDue) and event.stage == stage:
+            raise Interrupted
+
+    train(street, tmp_path / "whole")
+    with pytest.raises(Interrupted):
+        train(street, tmp_path / "part", on_event=stop)
+    train(street, tmp_path / "part", resume=True)
+    whole, part = (load_file(tmp_path / name / CHECKPOINT) for name in ("whole", "part"))
+    assert whole.keys() == part.keys()
+    for name, array in whole.items():
+        np.testing.assert_array_equal(part[name], array, err_msg=name)
+
+
+def test_a_folder_with_a_run_is_not_overwritten(street, tmp_path):
+    train(street, tmp_path / "run")
+    with pytest.raises(OptionError, match="already holds a run"):
+        train(street, tmp_path / "run")
+    with pytest.raises(OptionError, match="other options"):
+        train(street, tmp_path / "run", config=replace(short(), seed=9), resume=True)
+    with pytest.raises(OptionError, match="no checkpoint"):
+        train(street, tmp_path / "elsewhere", resume=True)
+
+
+def test_a_damaged_checkpoint_is_named(street, tmp_path):
+    run = train(street, tmp_path / "run")
+    (run / CHECKPOINT).write_bytes((run / CHECKPOINT).read_bytes()[:1000])
+    with pytest.raises(DataError, match=CHECKPOINT):
+        train(street, tmp_path / "run", resume=True)
+
+
+def test_without_masks_or_annotations_colour_is_trained_and_said(street, tmp_path):
+    bare, notes = tmp_path / "bare", []
+    shutil.copytree(street, bare, ignore=shutil.ignore_patterns("annotations", "labels"))
+    scene = read_scene_folder(train(bare, tmp_path / "run", notes))
+    assert any("no masks" in note for note in notes)
+    assert len(scene.table) == 0
+    assert not scene.instance_ids.any()
+    assert scene.actors == ()
+
+
+def test_frames_of_held_out_steps_alone_cannot_train(street, tmp_path):
+    with pytest.raises(DataError, match="no photo of a training time step"):
+        train(street, tmp_path / "run", options=ClipOptions(cameras="1", first_frame=4, last_frame=4))
+
+
+def test_the_paper_method_trains_jointly(street, tmp_path):
+    config = short("paper")
+    run = train(street, tmp_path / "run", config=config)
+    lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"rgb"}
+    assert {"pull", "push", "rgb"} <= set(lines[-1]["terms"])
+    assert json.loads((run / "run.json").read_text())["method"] == "paper"
