@@ -1,0 +1,70 @@
+"""Make the sample scene that comes with the editor from a trained run: `python -m benchmarks.sample_scene RUN`.
+
+Faint Gaussians, view-dependent colour and features are dropped and arrays stored in half precision, to stay below 5 MB.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from jaxtyping import Float32
+from numpy import ndarray
+from tyro.conf import Positional, arg
+
+from instdrive_core.edits.bake import recounted
+from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.sky import Sky
+
+MIN_OPACITY = 0.08
+CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "back_camera")
+
+
+def reduced(scene: Scene) -> Scene:
+    """What a newcomer needs: visible Gaussians with one colour each, instances, actors, sky, some cameras."""
+    kept = np.flatnonzero(scene.gaussians.opacities >= MIN_OPACITY)
+    gaussians = scene.gaussians.select(kept)
+    gaussians.sh_rest, gaussians.features = gaussians.sh_rest[:, :0], gaussians.features[:, :0]
+    views = tuple(replace(view, photo="") for view in scene.views if view.name in CAMERAS)
+    smaller = replace(
+        scene,
+        gaussians=gaussians,
+        instance_ids=scene.instance_ids[kept],
+        codewords=scene.codewords[kept],
+        nodes=scene.nodes[kept],
+        sky=Sky(halved(scene.sky.faces)) if scene.sky else None,
+        views=views,
+    )
+    return recounted(smaller)
+
+
+def halved(faces: Float32[ndarray, "6 r r 3"]) -> Float32[ndarray, "6 h h 3"]:
+    """Cube faces at half the resolution."""
+    half = faces.shape[1] // 2
+    return faces[:, : half * 2, : half * 2].reshape(6, half, 2, half, 2, 3).mean(axis=(2, 4))
+
+
+def main(
+    run: Positional[Path] = Path("runs/demo/run"),
+    out: Annotated[Path, arg(aliases=["-o"])] = Path("assets/sample_scene"),
+) -> None:
+    """Write a run's reduced scene.
+
+    Args:
+        run: Folder of a finished run.
+        out: Folder of the sample scene.
+    """
+    scene = reduced(read_scene_folder(run))
+    write_scene_folder(out, scene, half=True)
+    size = sum(file.stat().st_size for file in out.iterdir())
+    facts = {"gaussians": len(scene), "instances": len(scene.table), "megabytes": round(size / 1e6, 2)}
+    print(json.dumps({"scene": str(out), **facts}))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
