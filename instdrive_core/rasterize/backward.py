@@ -14,7 +14,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_core.rasterize.bin import PIXELS, TILE, TileLists
-from instdrive_core.rasterize.blend import BATCH, STRIDE, TILES_PER_TASK, any_alive
+from instdrive_core.rasterize.blend import BATCH, STRIDE, TILES_PER_TASK, any_alive, open_tile
 from instdrive_core.rasterize.fragment import FAST, FLOOR, exponent_of, power_of_two
 from instdrive_core.rasterize.project import CONIC_XX, CONIC_XY, CONIC_YY, DEPTH, Projection
 from instdrive_core.rasterize.settings import RasterSettings
@@ -185,19 +185,17 @@ def _walk_tile(scratch, staged, sums, arrays, lists, start, stop, left, top, con
 
 @numba.njit(cache=True, error_model="numpy")
 def _load_tile(scratch, left, top, outputs, grads, geometry):
-    """Fill a tile's state: nothing blended yet; pixels outside the image are finished from the start."""
+    """Fill a tile's state before anything is blended."""
     image, depth, alpha = outputs
     grad_image, grad_depth, grad_alpha = grads
     height, width, count = image.shape
     stride, first = np.int64(STRIDE), np.int64(_GRADS)
     feature_start = (geometry + 4) // 4 * 4
+    open_tile(scratch, _TRANSMITTANCE, _X, _Y, width - left, height - top)
     for q in range(PIXELS):
-        scratch[np.int64(_X) + q], scratch[np.int64(_Y) + q] = q % TILE, q // TILE
         x, y = left + q % TILE, top + q // TILE
         if x >= width or y >= height:
-            scratch[np.int64(_TRANSMITTANCE) + q] = -1
             continue
-        scratch[np.int64(_TRANSMITTANCE) + q] = 1
         scratch[np.int64(_GRAD_ALPHA) + q] = scratch[np.int64(_GRAD_REST) + q] = grad_alpha[y, x]
         scratch[first + q] = grad_depth[y, x]
         behind = grad_alpha[y, x] * alpha[y, x] + grad_depth[y, x] * depth[y, x]

@@ -9,11 +9,7 @@ import numpy as np
 from jaxtyping import Int32, Int64, UInt8
 from numpy import ndarray
 
-from instdrive_core.rasterize.project import (
-    MEAN_X,
-    POWER_LIMIT,
-    Projection,
-)
+from instdrive_core.rasterize.project import MEAN_X, POWER_LIMIT, Projection
 
 TILE = 16
 PIXELS = TILE * TILE

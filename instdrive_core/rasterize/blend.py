@@ -54,6 +54,15 @@ def blend(
     return image, depth, alpha
 
 
+@numba.njit(cache=True, error_model="numpy")
+def open_tile(scratch, transmittance, x, y, width, height):
+    """Nothing blended yet; pixels outside the image, `width` and `height` from the tile's corner, are finished."""
+    for q in range(np.uint64(PIXELS)):
+        column, row = q % np.uint64(TILE), q // np.uint64(TILE)
+        scratch[x + q], scratch[y + q] = column, row
+        scratch[transmittance + q] = 1 if np.int64(column) < width and np.int64(row) < height else -1
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def any_alive(scratch, transmittance):
     """Whether a pixel of the tile still lets light through; finished ones carry a negative transmittance."""
@@ -114,9 +123,7 @@ def _blend(splats, rows, channels, starts, pair_splats, spans, columns, constant
     for tile in numba.prange(len(starts) - 1):
         scratch = np.zeros(np.int64(_CHANNELS) + count * np.int64(STRIDE), np.float32)
         left, top = tile % columns * TILE, tile // columns * TILE
-        for q in range(PIXELS):
-            scratch[np.int64(_TRANSMITTANCE) + q] = 1
-            scratch[np.int64(_X) + q], scratch[np.int64(_Y) + q] = q % TILE, q // TILE
+        open_tile(scratch, _TRANSMITTANCE, _X, _Y, width - left, height - top)
         staged = np.empty((BATCH, 7 + count), np.float32)
         _blend_tile(
             scratch,

@@ -10,7 +10,7 @@ from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.rasterize.bin import PIXELS, TILE, bin_splats
-from instdrive_core.rasterize.blend import BATCH, STRIDE, TILES_PER_TASK, any_alive, stage
+from instdrive_core.rasterize.blend import BATCH, STRIDE, TILES_PER_TASK, any_alive, open_tile, stage
 from instdrive_core.rasterize.fragment import FAST, FLOOR, power_of_two
 from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.project import OPACITY, project
@@ -194,9 +194,7 @@ def _preview(arrays, lists, constants, rule, images):
         left, top = tile % columns * TILE, tile // columns * TILE
         start, stop = np.uint64(starts[tile]), np.uint64(starts[tile + 1])
         scratch, staged = np.zeros(_SCRATCH, np.float32), np.empty((BATCH, 10), np.float32)
-        for q in range(PIXELS):
-            scratch[np.int64(_TRANSMITTANCE) + q] = 1
-            scratch[np.int64(_X) + q], scratch[np.int64(_Y) + q] = q % TILE, q // TILE
+        open_tile(scratch, _TRANSMITTANCE, _X, _Y, width - left, height - top)
         x, y = np.float32(left), np.float32(top)
         _walk_tile(scratch, staged, arrays, lists, start, stop, x, y, constants, rule, False)
         _write_tile(scratch, left, top, images)
