@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from instdrive_core.evaluation.boxes import box_silhouette, moving_box_pixels
 from instdrive_core.scene.camera import Camera, look_at
@@ -32,6 +33,21 @@ def test_boxes_around_and_behind_the_camera(camera):
     behind[:3, 3] = [0, -30, 0]
     assert box_silhouette(camera, around, np.full(3, 2.0)).all()
     assert not box_silhouette(camera, behind, np.full(3, 2.0)).any()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_silhouette_holds_every_point_of_the_box_in_view(seed):
+    rng = np.random.default_rng(seed)
+    at, target = rng.uniform(-6, 6, 3), rng.uniform(-3, 3, 3)
+    camera = Camera(60.0, 50.0, 37.0, 33.0, 80, 60, look_at(at, target))
+    box = look_at(rng.uniform(-3, 3, 3), rng.uniform(-3, 3, 3))
+    size = rng.uniform(0.5, 8, 3)
+    points = rng.uniform(-0.5, 0.5, (4000, 3)) * size @ box[:3, :3].T + box[:3, 3]
+    pixels, depths = camera.project(points)
+    seen = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [80, 60]).all(axis=1)
+    columns, rows = np.floor(pixels[seen]).astype(int).T
+    grown = binary_dilation(box_silhouette(camera, box, size), np.ones((3, 3)))
+    assert grown[rows, columns].all()
 
 
 def test_only_moving_boxes_that_exist_count(camera):
