@@ -15,7 +15,7 @@ from instdrive_core.evaluation.clicks import Clicks
 from instdrive_core.evaluation.held_out import HeldOutView
 from instdrive_core.evaluation.world import WorldGaussians, world_gaussians
 from instdrive_core.rasterize.render import render
-from instdrive_core.rasterize.scene_view import sky_behind
+from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track, points_inside
@@ -113,7 +113,7 @@ class _Drawing:
         """The image in [0, 1], and the blending weight inside each box, summed over pixels (0 without a box)."""
         world = self.world.without(deleted)
         raster = render(world.means, world.quats, world.log_scales, world.opacities, self.channels, self.camera)
-        color = raster.image[..., :3] + sky_behind(self.scene, self.camera, raster.alpha)
+        color = raster.image[..., :3] + sky_behind(self.scene.sky, self.camera, raster.alpha)
         return np.clip(color, 0, 1), raster.image[..., 3:].sum(axis=(0, 1), dtype=np.float64)
 
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numba
 import numpy as np
-from jaxtyping import Bool, Float32, UInt32
+from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
-from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, preview
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene, placed
-from instdrive_core.scene.sky import cube_tap
 
 
 def view_scene(
@@ -42,18 +40,7 @@ def view_scene(
     if not present.all():
         opacities = np.where(present[scene.nodes], opacities, np.float32(0))
     frame = preview(means, quats, gaussians.log_scales, opacities, colors, camera, settings, rule)
-    return replace(frame, color=frame.color + sky_behind(scene, camera, frame.alpha))
-
-
-def sky_behind(scene: Scene, camera: Camera, alpha: Float32[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
-    """What the sky adds to each pixel: its colour where the Gaussians let light through, black without a sky."""
-    behind = np.zeros((*alpha.shape, 3), np.float32)
-    if scene.sky is not None:
-        faces = kernel_array(scene.sky.faces)
-        pinhole = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        rotation = np.ascontiguousarray(camera.world_from_camera[:3, :3])
-        _sky_behind(faces.reshape(-1, 3), faces.shape[1], pinhole, rotation, alpha, behind)
-    return behind
+    return replace(frame, color=frame.color + sky_behind(scene.sky, camera, frame.alpha))
 
 
 def instance_map(scene: Scene, frame: Preview) -> UInt32[ndarray, "h w"]:
@@ -61,23 +48,3 @@ def instance_map(scene: Scene, frame: Preview) -> UInt32[ndarray, "h w"]:
     if not len(scene):
         return np.zeros(frame.winner.shape, np.uint32)
     return np.where(frame.winner >= 0, scene.instance_ids[frame.winner], 0).astype(np.uint32)
-
-
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-def _sky_behind(texels, resolution, pinhole, rotation, alpha, behind):
-    height, width = alpha.shape
-    for row in numba.prange(height):
-        indices, weights = np.empty(4, np.int64), np.empty(4, np.float32)
-        y = (row + 0.5 - pinhole[3]) / pinhole[1]
-        for column in range(width):
-            through = np.float32(1) - alpha[row, column]
-            if through <= 0:
-                continue
-            x = (column + 0.5 - pinhole[2]) / pinhole[0]
-            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]
-            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]
-            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]
-            cube_tap(dx, dy, dz, resolution, indices, weights)
-            for tap in range(4):
-                for channel in range(3):
-                    behind[row, column, channel] += through * weights[tap] * texels[indices[tap], channel]

@@ -81,7 +81,7 @@ class InstanceConfig:
     """Pull inside a mask, push between masks of one image."""
     voxel_weight: float = 1.0
     """Agreement inside randomly shifted voxels."""
-    pseudo_weight: float = 0.1
+    pseudo_weight: float = 0.3
     """Towards the codeword that wins the vote inside each mask."""
     pseudo_start: float = 1 / 3
     """Share of the run after which pseudo supervision begins."""
@@ -157,8 +157,8 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
     if preset == "demo":
         config = replace(
             config,
-            init=InitConfig(lidar_points=90_000, near_points=8_000, far_points=8_000, actor_points=2_000),
-            geometry=replace(config.geometry, iterations=1_800, coarse_iterations=500),
+            init=InitConfig(lidar_points=100_000, near_points=10_000, far_points=10_000, actor_points=2_000),
+            geometry=replace(config.geometry, iterations=2_200, coarse_iterations=600),
             instances=replace(config.instances, iterations=1_500),
         )
     elif preset == "paper":

@@ -60,7 +60,7 @@ def _classes_by_lidar(
         step = max(1, len(points.points) // _POINTS_PER_SWEEP)
         distances, nearest = tree.query(points.points[::step], distance_upper_bound=_MAX_DISTANCE, workers=-1)
         near = np.isfinite(distances)
-        ids, labels = instance_ids[background[nearest[near]]], points.classes[::step][near]
+        ids, labels = instance_ids[background[np.asarray(nearest)[near]]], points.classes[::step][near]
         pairs, counts = np.unique(np.stack([ids, labels.astype(np.uint32)]), axis=1, return_counts=True)
         for instance_id, label, count in zip(*pairs.tolist(), counts.tolist(), strict=True):
             if instance_id and label in clip.class_names:
