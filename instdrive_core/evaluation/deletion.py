@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int
+from jaxtyping import Bool, Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
@@ -33,7 +33,7 @@ class _Effect:
     """Of one deletion, on one object that was meant."""
 
     clicks: int
-    collateral: float
+    collateral: float | None
     residue: float | None
 
 
@@ -59,14 +59,16 @@ def deletion_scores(
     if len(selections) > MAX_DELETIONS:
         kept = np.random.default_rng(seed).choice(len(selections), MAX_DELETIONS, replace=False)
         selections = [selections[index] for index in np.sort(kept)]
+    shown_in = sorted({number for number, _ in selections})
     effects: list[_Effect] = []
-    for done, (number, group) in enumerate(groupby(selections, key=lambda selection: selection[0])):
+    for number, group in groupby(selections, key=lambda selection: selection[0]):
         in_view = [each for each in hits if each.view == number]
         effects += _effects(scene, views[number], [selected for _, selected in group], in_view, boxes)
-        progress("deletions", done + 1, len({view for view, _ in selections}))
+        progress("deletions", shown_in.index(number) + 1, len(shown_in))
+    clicked = [effect.clicks for effect in effects]
     return {
-        "collateral": _mean([(effect.clicks, effect.collateral) for effect in effects]),
-        "residue": _mean([(effect.clicks, effect.residue) for effect in effects if effect.residue is not None]),
+        "collateral": _mean([effect.collateral for effect in effects], clicked),
+        "residue": _mean([effect.residue for effect in effects], clicked),
     }
 
 
@@ -81,7 +83,7 @@ def _effects(
     meant = sorted({each.truth_id for each in clicks})
     drawing = _Drawing(scene, view.frame, [boxes.get(truth_id) for truth_id in meant])
     before, weights_before = drawing.draw(np.zeros(len(scene), bool))
-    valid = True if view.frame.valid is None else view.frame.valid
+    valid = np.ones(view.truth.shape, bool) if view.frame.valid is None else view.frame.valid
     effects = []
     for selected in selections:
         after, weights = drawing.draw(scene.instance_ids == selected)
@@ -91,7 +93,7 @@ def _effects(
                 continue
             column = meant.index(each.truth_id)
             outside = (view.truth != each.truth_id) & valid
-            collateral = float(changed[outside].mean()) if outside.any() else 0.0
+            collateral = float(changed[outside].mean()) if outside.any() else None
             has_weight = weights_before[column] > 0
             residue = float(weights[column] / weights_before[column]) if has_weight else None
             effects.append(_Effect(each.count, collateral, residue))
@@ -123,8 +125,8 @@ def _inside(world: WorldGaussians, box: Track | None, time: float) -> Bool[ndarr
     return points_inside(world.means, box.pose_at(time), box.dimensions, bottom=-ROAD_CUT)
 
 
-def _mean(weighted: Sequence[tuple[int, float]]) -> float | None:
-    counts: Int[ndarray, " k"] = np.array([count for count, _ in weighted])
-    if not counts.sum():
+def _mean(values: Sequence[float | None], weights: Sequence[int]) -> float | None:
+    known = [(value, weight) for value, weight in zip(values, weights, strict=True) if value is not None]
+    if not known:
         return None
-    return float((counts * np.array([value for _, value in weighted])).sum() / counts.sum())
+    return sum(value * weight for value, weight in known) / sum(weight for _, weight in known)
