@@ -4,7 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
-PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 xvfb xauth xdotool python3-venv
+PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libx11-6 libxcursor1 libxext6 libxi6 libxinerama1 libxrandr2 \
+	xvfb xauth xdotool python3-venv
 RUN ?= runs/demo
 
 .PHONY: demo test lint bench pictures system clean
