@@ -27,7 +27,8 @@ class Instance:
     class_name: str = ""
     """Class from the data set or the user; empty where unknown."""
     bounds: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    """Lower and upper corner of the Gaussians' means in metres, in the node's own frame."""
+    """Lower and upper corner in metres, in the node's own frame, of the box that holds the middle 98 % of the
+    Gaussians' means along each axis: strays do not make a car 40 m long."""
 
     @property
     def color(self) -> tuple[int, int, int]:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from jaxtyping import Float32
+from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, load_clip
 from instdrive_core.datasets.sweeps import SweepCache
@@ -99,6 +101,13 @@ def scene_radius(views: list[TrainingView]) -> float:
     return max(_MIN_SCENE_RADIUS, float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()))
 
 
+def mean_sky_color(views: list[TrainingView]) -> Float32[ndarray, "3"]:
+    """What the sky looks like where no photo shows it: the mean over the sky masks, light grey without any."""
+    pixels = [view.image[view.sky][::16] for view in views if view.sky is not None]
+    seen = np.concatenate(pixels) if pixels else np.zeros((0, 3), np.uint8)
+    return (seen.mean(axis=0) / 255 if len(seen) else np.full(3, 0.6)).astype(np.float32)
+
+
 def _check_output(request: RunRequest) -> None:
     has_run = (request.out / CONFIG).exists()
     if request.resume and not (request.out / CHECKPOINT).exists():
@@ -113,7 +122,7 @@ def _fresh(config: TrainConfig, clip: Clip, views: list[TrainingView]) -> Traine
     features = np.random.default_rng((config.seed, 3)).normal(0, config.instances.init_std, (len(start.nodes), dim))
     start.gaussians.features = features.astype(np.float32)
     resolution = config.geometry.sky_resolution
-    sky = np.full((6, resolution, resolution, 3), 0.6, np.float32)
+    sky = np.broadcast_to(mean_sky_color(views), (6, resolution, resolution, 3))
     model = model_from_gaussians(start.gaussians, start.nodes, start.actors, sky)
     return Trainer(model, views, config, scene_radius(views))
 

@@ -25,6 +25,8 @@ from instdrive_core.training.voxel_loss import occupied_voxels, voxel_loss
 
 _RGB, _INSTANCES, _SAMPLING = 0, 1, 2
 """Streams of random numbers."""
+_SKY_EPS = 1e-8
+"""Texels that photos hardly touch stay as they are, instead of taking full steps along rounding errors."""
 
 
 class TrainingDiverged(ArithmeticError):
@@ -60,7 +62,7 @@ class Trainer:
             "features": self.config.instances.feature_lr,
         }
         self.optimizers = {
-            name: torch.optim.Adam([p[name]], lr=rate, eps=1e-15, fused=True)
+            name: torch.optim.Adam([p[name]], lr=rate, eps=_SKY_EPS if name == "sky" else 1e-15, fused=True)
             for name, rate in rates.items()
             if p[name].numel()
         }
