@@ -38,3 +38,13 @@ def test_renaming_gives_a_copy():
 def test_no_instances():
     assert len(table_from_ids(np.zeros(3, np.uint32), MEANS[:3], np.zeros(3, np.uint32))) == 0
     assert list(InstanceTable()) == []
+
+
+def test_a_few_strays_do_not_stretch_the_bounds():
+    means = np.random.default_rng(0).uniform(-1, 1, (200, 3)).astype(np.float32)
+    means[:4] = 40.0
+    low, high = table_from_ids(np.full(200, 5, np.uint32), means)[5].bounds
+    assert max(high) < 1
+    assert min(low) > -1
+    assert max(low) < -0.8
+    assert min(high) > 0.8
