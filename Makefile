@@ -29,7 +29,9 @@ bench: $(VENV)/.ready-dev
 	$(BIN)/python -m benchmarks.rasterize --workload W2 --state trained
 
 pictures: $(VENV)/.ready-dev
-	$(BIN)/python -m benchmarks.pictures
+	$(BIN)/instdrive demo --script --out $(RUN)
+	$(BIN)/python -m benchmarks.pictures $(RUN)/run --name demo --session $(RUN)
+	$(BIN)/python -m instdrive_core.datasets.synthetic.contact_sheet $(RUN)/clip docs/images/synthetic_contact_sheet.jpg
 
 $(VENV)/bin/python: | system
 	$(PYTHON) -m venv $(VENV)

@@ -18,19 +18,17 @@ from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.training.config import TrainConfig, train_config
 
 
-def demo(
-    out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: int = 7, script: bool | None = None
-) -> None:
+def demo(out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: int = 7, script: bool = False) -> None:
     """Train a synthetic drive, evaluate it, and open the editor on it.
 
     Args:
         out: Folder for clip, run and pictures; what is already there is used again.
         seed: Of the synthetic street.
-        script: Play a scripted session instead of opening the window; default: only where there is no display.
+        script: Play a scripted session instead of opening the window, as is done where there is no display.
     """
     run = prepare_run(out, StreetConfig(seed=seed), train_config("instdrive", "demo"), Console())
     has_display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    if script or (script is None and not has_display):
+    if script or not has_display:
         play(run, out)
     else:
         from instdrive_app.edit_command import edit

@@ -18,7 +18,9 @@ class Command:
 
 
 COMMANDS = {
-    "demo": Command("instdrive_app.demo_command:demo", "Train a synthetic drive, evaluate it, and open the editor on it."),
+    "demo": Command(
+        "instdrive_app.demo_command:demo", "Train a synthetic drive, evaluate it, and open the editor on it."
+    ),
     "edit": Command("instdrive_app.edit_command:edit", "Open a scene in the editor window."),
     "synth": Command(
         "instdrive_core.cli.synth:synth",

@@ -1,11 +1,13 @@
 """The pictures of README and docs/, remade from runs: `python -m benchmarks.pictures RUN --name pandaset`.
 
-Six cameras of one held-out time step: photo, rendered colour, instance map.
+Six cameras of one held-out time step: photo, rendered colour, instance map. With `--session` also the editor's window and
+what a scripted session did.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Annotated
 
@@ -46,31 +48,49 @@ def camera_grid(scene: Scene, frames: list[Frame]) -> UInt8[ndarray, "h w 3"]:
     return np.concatenate(columns, axis=1)
 
 
+def session_strip(session: Path) -> UInt8[ndarray, "h w 3"]:
+    """Before, instance map, one car deleted, another recoloured: two by two."""
+    names = ("color.png", "id_map.png", "deleted.png", "recolored.png")
+    pictures = [np.asarray(Image.open(session / name).convert("RGB")) for name in names]
+    return np.concatenate([np.concatenate(pictures[:2], axis=1), np.concatenate(pictures[2:], axis=1)])
+
+
+def save_picture(pixels: UInt8[ndarray, "h w 3"], target: Path) -> None:
+    """A JPEG of at most 2,400 pixels a side."""
+    picture = Image.fromarray(pixels)
+    picture.thumbnail((2400, 2400), Image.Resampling.LANCZOS)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    picture.save(target, quality=88)
+
+
 def main(
     run: Positional[Path] = Path("runs/demo/run"),
     name: str = "demo",
     out: Annotated[Path, arg(aliases=["-o"])] = Path("docs/images"),
     step: int | None = None,
+    session: Path | None = None,
 ) -> None:
-    """Draw a run's six-camera grid.
+    """Draw a run's six-camera grid and a session's pictures.
 
     Args:
         run: Folder of a finished run.
         name: First part of the picture's file name.
         out: Folder of the pictures.
         step: Time step; default: the first held-out one.
+        session: Folder of a scripted session.
     """
     scene, clip = read_scene_folder(run), clip_of_run(run)
     frames = [frame for frame in clip.frames if frame.view.index == step] if step is not None else []
     if not frames:
         held_out = clip.held_out_frames()
         frames = [frame for frame in held_out if frame.view.index == held_out[0].view.index]
-    grid = Image.fromarray(camera_grid(scene, frames))
-    out.mkdir(parents=True, exist_ok=True)
-    target = out / f"{name}_six_cameras.jpg"
-    grid.thumbnail((2400, 2400), Image.Resampling.LANCZOS)
-    grid.save(target, quality=88)
-    print(json.dumps({"picture": str(target), "run": str(run), "step": frames[0].view.index}))
+    written = [out / f"{name}_six_cameras.jpg"]
+    save_picture(camera_grid(scene, frames), written[0])
+    if session is not None:
+        written += [out / "editor.png", out / f"{name}_session.jpg"]
+        shutil.copyfile(session / "editor.png", written[1])
+        save_picture(session_strip(session), written[2])
+    print(json.dumps({"pictures": [str(path) for path in written], "run": str(run), "step": frames[0].view.index}))
 
 
 if __name__ == "__main__":
