@@ -1,7 +1,7 @@
 """The pictures of README and docs/, remade from runs: `python -m benchmarks.pictures RUN --name pandaset`.
 
-Six cameras of one held-out time step: photo, rendered colour, instance map. With `--session` also the editor's window and
-what a scripted session did.
+Six cameras of one held-out time step: photo, rendered colour, instance map. With `--session` also the editor's window
+and what a scripted session did.
 """
 
 from __future__ import annotations
