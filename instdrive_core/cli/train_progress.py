@@ -43,7 +43,7 @@ class TrainProgress:
 
     def on_note(self, note: str) -> None:
         """Print a line above the bar."""
-        self.console.print(note, highlight=False)
+        self.console.print(note, highlight=False, soft_wrap=True)
 
     def on_event(self, event: Event) -> None:
         """Update the bar."""

@@ -52,7 +52,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     """Train a clip into `request.out` and return it.
 
     Raises OptionError where the folder already holds a run and `resume` is off, DataError for clips that cannot
-    train, TrainingDiverged where a loss is no longer finite.
+    train, TrainingDivergedError where a loss is no longer finite.
     """
     out = request.out
     _check_output(request)

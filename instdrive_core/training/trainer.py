@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from instdrive_core.errors import InstDriveError
 from instdrive_core.training import instance_losses as inst
 from instdrive_core.training import losses
 from instdrive_core.training.autograd import rasterize, sh_colors
@@ -29,7 +30,7 @@ _SKY_EPS = 1e-8
 """Texels that photos hardly touch stay as they are, instead of taking full steps along rounding errors."""
 
 
-class TrainingDiverged(ArithmeticError):
+class TrainingDivergedError(InstDriveError):
     """A loss became NaN or infinite; the message names stage, iteration and term."""
 
 
@@ -183,7 +184,10 @@ class Trainer:
         values = {name: float(term.detach()) for name, term in terms.items()}
         for name, value in values.items():
             if not np.isfinite(value):
-                raise TrainingDiverged(f"{name} loss is {value} at step {self.iteration} of the {self.stage} stage")
+                raise TrainingDivergedError(
+                    f"{name} loss is {value} at step {self.iteration} of the {self.stage} stage. Check the clip's "
+                    "photos and poses; --resume goes on from the last checkpoint."
+                )
         if terms:
             torch.stack(list(terms.values())).sum().backward()
         for optimizer in self.optimizers.values():

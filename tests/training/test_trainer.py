@@ -15,7 +15,7 @@ from instdrive_core.training.checkpoint import load_checkpoint, restore, save_ch
 from instdrive_core.training.config import TrainConfig, train_config
 from instdrive_core.training.events import CheckpointDue, StepDone
 from instdrive_core.training.model import model_from_gaussians
-from instdrive_core.training.trainer import Trainer, TrainingDiverged
+from instdrive_core.training.trainer import Trainer, TrainingDivergedError
 from instdrive_core.training.views import TrainingView
 
 OBJECTS = np.array([[-2.0, 6, 0.5], [2.0, 6, 0.5], [0, 9, 0.5]])
@@ -176,5 +176,5 @@ def test_a_loss_that_is_no_number_stops_the_run():
     trainer, _ = new_trainer(tiny_config())
     with torch.no_grad():
         trainer.model.parameters["sh_dc"][:] = float("nan")
-    with pytest.raises(TrainingDiverged, match="rgb loss is nan at step 0"):
+    with pytest.raises(TrainingDivergedError, match="rgb loss is nan at step 0"):
         trainer.rgb_step()
