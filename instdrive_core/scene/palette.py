@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
+from instdrive_core.scene.dirty_rows import DirtyRows
 from instdrive_core.scene.gaussians import Gaussians
 
 MAX_ENTRIES = 1 << 16
@@ -33,7 +34,7 @@ class ColorPalette:
         self._alphas = np.ones(1, np.float32)
         self._keys = [_key(self._matrices[0], self._alphas[0])]
         self._entry_of = {self._keys[0]: 0}
-        self._dirty: tuple[int, int] | None = (0, count)
+        self._dirty = DirtyRows(count)
         self.version = 0
         """Rises with every change."""
 
@@ -99,12 +100,11 @@ class ColorPalette:
 
     def take_dirty(self) -> tuple[int, int] | None:
         """The row range whose indices changed since the last call, or None."""
-        dirty, self._dirty = self._dirty, None
-        return dirty
+        return self._dirty.take()
 
     def _touch(self, start: int, stop: int) -> None:
         self.version += 1
-        self._dirty = (start, stop) if self._dirty is None else (min(start, self._dirty[0]), max(stop, self._dirty[1]))
+        self._dirty.touch(start, stop)
 
 
 def baked_colors(

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
+from instdrive_core.scene.dirty_rows import DirtyRows
+
 
 class Flag(IntFlag):
     """Bits of a splat's state."""
@@ -23,7 +25,7 @@ class SplatState:
 
     def __init__(self, count: int) -> None:
         self._flags = np.zeros(count, np.uint8)
-        self._dirty: tuple[int, int] | None = (0, count)
+        self._dirty = DirtyRows(count)
         self.version = 0
         """Rises with every change."""
 
@@ -71,9 +73,8 @@ class SplatState:
 
     def take_dirty(self) -> tuple[int, int] | None:
         """The row range changed since the last call, or None."""
-        dirty, self._dirty = self._dirty, None
-        return dirty
+        return self._dirty.take()
 
     def _touch(self, start: int, stop: int) -> None:
         self.version += 1
-        self._dirty = (start, stop) if self._dirty is None else (min(start, self._dirty[0]), max(stop, self._dirty[1]))
+        self._dirty.touch(start, stop)

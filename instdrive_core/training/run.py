@@ -78,7 +78,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
                 log.flush()
             on_event(event)
     on_note("naming instances and writing the scene")
-    scene = finished_scene(trainer.model, clip, request.config, masks is not None)
+    scene = finished_scene(trainer.model, clip, request.config, trainer.has_masks)
     write_scene_folder(out, scene)
     _write_json(out / FACTS, _facts(request, masks, trainer, len(scene.table)))
     return out

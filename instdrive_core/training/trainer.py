@@ -68,7 +68,8 @@ class Trainer:
             if p[name].numel()
         }
         self._coarse = [view.halved() for view in self.views] if geometry.coarse_iterations else []
-        self._has_masks = any(view.labels is not None for view in self.views)
+        self.has_masks = any(view.labels is not None and view.labels.any() for view in self.views)
+        """Without a single mask no instance can be learned."""
 
     @property
     def seconds(self) -> float:
@@ -81,7 +82,7 @@ class Trainer:
         if self.stage == "rgb":
             yield from self._stage(geometry.iterations)
             self.stage, self.iteration = "instances", 0
-        if instances and self._has_masks:
+        if instances and self.has_masks:
             yield from self._stage(instances)
 
     def _stage(self, total: int) -> Iterator[Event]:

@@ -178,3 +178,11 @@ def test_a_loss_that_is_no_number_stops_the_run():
         trainer.model.parameters["sh_dc"][:] = float("nan")
     with pytest.raises(TrainingDivergedError, match="rgb loss is nan at step 0"):
         trainer.rgb_step()
+
+
+def test_empty_masks_train_colour_only():
+    trainer, _ = new_trainer(tiny_config())
+    trainer.views = [replace(view, labels=np.zeros_like(view.labels)) for view in trainer.views]
+    empty = Trainer(trainer.model, trainer.views, trainer.config, 10.0)
+    assert not empty.has_masks
+    assert {event.stage for event in empty.run()} == {"rgb"}

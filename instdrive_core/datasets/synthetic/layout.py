@@ -72,11 +72,6 @@ def _light(rng: np.random.Generator) -> Light:
     return Light(to_sun, float(rng.uniform(0, 50)))
 
 
-def _facing_street(side: Side) -> float:
-    """Yaw that turns a model's −y face towards the street from `side`."""
-    return _HALF_TURN / 2 * -side
-
-
 def _houses(
     crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: Palette
 ) -> list[Fixture]:

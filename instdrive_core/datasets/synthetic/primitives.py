@@ -123,13 +123,6 @@ def sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) ->
     return TriangleMesh(mesh.corners, mesh.texcoords, normals.astype(np.float32), mesh.materials)
 
 
-def prism(outline: Sequence[tuple[float, float]], x: tuple[float, float], material: int) -> TriangleMesh:
-    """A convex outline in the y-z plane (counter-clockwise seen from +x) stretched from x[0] to x[1]."""
-    flat = np.asarray(outline, float)
-    sections = [np.column_stack([np.full(len(flat), value), flat]) for value in x]
-    return loft(np.stack(sections), material)
-
-
 def decal(
     face: Float[ndarray, "4 3"], u: tuple[float, float], v: tuple[float, float], material: int, lift: float = 0.004
 ) -> TriangleMesh:
