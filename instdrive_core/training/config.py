@@ -57,6 +57,38 @@ class GeometryConfig:
     """Sky cube map."""
     sky_resolution: int = 128
     """Texels along one side of a cube face."""
+    exposure_lr: float = 1e-3
+    """Affine exposure of each photo; 0 = none."""
+    exposure_decay: float = 0.01
+    """Pull of the exposures towards the identity."""
+    track_lr: float = 1e-3
+    """Corrections of the cuboid tracks, metres and radians; 0 = tracks stay as given."""
+    track_decay: float = 0.01
+    """Pull of the corrections towards zero."""
+
+
+@dataclass(frozen=True)
+class DensifyConfig:
+    """Growing and pruning, as gsplat's default strategy with absolute gradients (3DGS, sec. 5.2; AbsGS)."""
+
+    max_gaussians: int = 300_000
+    """Nothing grows beyond this many; 0 = no growing and no pruning."""
+    start: int = 500
+    """First step that may grow."""
+    stop: float = 0.5
+    """Share of the RGB stage after which nothing grows and nothing is pruned any more."""
+    every: int = 100
+    """Steps between two refinements."""
+    gradient_threshold: float = 8e-4
+    """Mean absolute screen-space gradient (coordinates in [-1, 1]) above which a Gaussian grows."""
+    clone_scale: float = 0.01
+    """Up to this share of the scene radius a Gaussian is cloned, above it split in two."""
+    prune_opacity: float = 0.005
+    """Fainter Gaussians are removed."""
+    prune_scale: float = 0.1
+    """Gaussians larger than this share of the scene radius are removed, once opacities have been reset."""
+    reset_every: int = 3_000
+    """Steps between two resets of the opacities to twice `prune_opacity`."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +138,7 @@ class TrainConfig:
     seed: int = 0
     init: InitConfig = field(default_factory=InitConfig)
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
+    densify: DensifyConfig = field(default_factory=DensifyConfig)
     instances: InstanceConfig = field(default_factory=InstanceConfig)
     checkpoint_every: int = 500
     """Steps between checkpoints."""
@@ -129,6 +162,7 @@ class TrainConfig:
                 **values,
                 "init": InitConfig(**values["init"]),
                 "geometry": GeometryConfig(**values["geometry"]),
+                "densify": DensifyConfig(**values["densify"]),
                 "instances": InstanceConfig(**values["instances"]),
             }
         )

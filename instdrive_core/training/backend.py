@@ -1,0 +1,112 @@
+"""What a training step needs of a device: the differentiable operations, on the CPU's own kernels or on gsplat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from jaxtyping import Bool, Float, Float64, Int, UInt8, UInt16
+from numpy import ndarray
+from torch import Tensor
+
+from instdrive_core.scene.camera import Camera
+
+
+@dataclass
+class SeenSplats:
+    """Filled by the backward pass of one view: what densification and the optimiser ask for, one entry per splat given.
+
+    All tensors lie on the backend's device.
+    """
+
+    visible: Bool[Tensor, " v"] | None = None
+    """Whether the splat reaches a pixel."""
+    gradients: Float[Tensor, " v"] | None = None
+    """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over pixels, for screen coordinates in [-1, 1] along the longer side (AbsGS)."""
+    radii: Float[Tensor, " v"] | None = None
+    """Three standard deviations as a share of the image's longer side; 0 where not visible."""
+
+
+class Backend(Protocol):
+    """The operations of a training step. Tensors lie on `device`; results agree with `CpuBackend` within rounding."""
+
+    name: str
+    device: torch.device
+
+    def rasterize(
+        self,
+        means: Float[Tensor, "v 3"],
+        quats: Float[Tensor, "v 4"],
+        log_scales: Float[Tensor, "v 3"],
+        opacity_logits: Float[Tensor, " v"],
+        channels: Float[Tensor, "v c"],
+        camera: Camera,
+        geometry_channels: int,
+        seen: SeenSplats | None = None,
+    ) -> tuple[Float[Tensor, "h w c"], Float[Tensor, "h w"], Float[Tensor, "h w"]]:
+        """Image Σ w·channels, depth Σ w·z (neither divided by alpha) and alpha Σ w.
+
+        Depth, alpha and the first `geometry_channels` channels send gradient into geometry and opacity.
+        """
+        ...
+
+    def sh_colors(
+        self,
+        means: Float[Tensor, "v 3"],
+        sh_dc: Float[Tensor, "v 3"],
+        sh_rest: Float[Tensor, "v k 3"],
+        camera_position: Float64[ndarray, "3"],
+        nodes: UInt16[ndarray, " v"] | None = None,
+        poses: Float64[ndarray, "m 4 4"] | None = None,
+    ) -> Float[Tensor, "v 3"]:
+        """Colours seen from a camera; actors' harmonics turn with their node. No gradient into the means."""
+        ...
+
+    def place(
+        self,
+        means: Float[Tensor, "v 3"],
+        quats: Float[Tensor, "v 4"],
+        nodes: UInt16[ndarray, " v"],
+        rotations: Float[Tensor, "m 3 3"],
+        shifts: Float[Tensor, "m 3"],
+    ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
+        """Means and quaternions in the world, given world_from_node of every node (node 0, the world, stays).
+
+        Gradients reach means, quaternions, rotations (as nine free entries) and shifts; they are summed in fixed order.
+        """
+        ...
+
+    def over_sky(
+        self, image: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], faces: Float[Tensor, "6 r r 3"], camera: Camera
+    ) -> Float[Tensor, "h w 3"]:
+        """image + (1 - alpha) · sky(direction)."""
+        ...
+
+    def exposed(self, image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
+        """exposure[:, :3] · colour + exposure[:, 3] at every pixel."""
+        ...
+
+    def photometric_loss(
+        self,
+        image: Float[Tensor, "h w 3"],
+        target: UInt8[ndarray, "h w 3"],
+        valid: Bool[ndarray, "h w"] | None,
+        ssim_weight: float,
+    ) -> tuple[Float[Tensor, ""], float]:
+        """(1 - w) L1 + w (1 - SSIM), and the PSNR in dB of the image clamped to [0, 1], both over valid pixels."""
+        ...
+
+    def depth_loss(
+        self,
+        depth: Float[Tensor, "h w"],
+        alpha: Float[Tensor, "h w"],
+        pixels: Int[ndarray, " k"],
+        lidar_depths: Float[ndarray, " k"],
+    ) -> Float[Tensor, ""]:
+        """Mean |expected depth - LiDAR depth| in metres over the given flat pixels where alpha > 0.05; 0 if none."""
+        ...
+
+    def sky_loss(self, alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
+        """Binary cross-entropy of alpha towards 0 inside the sky mask, averaged over the whole image."""
+        ...
