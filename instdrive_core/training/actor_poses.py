@@ -1,0 +1,198 @@
+"""Where moving objects are at a time, with learnable corrections of their cuboid tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64, Int
+from numpy import ndarray
+from torch import Tensor
+
+from instdrive_core.scene.track import Track
+
+SMOOTHNESS = 10.0
+"""Weight of the corrections' changes from key to key in `ActorPoses.penalty`, relative to their size. Keys of held-out
+time steps move no training photo: this fills them from their neighbours."""
+_SKEW = torch.tensor(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    dtype=torch.float64,
+).reshape(3, 9)
+
+
+@dataclass(frozen=True)
+class NodePoses:
+    """The nodes of a scene at one time: node 0 is the world, node k the k-th actor. Absent actors have the identity."""
+
+    rotations: Float[Tensor, "m 3 3"]
+    """world_from_node; the gradient reaches the corrections it was made with."""
+    shifts: Float[Tensor, "m 3"]
+    """Metres; likewise."""
+    present: Bool[ndarray, " m"]
+    """Which nodes exist at this time."""
+    matrices: Float64[ndarray, "m 4 4"]
+    """The same poses, detached."""
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """What `ActorPoses` keeps of a time; p actors are present."""
+
+    plain: NodePoses
+    nodes: Int[Tensor, " p"]
+    rotations: Float[Tensor, "p 3 3"]
+    shifts: Float[Tensor, "p 3"]
+    before: Int[Tensor, " p"]
+    """Row in the corrections of the last key before the time, or of the first key."""
+    after: Int[Tensor, " p"]
+    fraction: Float[Tensor, "p 1"]
+    """How far the time is from `before` to `after`."""
+
+
+class ActorPoses:
+    """Poses of actors over time: their tracks, plus a correction of each key that a trainer may learn.
+
+    A correction is a shift (metres) and a turn (rotation vector, radians), both in the box frame, so that the pose is
+    R = R_track · exp(turn), t = t_track + R_track · shift; between keys both are interpolated linearly, before the
+    first and after the last they stand still. K counts the keys of all tracks, track by track.
+
+    Equal corrections of all keys of one actor only move its Gaussians inside its box; the Gaussians can undo that, so
+    this freedom is harmless. `penalty` keeps it from drifting.
+
+    Args:
+        tracks: the actors, in the order of their nodes.
+        device: where poses are wanted. Corrections stay on the CPU, where these few numbers are quickest.
+    """
+
+    def __init__(self, tracks: tuple[Track, ...], device: torch.device | str = "cpu") -> None:
+        self.tracks = tracks
+        self.device = torch.device(device)
+        counts = [len(track.times) for track in tracks]
+        self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
+        """Row of each track's first key; at the end K."""
+        reaches = [float(np.linalg.norm(track.dimensions)) / 2 for track in tracks]
+        self._reaches = torch.from_numpy(np.repeat(np.array(reaches, np.float32), counts))[:, None]
+        first_keys = np.isin(np.arange(self.key_count), self._starts[:-1])
+        self._followers = torch.from_numpy(np.flatnonzero(~first_keys))
+        """Rows whose previous row is a key of the same track."""
+        self._moments: dict[float, _Moment] = {}
+
+    @property
+    def key_count(self) -> int:
+        """K: key poses of all tracks."""
+        return int(self._starts[-1])
+
+    def initial_corrections(self) -> dict[str, Float[Tensor, "k 3"]]:
+        """No correction: zero `track_shifts` and `track_turns`."""
+        return {name: torch.zeros(self.key_count, 3) for name in ("track_shifts", "track_turns")}
+
+    def at(self, time: float, corrections: Mapping[str, Float[Tensor, "k 3"]] | None = None) -> NodePoses:
+        """All nodes at `time` (seconds); without corrections the tracks as they are."""
+        moment = self._moment(time)
+        if corrections is None or not len(moment.nodes):
+            return moment.plain
+        shifts, turns = (_between(corrections[name], moment) for name in ("track_shifts", "track_turns"))
+        rotations, shifts = _corrected(moment.rotations, moment.shifts, shifts, turns)
+        matrices = moment.plain.matrices.copy()
+        nodes = moment.nodes.numpy()
+        matrices[nodes, :3, :3] = rotations.detach().numpy()
+        matrices[nodes, :3, 3] = shifts.detach().numpy()
+        count = len(self.tracks) + 1
+        return NodePoses(
+            rotations=torch.eye(3).repeat(count, 1, 1).index_copy(0, moment.nodes, rotations.float()).to(self.device),
+            shifts=torch.zeros(count, 3).index_copy(0, moment.nodes, shifts.float()).to(self.device),
+            present=moment.plain.present,
+            matrices=matrices,
+        )
+
+    def penalty(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, ""]:
+        """Mean square of the corrections plus `SMOOTHNESS` × that of their changes from key to key, in square metres.
+
+        A turn counts by how far it moves a corner of the box. 0 without actors.
+        """
+        moves = torch.cat([corrections["track_shifts"], corrections["track_turns"] * self._reaches], dim=1)
+        changes = moves.index_select(0, self._followers) - moves.index_select(0, self._followers - 1)
+        size, change = (values.square().sum() / max(values.numel(), 1) for values in (moves, changes))
+        return size + SMOOTHNESS * change
+
+    def refined_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
+        """The tracks with corrected keys.
+
+        `Track.pose_at` gives the pose of `at` at key times; between them it interpolates corrected poses instead of
+        correcting interpolated ones, which differs by products of correction and motion only.
+        """
+        if not self.tracks:
+            return ()
+        poses = np.concatenate([track.world_from_box for track in self.tracks])
+        rotations, shifts = _corrected(
+            torch.from_numpy(poses[:, :3, :3].copy()),
+            torch.from_numpy(poses[:, :3, 3].copy()),
+            *(corrections[name].detach().double() for name in ("track_shifts", "track_turns")),
+        )
+        poses[:, :3, :3], poses[:, :3, 3] = rotations.numpy(), shifts.numpy()
+        parts = np.split(poses, self._starts[1:-1])
+        return tuple(replace(track, world_from_box=part) for track, part in zip(self.tracks, parts, strict=True))
+
+    def _moment(self, time: float) -> _Moment:
+        if time not in self._moments:
+            self._moments[time] = self._moment_of_tracks(time)
+        return self._moments[time]
+
+    def _moment_of_tracks(self, time: float) -> _Moment:
+        present = np.array([True, *(track.covers(time) for track in self.tracks)])
+        nodes = np.flatnonzero(present[1:]) + 1
+        matrices = np.tile(np.eye(4), (len(present), 1, 1))
+        keys = np.zeros((len(nodes), 2), np.int64)
+        fractions = np.zeros((len(nodes), 1))
+        for row, node in enumerate(nodes.tolist()):
+            track = self.tracks[node - 1]
+            matrices[node] = track.pose_at(time)
+            before, after, fractions[row] = _keys_around(track.times, time)
+            keys[row] = self._starts[node - 1] + np.array([before, after])
+        rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
+        index = torch.from_numpy(nodes)
+        return _Moment(
+            plain=NodePoses(rotations.float().to(self.device), shifts.float().to(self.device), present, matrices),
+            nodes=index,
+            rotations=rotations[index],
+            shifts=shifts[index],
+            before=torch.from_numpy(keys[:, 0].copy()),
+            after=torch.from_numpy(keys[:, 1].copy()),
+            fraction=torch.from_numpy(fractions),
+        )
+
+
+def rotations_from_vectors(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 3"]:
+    """exp of rotation vectors in float64 (Rodrigues), differentiable at zero too."""
+    vectors = vectors.double()
+    squares = vectors.square().sum(dim=1)[:, None, None]
+    angles = (squares + 1e-24).sqrt()  # the root alone has no gradient at zero
+    sine = angles.sin() / angles
+    cosine = 0.5 * ((angles / 2).sin() / (angles / 2)).square()  # (1 - cos) / angle², without cancellation
+    outer = vectors[:, :, None] * vectors[:, None, :]
+    return (1 - cosine * squares) * torch.eye(3) + sine * (vectors @ _SKEW).view(-1, 3, 3) + cosine * outer
+
+
+def _corrected(
+    rotations: Float[Tensor, "n 3 3"],
+    places: Float[Tensor, "n 3"],
+    shifts: Float[Tensor, "n 3"],
+    turns: Float[Tensor, "n 3"],
+) -> tuple[Float[Tensor, "n 3 3"], Float[Tensor, "n 3"]]:
+    return rotations @ rotations_from_vectors(turns), places + (rotations @ shifts[:, :, None])[:, :, 0]
+
+
+def _between(values: Float[Tensor, "k 3"], moment: _Moment) -> Float[Tensor, "p 3"]:
+    start, end = values.index_select(0, moment.before).double(), values.index_select(0, moment.after).double()
+    return torch.lerp(start, end, moment.fraction)
+
+
+def _keys_around(times: Float64[ndarray, " t"], time: float) -> tuple[int, int, float]:
+    """The keys on both sides of a time and how far it is from the first to the second; clamped at the ends."""
+    after = int(np.searchsorted(times, time))
+    if after == 0 or after == len(times):
+        end = min(after, len(times) - 1)
+        return end, end, 0.0
+    return after - 1, after, float((time - times[after - 1]) / (times[after] - times[after - 1]))
