@@ -1,4 +1,4 @@
-"""The native format: a folder with ``scene.json`` and one safetensors file, which keeps tracks, cameras and sky.
+"""The native format: a folder with ``scene.json`` and one safetensors file; keeps tracks, cameras, sky and exposures.
 
 The arrays' file is named by its content, and ``scene.json`` names it: replacing ``scene.json`` is the one moment at
 which a new scene takes the place of the old, so a reader or a crash finds one of them whole. The folder may hold other
@@ -83,6 +83,8 @@ def _arrays_of(scene: Scene) -> dict[str, ndarray]:
         arrays["track_poses"] = np.concatenate([actor.world_from_box for actor in scene.actors])
     if scene.views:
         arrays["view_poses"] = np.stack([view.camera.world_from_camera for view in scene.views])
+    if scene.exposures is not None:
+        arrays["exposure_times"], arrays["exposure_matrices"] = scene.exposures.times, scene.exposures.matrices
     return arrays
 
 

@@ -9,6 +9,7 @@ from numpy import ndarray
 
 from instdrive_core.instances.table import Instance, InstanceTable
 from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
@@ -16,13 +17,14 @@ from instdrive_core.scene.track import Track
 
 
 def manifest_of(scene: Scene) -> dict[str, Any]:
-    """Table, tracks, views, origin and code bits; poses and other arrays are stored apart."""
+    """Table, tracks, views, exposed photos, origin and code bits; poses and other arrays are stored apart."""
     return {
         "origin": scene.origin.tolist(),
         "code_bits": scene.code_bits,
         "instances": [_instance_entry(instance) for instance in scene.table],
         "actors": [_track_entry(actor) for actor in scene.actors],
         "views": [_view_entry(view) for view in scene.views],
+        "exposures": None if scene.exposures is None else list(scene.exposures.keys),
     }
 
 
@@ -84,6 +86,7 @@ def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Sc
         origin=_shaped(np.array(manifest["origin"], np.float64), (3,), "origin"),
         code_bits=int(manifest["code_bits"]),
         extra={name.removeprefix("extra."): array for name, array in arrays.items() if name.startswith("extra.")},
+        exposures=_exposures(manifest.get("exposures"), arrays),
     )
 
 
@@ -147,6 +150,17 @@ def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[C
             )
         )
     return tuple(views)
+
+
+def _exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures | None:
+    """None too where the manifest is older than exposures."""
+    if keys is None:
+        return None
+    if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
+        raise ValueError("'exposures' is not a list of photo keys")
+    times = _shaped(arrays["exposure_times"].astype(np.float64), (len(keys),), "exposure_times")
+    matrices = _shaped(_floats(arrays, "exposure_matrices"), (len(keys), 3, 4), "exposure_matrices")
+    return Exposures(tuple(keys), times, matrices)
 
 
 def _sky(faces: ndarray) -> Sky:

@@ -11,6 +11,7 @@ from numpy import ndarray
 from instdrive_core.instances.table import InstanceTable
 from instdrive_core.maths.rotations import matrix_from_quaternion, multiplied, normalized, quaternion_from_matrix
 from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -39,6 +40,8 @@ class Scene:
     """d of the codebook {-1, 1}^d; 0 where the scene has no codewords."""
     extra: dict[str, ndarray] = field(default_factory=dict)
     """Per-splat columns (n,) that the program does not know; kept from file to file."""
+    exposures: Exposures | None = None
+    """How the training photos came out; pictures drawn of the scene leave it out."""
 
     def __post_init__(self) -> None:
         count = len(self.gaussians)

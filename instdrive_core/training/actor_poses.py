@@ -61,19 +61,22 @@ class ActorPoses:
     Equal corrections of all keys of one actor only move its Gaussians inside its box; the Gaussians can undo that, so
     this freedom is harmless. `penalty` keeps it from drifting.
 
+    Poses lie on the corrections' device; they are computed on the CPU, where these few numbers are quickest.
+
     Args:
         tracks: the actors, in the order of their nodes.
-        device: where poses are wanted. Corrections stay on the CPU, where these few numbers are quickest.
     """
 
-    def __init__(self, tracks: tuple[Track, ...], device: torch.device | str = "cpu") -> None:
+    def __init__(self, tracks: tuple[Track, ...]) -> None:
         self.tracks = tracks
-        self.device = torch.device(device)
         counts = [len(track.times) for track in tracks]
         self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
         """Row of each track's first key; at the end K."""
         reaches = [float(np.linalg.norm(track.dimensions)) / 2 for track in tracks]
-        self._reaches = torch.from_numpy(np.repeat(np.array(reaches, np.float32), counts))[:, None]
+        weights = np.ones((len(tracks), 6), np.float32)
+        weights[:, 3:] = np.array(reaches, np.float32)[:, None]
+        self._reaches = torch.from_numpy(np.repeat(weights, counts, axis=0))
+        """Metres that a corner of the box moves for one of each number of a correction."""
         first_keys = np.isin(np.arange(self.key_count), self._starts[:-1])
         self._followers = torch.from_numpy(np.flatnonzero(~first_keys))
         """Rows whose previous row is a key of the same track."""
@@ -91,18 +94,19 @@ class ActorPoses:
     def at(self, time: float, corrections: Mapping[str, Float[Tensor, "k 3"]] | None = None) -> NodePoses:
         """All nodes at `time` (seconds); without corrections the tracks as they are."""
         moment = self._moment(time)
-        if corrections is None or not len(moment.nodes):
+        if corrections is None:
             return moment.plain
-        shifts, turns = (_between(corrections[name], moment) for name in ("track_shifts", "track_turns"))
-        rotations, shifts = _corrected(moment.rotations, moment.shifts, shifts, turns)
+        values = _on_cpu(corrections)
+        start, end = values.index_select(0, moment.before).double(), values.index_select(0, moment.after).double()
+        rotations, shifts = _corrected(moment.rotations, moment.shifts, torch.lerp(start, end, moment.fraction))
+        device, count = corrections["track_shifts"].device, len(self.tracks) + 1
         matrices = moment.plain.matrices.copy()
         nodes = moment.nodes.numpy()
         matrices[nodes, :3, :3] = rotations.detach().numpy()
         matrices[nodes, :3, 3] = shifts.detach().numpy()
-        count = len(self.tracks) + 1
         return NodePoses(
-            rotations=torch.eye(3).repeat(count, 1, 1).index_copy(0, moment.nodes, rotations.float()).to(self.device),
-            shifts=torch.zeros(count, 3).index_copy(0, moment.nodes, shifts.float()).to(self.device),
+            rotations=torch.eye(3).repeat(count, 1, 1).index_copy(0, moment.nodes, rotations.float()).to(device),
+            shifts=torch.zeros(count, 3).index_copy(0, moment.nodes, shifts.float()).to(device),
             present=moment.plain.present,
             matrices=matrices,
         )
@@ -112,10 +116,10 @@ class ActorPoses:
 
         A turn counts by how far it moves a corner of the box. 0 without actors.
         """
-        moves = torch.cat([corrections["track_shifts"], corrections["track_turns"] * self._reaches], dim=1)
+        moves = _on_cpu(corrections) * self._reaches
         changes = moves.index_select(0, self._followers) - moves.index_select(0, self._followers - 1)
         size, change = (values.square().sum() / max(values.numel(), 1) for values in (moves, changes))
-        return size + SMOOTHNESS * change
+        return (size + SMOOTHNESS * change).to(corrections["track_shifts"].device)
 
     def refined_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
         """The tracks with corrected keys.
@@ -126,11 +130,8 @@ class ActorPoses:
         if not self.tracks:
             return ()
         poses = np.concatenate([track.world_from_box for track in self.tracks])
-        rotations, shifts = _corrected(
-            torch.from_numpy(poses[:, :3, :3].copy()),
-            torch.from_numpy(poses[:, :3, 3].copy()),
-            *(corrections[name].detach().double() for name in ("track_shifts", "track_turns")),
-        )
+        rotations, shifts = torch.from_numpy(poses[:, :3, :3].copy()), torch.from_numpy(poses[:, :3, 3].copy())
+        rotations, shifts = _corrected(rotations, shifts, _on_cpu(corrections).detach().double())
         poses[:, :3, :3], poses[:, :3, 3] = rotations.numpy(), shifts.numpy()
         parts = np.split(poses, self._starts[1:-1])
         return tuple(replace(track, world_from_box=part) for track, part in zip(self.tracks, parts, strict=True))
@@ -154,7 +155,7 @@ class ActorPoses:
         rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
         index = torch.from_numpy(nodes)
         return _Moment(
-            plain=NodePoses(rotations.float().to(self.device), shifts.float().to(self.device), present, matrices),
+            plain=NodePoses(rotations.float(), shifts.float(), present, matrices),
             nodes=index,
             rotations=rotations[index],
             shifts=shifts[index],
@@ -176,17 +177,15 @@ def rotations_from_vectors(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 
 
 
 def _corrected(
-    rotations: Float[Tensor, "n 3 3"],
-    places: Float[Tensor, "n 3"],
-    shifts: Float[Tensor, "n 3"],
-    turns: Float[Tensor, "n 3"],
+    rotations: Float[Tensor, "n 3 3"], places: Float[Tensor, "n 3"], values: Float[Tensor, "n 6"]
 ) -> tuple[Float[Tensor, "n 3 3"], Float[Tensor, "n 3"]]:
+    shifts, turns = values[:, :3], values[:, 3:]
     return rotations @ rotations_from_vectors(turns), places + (rotations @ shifts[:, :, None])[:, :, 0]
 
 
-def _between(values: Float[Tensor, "k 3"], moment: _Moment) -> Float[Tensor, "p 3"]:
-    start, end = values.index_select(0, moment.before).double(), values.index_select(0, moment.after).double()
-    return torch.lerp(start, end, moment.fraction)
+def _on_cpu(corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, "k 6"]:
+    """Shift and turn of each key in a row."""
+    return torch.cat([corrections["track_shifts"], corrections["track_turns"]], dim=1).cpu()
 
 
 def _keys_around(times: Float64[ndarray, " t"], time: float) -> tuple[int, int, float]:

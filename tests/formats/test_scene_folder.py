@@ -12,8 +12,10 @@ from random_scene import assert_same_scene, random_scene
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats import scene_folder
+from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
-from instdrive_core.scene.scene import scene_from_gaussians
+from instdrive_core.scene.exposure import Exposures
+from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
 
 @pytest.mark.parametrize("options", [{}, {"actors": 0}, {"count": 1}, {"degree": 0, "features": 0}])
@@ -29,6 +31,38 @@ def test_round_trip_keeps_everything(tmp_path, options):
         np.testing.assert_array_equal(mine.camera.world_from_camera, theirs.camera.world_from_camera)
         np.testing.assert_array_equal(mine.camera.intrinsics, theirs.camera.intrinsics)
         assert (mine.camera.width, mine.camera.height) == (theirs.camera.width, theirs.camera.height)
+
+
+def exposed_scene(photos=4):
+    """A scene whose photos have exposures."""
+    rng = np.random.default_rng(5)
+    keys = tuple(f"front_camera/{index:02d}" for index in range(photos))
+    matrices = (np.eye(3, 4) + rng.normal(0, 0.1, (photos, 3, 4))).astype(np.float32)
+    return dataclasses.replace(random_scene(), exposures=Exposures(keys, 0.1 * np.arange(photos), matrices))
+
+
+@pytest.mark.parametrize("photos", [0, 4])
+@pytest.mark.parametrize("half", [False, True])
+def test_exposures_are_kept(tmp_path, photos, half):
+    scene = exposed_scene(photos)
+    write_scene_folder(tmp_path, scene, half)
+    again = read_scene_folder(tmp_path).exposures
+    assert again.keys == scene.exposures.keys
+    tolerance = 1e-3 if half else 0
+    np.testing.assert_allclose(again.times, scene.exposures.times, atol=tolerance)
+    np.testing.assert_allclose(again.matrices, scene.exposures.matrices, atol=tolerance)
+    assert (again.times.dtype, again.matrices.dtype) == (np.float64, np.float32)
+
+
+def test_scenes_older_than_exposures_open_and_ply_files_have_none(tmp_path):
+    write_scene_folder(tmp_path / "old", random_scene())
+    manifest = json.loads((tmp_path / "old" / "scene.json").read_text())
+    assert manifest.pop("exposures") is None
+    (tmp_path / "old" / "scene.json").write_text(json.dumps(manifest))
+    assert read_scene_folder(tmp_path / "old").exposures is None
+    static = dataclasses.replace(exposed_scene(), actors=(), nodes=np.zeros(200, np.uint16))
+    save_scene(tmp_path / "static.ply", static)
+    assert open_scene(tmp_path / "static.ply").exposures is None
 
 
 def test_an_empty_static_scene(tmp_path):
@@ -125,16 +159,44 @@ def test_a_reader_beside_a_writer_always_finds_a_whole_scene(tmp_path):
         (lambda manifest: manifest.update(views=[5] * 5), "damaged"),
         (lambda manifest: manifest.update(views=5), "damaged"),
         (lambda manifest: manifest.update(origin=[1, 2]), "origin"),
+        (lambda manifest: manifest["exposures"].pop(), "exposure_times"),
+        (lambda manifest: manifest["exposures"].append("front_camera/77"), "exposure_times"),
+        (lambda manifest: manifest["exposures"].__setitem__(1, "front_camera/00"), "photo twice"),
+        (lambda manifest: manifest["exposures"].__setitem__(1, 7), "'exposures'"),
+        (lambda manifest: manifest.update(exposures="front"), "'exposures'"),
         (lambda manifest: manifest.update(code_bits=None), "damaged"),
         (lambda manifest: manifest.update(code_bits=1e400), "damaged"),
     ],
 )
 def test_damaged_manifests_are_explained(tmp_path, change, message):
-    write_scene_folder(tmp_path, random_scene())
+    write_scene_folder(tmp_path, exposed_scene())
     manifest = json.loads((tmp_path / "scene.json").read_text())
     change(manifest)
     (tmp_path / "scene.json").write_text(json.dumps(manifest))
     with pytest.raises(DataError, match=message):
+        read_scene_folder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "damaged"),
+    [
+        ("exposure_matrices", None),
+        ("exposure_times", None),
+        ("exposure_matrices", np.zeros((4, 3, 3), np.float32)),
+        ("exposure_matrices", np.zeros((4, 3, 4), np.int32)),
+        ("exposure_matrices", np.full((4, 3, 4), np.nan, np.float32)),
+    ],
+)
+def test_damaged_exposures_are_explained(tmp_path, monkeypatch, name, damaged):
+    whole = scene_folder._arrays_of
+
+    def spoiled(scene: Scene) -> dict[str, np.ndarray]:
+        arrays = whole(scene) | {name: damaged}
+        return {key: array for key, array in arrays.items() if array is not None}
+
+    monkeypatch.setattr(scene_folder, "_arrays_of", spoiled)
+    write_scene_folder(tmp_path, exposed_scene())
+    with pytest.raises(DataError, match="not finite" if damaged is not None and np.isnan(damaged).any() else name):
         read_scene_folder(tmp_path)
 
 
