@@ -16,6 +16,7 @@ from instdrive_core.evaluation.segmentation import LabelledView, evaluated_truth
 from instdrive_core.evaluation.world import world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.exposure import exposed
 from instdrive_core.scene.scene import Scene
 
 
@@ -33,6 +34,7 @@ class HeldOutView:
     psnr: float | None
     ssim: float | None
     psnr_actors: float | None
+    """None where no moving object's box is in view."""
 
     def labelled(self, predicted: ndarray) -> LabelledView:
         """This view with a predicted map."""
@@ -44,10 +46,17 @@ class HeldOutView:
 
 
 def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:
-    """Draw one view and compare it with its photo. Sky and ego vehicle are ignored in maps, the latter in images."""
+    """Draw one view and compare it with its photo. Sky and ego vehicle are ignored in maps, the latter in images.
+
+    Where the scene knows exposures, the image is exposed as the camera's training photos before and after it were.
+    The boxes of moving objects are those of the clip, so that runs without actors are measured on the same pixels.
+    """
     camera, time = frame.view.camera, frame.view.time
     preview = view_scene(scene, camera, time)
-    image, photo = np.clip(preview.color, 0, 1), frame.load_image().astype(np.float32) / 255
+    image, photo = preview.color, frame.load_image().astype(np.float32) / 255
+    if scene.exposures is not None:
+        image = exposed(image, scene.exposures.at(frame.view.name, time))
+    image = np.clip(image, 0, 1)
     valid = np.ones(image.shape[:2], bool) if frame.valid is None else frame.valid
     ignored, sky = ~valid, ground_truth.sky(frame)
     if sky is not None:
