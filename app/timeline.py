@@ -11,11 +11,15 @@ from instdrive_core.scene.track import Track
 
 
 class Timeline:
-    """Time steps (seconds, rising) of the views; of the tracks where there are no views."""
+    """Time steps (seconds, rising) of the views; of the tracks where there are no views.
+
+    Cameras that are not triggered together share a step by their index: a step per photo would come back to the same
+    photo of the camera that is looked through, and never leave it.
+    """
 
     def __init__(self, views: Sequence[CameraView], actors: Sequence[Track] = ()) -> None:
         self._views = views
-        times = {view.time for view in views} or {float(time) for actor in actors for time in actor.times}
+        times = _step_times(views) or {float(time) for actor in actors for time in actor.times}
         self.steps: tuple[float, ...] = tuple(sorted(times))
         self.camera_names: tuple[str, ...] = tuple(dict.fromkeys(view.name for view in views))
 
@@ -43,3 +47,11 @@ class Timeline:
         if not candidates:
             raise ValueError(f"the scene has no camera {name!r}; it has {', '.join(self.camera_names) or 'none'}")
         return min(candidates)[1]
+
+
+def _step_times(views: Sequence[CameraView]) -> set[float]:
+    """The middle one of the times of each step's photos."""
+    of_step: dict[int, list[float]] = {}
+    for view in views:
+        of_step.setdefault(view.index, []).append(view.time)
+    return {sorted(times)[len(times) // 2] for times in of_step.values()}

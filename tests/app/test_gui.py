@@ -1,6 +1,7 @@
 """The real window under a virtual display, driven by true mouse and key events; the export read by plyfile."""
 
 import shutil
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
@@ -161,3 +162,26 @@ def test_views_cameras_and_navigation(window):
     window.key("F1")
     window.click_widget("dialog.cancel")
     assert window.quit() == 0
+
+
+def test_the_drive_plays_around_the_end_and_stops(window):
+    window.key("space")
+    window.wait_for(lambda state: state["time"] > 0, "the drive to play")
+    window.wait_for(lambda _: moments(window).count(0.0) > 1, "a second round")
+    window.click_widget("time.play")
+    seen = moments(window)
+    following = {0.0: 0.5, 0.5: 1.0, 1.0: 1.5, 1.5: 0.0}
+    assert all(following[now] == later for now, later in pairwise(seen)), f"a step was left out: {seen}"
+    stopped = window.wait_until_calm(1.0)["time"]
+    window.click_widget("time.previous")
+    window.wait_for(lambda state: following[state["time"]] == stopped, "the step before")
+    _, top, right, bottom = window.state["widgets"]["timeline.slider"]
+    window.click(right - 6, (top + bottom) / 2)
+    window.wait_for(lambda state: state["time"] == 1.5, "the slider to go to the last step")
+    assert window.quit() == 0
+
+
+def moments(window):
+    """The times that the window has shown, each once for as long as it lasted."""
+    times = [state["time"] for state in window.states() if state["open"]]
+    return [time for time, _ in groupby(times)]

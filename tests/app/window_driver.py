@@ -34,6 +34,11 @@ class WindowDriver:
         lines = self._report.read_text(encoding="utf-8").rsplit("\n", 2)
         return json.loads(lines[-2]) if len(lines) > 1 else {"open": False, "widgets": {}}
 
+    def states(self):
+        """Everything reported so far, in order."""
+        lines = self._report.read_text(encoding="utf-8").rsplit("\n", 1)[0].splitlines()
+        return [json.loads(line) for line in lines]
+
     def wait_for(self, wanted, what):
         """The first state for which `wanted(state)` holds; fails with `what` and the last state."""
         end = time.monotonic() + PATIENCE

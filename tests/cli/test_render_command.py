@@ -65,6 +65,28 @@ def test_hidden_instances_and_other_times_are_not_drawn(run, tmp_path):
     assert ids & {3, 4, 5, 6}
 
 
+def test_a_car_is_drawn_where_it_is_at_the_time(scene, tmp_path):
+    times, poses = np.array([0.0, 1.0]), np.tile(np.eye(4), (2, 1, 1))
+    poses[:, :3, 3] = [[-3, 0, 0], [3, 2, 0]]
+    driving = dataclasses.replace(scene.actors[0], times=times, world_from_box=poses)
+    scene = dataclasses.replace(scene, actors=(driving, scene.actors[1]), gaussians=scene.gaussians.select(slice(None)))
+    car = scene.nodes == 1
+    scene.gaussians.means[car] *= 0.1
+    scene.gaussians.log_scales[car] = -2.0
+    save_scene(tmp_path / "run", scene)
+    camera, others, shown = scene.views[0].camera, ["--hide", *map(str, (1, 2, 3, 4, 5, 6, 8))], {}
+    for time in (0.0, 0.5, 1.0):
+        out = tmp_path / f"{time}.png"
+        arguments = ["--view", "front_camera/0", "--time", str(time), "-o", str(out)]
+        assert main(["render", str(tmp_path / "run"), "--mode", "instance", *others, *arguments]) == 0
+        rows, columns = np.nonzero(ids_from_colors(pixels(out)) == 7)
+        center, _ = camera.project(driving.pose_at(time)[None, :3, 3])
+        assert np.hypot(columns.mean() + 0.5 - center[0, 0], rows.mean() + 0.5 - center[0, 1]) < 2
+        assert main(["render", str(tmp_path / "run"), *others, *arguments]) == 0
+        shown[time] = pixels(out).astype(int)
+    assert (np.abs(shown[0.0] - shown[1.0]).max(axis=2) > 20).sum() > 30, "the car in two places"
+
+
 def test_all_views_get_a_picture_each(run, tmp_path):
     out = tmp_path / "pictures"
     assert main(["render", str(run), "--all-views", "--mode", "depth", "--width", "32", "-o", str(out)]) == 0
