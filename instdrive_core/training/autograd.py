@@ -2,126 +2,123 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import numba
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Float64, Int64, UInt16
+from jaxtyping import Float, Float64, UInt16
 from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.render import RasterGradients, render, render_backward
-from instdrive_core.rasterize.view_colors import view_colors, view_colors_backward
+from instdrive_core.rasterize.view_colors import harmonics_view, view_colors_backward, view_colors_of
 from instdrive_core.scene.camera import Camera
-
-
-@dataclass
-class SplatStatistics:
-    """What densification asks for, gathered over the backward passes of many views."""
-
-    grad_sum: Float32[ndarray, " n"]
-    """Sum of the absolute screen-space gradients, for coordinates in [-1, 1] along the longer side of the image."""
-    view_counts: Int64[ndarray, " n"]
-    """In how many views each splat was visible."""
-    max_radii: Float32[ndarray, " n"]
-    """Largest radius (three standard deviations) in fractions of the longer side of the image."""
-
-    @classmethod
-    def empty(cls, count: int) -> SplatStatistics:
-        """Nothing seen yet of `count` splats."""
-        return cls(np.zeros(count, np.float32), np.zeros(count, np.int64), np.zeros(count, np.float32))
-
-    def add(self, gradients: RasterGradients, camera: Camera) -> None:
-        """Count one view in."""
-        side = max(camera.width, camera.height)
-        self.grad_sum += gradients.means2d_abs * np.float32(0.5 * side)
-        self.view_counts += gradients.visible
-        np.maximum(self.max_radii, gradients.radii / np.float32(side), out=self.max_radii)
-
-    def mean_gradients(self) -> Float32[ndarray, " n"]:
-        """Mean over the views that saw each splat; 0 for the unseen."""
-        return self.grad_sum / np.maximum(self.view_counts, 1).astype(np.float32)
+from instdrive_core.training.backend import SeenSplats
 
 
 def rasterize(
-    means: Float[Tensor, "n 3"],
-    quats: Float[Tensor, "n 4"],
-    log_scales: Float[Tensor, "n 3"],
-    opacity_logits: Float[Tensor, " n"],
-    channels: Float[Tensor, "n c"],
+    means: Float[Tensor, "v 3"],
+    quats: Float[Tensor, "v 4"],
+    log_scales: Float[Tensor, "v 3"],
+    opacity_logits: Float[Tensor, " v"],
+    channels: Float[Tensor, "v c"],
     camera: Camera,
     geometry_channels: int,
-    statistics: SplatStatistics | None = None,
+    seen: SeenSplats | None = None,
 ) -> tuple[Float[Tensor, "h w c"], Float[Tensor, "h w"], Float[Tensor, "h w"]]:
     """Differentiable `render`: image Σ w·channels, depth Σ w·z (not divided by alpha) and alpha, on the CPU.
 
     Args:
         geometry_channels: only depth, alpha and this many first channels send gradient into geometry and opacity.
-        statistics: filled by the backward pass.
+        seen: filled by the backward pass.
     """
-    return _Rasterize.apply(means, quats, log_scales, opacity_logits, channels, camera, geometry_channels, statistics)
+    return _Rasterize.apply(means, quats, log_scales, opacity_logits, channels, camera, geometry_channels, seen)
 
 
 def sh_colors(
-    means: Float[Tensor, "n 3"],
-    sh_dc: Float[Tensor, "n 3"],
-    sh_rest: Float[Tensor, "n k 3"],
+    means: Float[Tensor, "v 3"],
+    sh_dc: Float[Tensor, "v 3"],
+    sh_rest: Float[Tensor, "v k 3"],
     camera_position: Float64[ndarray, "3"],
-    nodes: UInt16[ndarray, " n"] | None = None,
+    nodes: UInt16[ndarray, " v"] | None = None,
     poses: Float64[ndarray, "m 4 4"] | None = None,
-) -> Float[Tensor, "n 3"]:
+) -> Float[Tensor, "v 3"]:
     """Differentiable `view_colors`; gradients reach `sh_dc` and `sh_rest`, not the means."""
     return _ViewColors.apply(means, sh_dc, sh_rest, camera_position, nodes, poses)
 
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, means, quats, log_scales, opacity_logits, channels, camera, geometry_channels, statistics):
-        opacities = torch.sigmoid(opacity_logits)
-        raster = render(_array(means), _array(quats), _array(log_scales), _array(opacities), _array(channels), camera)
-        ctx.save_for_backward(means, quats, log_scales, channels, opacities)  # so that torch notices changes in place
-        ctx.raster, ctx.camera = raster.context, camera
-        ctx.geometry_channels, ctx.statistics = geometry_channels, statistics
+    def forward(ctx, means, quats, log_scales, opacity_logits, channels, camera, geometry_channels, seen):
+        ctx.save_for_backward(means, quats, log_scales, channels)  # so that torch notices changes in place
+        ctx.opacities = np.empty(len(means), np.float32)
+        _opacities(_array(opacity_logits), ctx.opacities)
+        geometry = _array(means), _array(quats), _array(log_scales)
+        raster = render(*geometry, ctx.opacities, _array(channels), camera)
+        ctx.raster, ctx.geometry_channels, ctx.seen = raster.context, geometry_channels, seen
         return torch.from_numpy(raster.image), torch.from_numpy(raster.depth), torch.from_numpy(raster.alpha)
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad_image, grad_depth, grad_alpha):
-        *_, opacities = ctx.saved_tensors
+        _ = ctx.saved_tensors
         grads = _array(grad_image), _array(grad_depth), _array(grad_alpha)
-        gradients = render_backward(ctx.raster, grads[0], grads[1], grads[2], ctx.geometry_channels)
-        if ctx.statistics is not None:
-            ctx.statistics.add(gradients, ctx.camera)
-        grad_logits = torch.from_numpy(gradients.opacities) * opacities * (1 - opacities)
+        gradients = render_backward(ctx.raster, *grads, ctx.geometry_channels)
+        grad_logits = np.empty_like(ctx.opacities)
+        _logit_gradients(gradients.opacities, ctx.opacities, grad_logits)
+        if ctx.seen is not None:
+            _fill(ctx.seen, gradients, ctx.raster.camera)
         return (
             torch.from_numpy(gradients.means),
             torch.from_numpy(gradients.quats),
             torch.from_numpy(gradients.log_scales),
-            grad_logits,
+            torch.from_numpy(grad_logits),
             torch.from_numpy(gradients.channels),
             *(None, None, None),
         )
 
 
+def _fill(seen: SeenSplats, gradients: RasterGradients, camera: Camera) -> None:
+    """From pixels to coordinates in [-1, 1] and to shares of the longer side."""
+    side = max(camera.width, camera.height)
+    seen.visible = torch.from_numpy(gradients.visible)
+    seen.gradients = torch.from_numpy(gradients.means2d_abs * np.float32(0.5 * side))
+    seen.radii = torch.from_numpy(gradients.radii * np.float32(1 / side))
+
+
 class _ViewColors(torch.autograd.Function):
     @staticmethod
     def forward(ctx, means, sh_dc, sh_rest, camera_position, nodes, poses):
-        ctx.save_for_backward(means, sh_dc, sh_rest)
-        ctx.view = (camera_position, nodes, poses)
-        return torch.from_numpy(
-            view_colors(_array(means), _array(sh_dc), _array(sh_rest), camera_position, nodes, poses)
+        ctx.save_for_backward(means)  # the view refers to it
+        ctx.view, ctx.rest_count = (
+            harmonics_view(means.detach().numpy(), camera_position, nodes, poses),
+            sh_rest.shape[1],
         )
+        ctx.colors = view_colors_of(ctx.view, _array(sh_dc), _array(sh_rest))
+        return torch.from_numpy(ctx.colors)
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad_colors):
-        means, sh_dc, sh_rest = (_array(tensor) for tensor in ctx.saved_tensors)
-        position, nodes, poses = ctx.view
-        grad_dc, grad_rest = view_colors_backward(means, sh_dc, sh_rest, position, nodes, poses, _array(grad_colors))
+        _ = ctx.saved_tensors
+        grad_dc, grad_rest = view_colors_backward(ctx.view, ctx.rest_count, ctx.colors, _array(grad_colors))
         return None, torch.from_numpy(grad_dc), torch.from_numpy(grad_rest), None, None, None
 
 
 def _array(tensor: Tensor) -> ndarray:
-    """A view of the tensor's memory."""
-    return tensor.detach().numpy()
+    """A view of the tensor's memory, where the kernels can take it."""
+    return kernel_array(tensor.detach().numpy())
+
+
+@numba.njit(parallel=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "afn"}, cache=True)
+def _opacities(logits, opacities):
+    one = np.float32(1)
+    for i in numba.prange(len(logits)):
+        opacities[i] = one / (one + np.exp(-logits[i]))
+
+
+@numba.njit(parallel=True, error_model="numpy", cache=True)
+def _logit_gradients(by_opacity, opacities, by_logit):
+    for i in numba.prange(len(by_logit)):
+        by_logit[i] = by_opacity[i] * opacities[i] * (np.float32(1) - opacities[i])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
-from instdrive_core.rasterize.sky_behind import sky_behind, sky_behind_backward
+from instdrive_core.rasterize import sky_behind
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.sky import Sky
 
@@ -23,10 +24,12 @@ class _OverSky(torch.autograd.Function):
     def forward(ctx, image: Tensor, alpha: Tensor, faces: Tensor, camera: Camera) -> Tensor:
         ctx.save_for_backward(alpha, faces)
         ctx.camera = camera
-        return image + torch.from_numpy(sky_behind(Sky(faces.detach().numpy()), camera, alpha.detach().numpy()))
+        arrays = image.detach().numpy(), alpha.detach().numpy()
+        return torch.from_numpy(sky_behind.over_sky(Sky(faces.detach().numpy()), camera, *arrays))
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
         alpha, faces = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
-        grad_alpha, grad_faces = sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
+        grad_alpha, grad_faces = sky_behind.sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
         return grad, torch.from_numpy(grad_alpha), torch.from_numpy(grad_faces), None

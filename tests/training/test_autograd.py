@@ -8,9 +8,10 @@ import torch
 
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.render import render, render_backward
-from instdrive_core.rasterize.view_colors import view_colors, view_colors_backward
+from instdrive_core.rasterize.view_colors import harmonics_view, view_colors, view_colors_backward
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.training.autograd import SplatStatistics, rasterize, sh_colors
+from instdrive_core.training.autograd import rasterize, sh_colors
+from instdrive_core.training.backend import SeenSplats
 
 CAMERA = Camera(40.0, 42.0, 23.0, 16.0, 47, 33, look_at(np.array([0.0, -4, 1]), np.array([0.0, 0, 0])))
 NAMES = ("means", "quats", "log_scales", "logits", "channels")
@@ -79,26 +80,35 @@ def test_changes_between_the_passes_are_noticed() -> None:
         image.sum().backward()
 
 
-def test_statistics_gather_over_views() -> None:
+def test_what_a_view_has_seen_is_in_shares_of_the_image() -> None:
     p = parameters()
-    statistics = SplatStatistics.empty(60)
-    other = Camera(40.0, 42.0, 23.0, 16.0, 47, 33, look_at(np.array([0.0, -4, 1]), np.array([1.5, 0, 0])))
-    expected = np.zeros(60)
-    counts = np.zeros(60, int)
-    for camera in (CAMERA, other):
-        image, _, _ = rasterize(*(p[name] for name in NAMES), camera, 3, statistics)
-        image.sum().backward()
-        arrays = [p[name].detach().numpy() for name in NAMES]
-        arrays[3] = sigmoid(arrays[3])
-        raster = render(*arrays, camera)
-        zero = np.zeros_like(raster.depth)
-        gradients = render_backward(raster.context, np.ones_like(raster.image), zero, zero, 3)
-        expected += gradients.means2d_abs * 47 / 2
-        counts += gradients.visible
-    np.testing.assert_allclose(statistics.grad_sum, expected, rtol=1e-3)
-    np.testing.assert_array_equal(statistics.view_counts, counts)
-    np.testing.assert_allclose(statistics.mean_gradients(), expected / np.maximum(counts, 1), rtol=1e-3)
-    assert 0 < statistics.max_radii.max() < 2
+    with torch.no_grad():
+        p["means"][7] = torch.tensor([0.0, -9.0, 0.0])  # behind the camera
+    seen = SeenSplats()
+    image, _, _ = rasterize(*(p[name] for name in NAMES), CAMERA, 3, seen)
+    assert seen.visible is None
+    image.sum().backward()
+    arrays = [p[name].detach().numpy() for name in NAMES]
+    arrays[3] = sigmoid(arrays[3])
+    raster = render(*arrays, CAMERA)
+    zero = np.zeros_like(raster.depth)
+    expected = render_backward(raster.context, np.ones_like(raster.image), zero, zero, 3)
+    np.testing.assert_array_equal(seen.visible, expected.visible)
+    np.testing.assert_allclose(seen.gradients, expected.means2d_abs * 47 / 2, rtol=1e-3)
+    np.testing.assert_allclose(seen.radii, expected.radii / 47, rtol=1e-4)
+    assert not seen.visible[7]
+    assert seen.radii[7] == seen.gradients[7] == 0
+    assert 0 < seen.radii.max() < 2
+
+
+def test_extreme_logits_stay_finite() -> None:
+    p = parameters()
+    with torch.no_grad():
+        p["logits"][:20], p["logits"][20:40] = -200, 200
+    image, _, _ = rasterize(*(p[name] for name in NAMES), CAMERA, 3)
+    image.sum().backward()
+    assert all(bool(tensor.grad.isfinite().all()) for tensor in p.values())
+    assert not p["logits"].grad[:40].any()
 
 
 def test_harmonics_send_their_gradient_to_the_coefficients_only() -> None:
@@ -112,7 +122,8 @@ def test_harmonics_send_their_gradient_to_the_coefficients_only() -> None:
     np.testing.assert_array_equal(colors.detach().numpy(), view_colors(*arrays, CAMERA.position))
     weights = torch.tensor(rng.normal(size=(30, 3)), dtype=torch.float32)
     (colors * weights).sum().backward()
-    grad_dc, grad_rest = view_colors_backward(*arrays, CAMERA.position, None, None, weights.numpy())
+    view = harmonics_view(arrays[0], CAMERA.position)
+    grad_dc, grad_rest = view_colors_backward(view, 8, colors.detach().numpy(), weights.numpy())
     np.testing.assert_array_equal(sh_dc.grad.numpy(), grad_dc)
     np.testing.assert_array_equal(sh_rest.grad.numpy(), grad_rest)
     assert means.grad is None
