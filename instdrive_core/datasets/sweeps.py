@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.scene.track import Track
 
 BOX_MARGIN = 0.1
 """Metres by which a moving box is grown to catch its points."""
@@ -32,6 +33,7 @@ class SweepCache:
         self.clip = clip
         self.sweeps = clip.sweeps if held_out else clip.training_sweeps()
         self._load = lru_cache(maxsize=3)(lambda position: self.sweeps[position].load())
+        self._last: tuple[int, SweepPoints | None] | None = None
         self._times = {frame.view.index: frame.view.time for frame in clip.frames}
 
     def at(self, index: int) -> SweepPoints | None:
@@ -40,7 +42,15 @@ class SweepCache:
         The step's own sweep if there is one, else the nearest before and after together, with the points inside boxes
         of moving tracks carried along. Points on objects whose track does not cover the asked time are left out, and
         so are the second LiDAR's on moving objects, which it meets elsewhere than the track says.
+
+        The last result is kept, as all cameras of a step ask for the same points; do not write into it.
         """
+        last = self._last
+        if last is None or last[0] != index:
+            last = self._last = (index, self._at(index))
+        return last[1]
+
+    def _at(self, index: int) -> SweepPoints | None:
         positions = self._neighbours(index)
         if not positions:
             return None
@@ -66,21 +76,40 @@ class SweepCache:
     def _carried(self, position: int, time: float) -> SweepPoints:
         sweep: Sweep = self.sweeps[position]
         found = self._load(position)
+        tracks = [track for track in self.clip.tracks if track.moving and track.covers(sweep.time)]
+        boxes = _Boxes.at(tracks, sweep.time)
         points, kept = found.points.copy(), np.ones(len(found.points), bool)
-        for track in self.clip.tracks:
-            if not track.moving or not track.covers(sweep.time):
-                continue
-            pose = track.pose_at(sweep.time)
-            near = _near(found.points, pose, track.dimensions)
-            around = near[points_inside(found.points[near], pose, track.dimensions, SIBLING_REACH, BOX_BOTTOM)]
-            kept[around[found.sensor[around] != 0]] = False
-            inside = near[points_inside(found.points[near], pose, track.dimensions, BOX_MARGIN, BOX_BOTTOM)]
-            if track.covers(time):
-                motion = track.pose_at(time) @ np.linalg.inv(pose)
-                points[inside] = found.points[inside] @ motion[:3, :3].T + motion[:3, 3]
-            else:
-                kept[inside] = False
+        near = np.flatnonzero(boxes.holding(found.points, SIBLING_REACH) >= 0)
+        kept[near[found.sensor[near] != 0]] = False
+        stays = np.array([track.covers(time) for track in tracks], bool)
+        kept[near[boxes.take(~stays).holding(found.points[near], BOX_MARGIN) >= 0]] = False
+        carrying = boxes.take(stays)
+        holder = carrying.holding(found.points[near], BOX_MARGIN)
+        for number in np.unique(holder[holder >= 0]):
+            motion = carrying.tracks[number].pose_at(time) @ np.linalg.inv(carrying.poses[number])
+            rows = near[holder == number]
+            points[rows] = found.points[rows] @ motion[:3, :3].T + motion[:3, 3]
         return _taken(replace(found, points=points), kept)
+
+
+@dataclass(frozen=True)
+class _Boxes:
+    """Moving boxes at one time."""
+
+    tracks: list[Track]
+    poses: Float64[ndarray, "b 4 4"]
+
+    @staticmethod
+    def at(tracks: list[Track], time: float) -> _Boxes:
+        return _Boxes(tracks, np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4))
+
+    def take(self, chosen: Bool[ndarray, " b"]) -> _Boxes:
+        return _Boxes([self.tracks[number] for number in np.flatnonzero(chosen)], self.poses[chosen])
+
+    def holding(self, points: Float32[ndarray, "n 3"], margin: float) -> Int32[ndarray, " n"]:
+        """The box, grown by `margin` metres, that holds each point; -1 = none."""
+        dimensions = np.array([track.dimensions for track in self.tracks]).reshape(-1, 3)
+        return box_of_points(points, self.poses, dimensions, margin, BOX_BOTTOM)
 
 
 def sweep_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoints | None:
@@ -92,13 +121,6 @@ def sweep_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoin
         held_out: whether sweeps of held-out time steps may be used; False for everything that trains.
     """
     return SweepCache(clip, held_out).at(index)
-
-
-def _near(points: Float32[ndarray, "n 3"], pose: ndarray, dimensions: ndarray) -> ndarray:
-    """Rows within a box's reach in x and y: a cheap test before the exact one."""
-    reach = float(np.linalg.norm(dimensions)) / 2 + 2 * SIBLING_REACH
-    offset = np.abs(points[:, :2] - pose[:2, 3].astype(np.float32))
-    return np.flatnonzero((offset[:, 0] < reach) & (offset[:, 1] < reach))
 
 
 def _taken(sweep: SweepPoints, kept: Bool[ndarray, " n"]) -> SweepPoints:

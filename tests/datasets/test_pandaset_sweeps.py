@@ -51,6 +51,14 @@ def test_training_never_sees_a_held_out_sweep(clip, monkeypatch, index, sources)
     assert 4 not in {sweep.index for sweep in cache.sweeps}
 
 
+def test_all_cameras_of_a_step_share_its_points(clip):
+    cache = SweepCache(clip, held_out=True)
+    first = cache.at(3)
+    assert cache.at(3) is first
+    assert cache.at(5) is not first
+    np.testing.assert_array_equal(cache.at(3).points, first.points)
+
+
 def test_a_clip_without_sweeps_has_no_points(clip):
     bare = replace(clip, sweeps=())
     assert sweep_points_at(bare, 3) is None
