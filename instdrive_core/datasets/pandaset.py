@@ -34,6 +34,9 @@ from instdrive_core.scene.camera import Camera, CameraView
 
 logger = logging.getLogger(__name__)
 
+_DAMAGED = (OSError, UnidentifiedImageError, SyntaxError, ValueError)
+"""What Pillow raises for files that are no photo, or half of one."""
+
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
 CAMERA_SETS = {"1": CAMERAS[:1], "3": CAMERAS[:3], "6": CAMERAS}
 
@@ -78,6 +81,10 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     if not any(camera.photos for camera in cameras):
         steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
         raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
+    for camera in cameras:
+        if not camera.photos:
+            logger.warning("%s: no photo of the chosen frames; going on without it", root / "camera" / camera.name)
+    cameras = [camera for camera in cameras if camera.photos]
     origin = _origin(cameras)
     scale = options.scale or _default_scale(cameras)
     has_ego = not (root / "labels").is_dir()  # synthetic clips show no recording car
@@ -99,7 +106,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         sweeps=tuple(sweeps),
         tracks=load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin),
         class_names=classes,
-        camera_names=tuple(camera.name for camera in cameras if camera.photos),
+        camera_names=tuple(camera.name for camera in cameras),
     )
 
 
@@ -195,13 +202,11 @@ def _in_range(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
 
 
 def _origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
-    camera = next(camera for camera in cameras if camera.photos)
-    return center_of(camera.poses[sorted(camera.photos), :3, 3])
+    return center_of(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
 
 
 def _default_scale(cameras: list[_CameraFiles]) -> float:
-    width = next(camera.camera.width for camera in cameras if camera.photos)
-    return min(1.0, DEFAULT_WIDTH / width)
+    return min(1.0, DEFAULT_WIDTH / cameras[0].camera.width)
 
 
 def _frames_of(
@@ -230,7 +235,7 @@ def _photo_size(photo: Path) -> tuple[int, int]:
     try:
         with Image.open(photo) as image:
             return image.size
-    except (OSError, UnidentifiedImageError) as error:
+    except _DAMAGED as error:
         raise DataError(photo, f"is no readable photo ({error})", "Get the file again") from error
 
 
@@ -247,7 +252,7 @@ def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -
             image.draft("RGB", size)
             rgb = image.convert("RGB")
             return np.asarray(rgb if rgb.size == size else rgb.resize(size, Image.Resampling.BOX)).copy()
-    except (OSError, UnidentifiedImageError) as error:
+    except _DAMAGED as error:
         raise DataError(photo, f"is no readable photo ({error})", "Get the file again") from error
 
 

@@ -251,6 +251,30 @@ def test_a_photo_of_another_size_is_refused_when_read(root):
         frame.load_image()
 
 
+def test_a_camera_without_photos_is_left_out_and_said(root, caplog):
+    for photo in (root / "camera" / "back_camera").glob("*.jpg"):
+        photo.unlink()
+    with caplog.at_level(logging.WARNING):
+        clip = load(root)
+    assert clip.camera_names == ("front_camera",)
+    assert {frame.view.name for frame in clip.frames} == {"front_camera"}
+    assert "back_camera: no photo of the chosen frames; going on without it" in caplog.text
+
+
+@pytest.mark.parametrize("name", ["05.jpg", "05.png"])
+@pytest.mark.parametrize("keep", [0, 100, 0.7])
+def test_half_a_photo_is_named_when_read(root, name, keep):
+    photo = root / FRONT / name
+    Image.fromarray(photo_at(5)).save(photo)
+    if name != "05.jpg":
+        (root / FRONT / "05.jpg").unlink()
+    content = photo.read_bytes()
+    photo.write_bytes(content[: keep if keep in (0, 100) else int(keep * len(content))])
+    frame = next(frame for frame in load(root).frames if frame.key == "front_camera/05")
+    with pytest.raises(DataError, match=rf"{name}: is no readable photo"):
+        frame.load_image()
+
+
 @pytest.mark.parametrize(
     ("file", "columns", "message"),
     [
