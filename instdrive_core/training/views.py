@@ -9,10 +9,9 @@ from jaxtyping import Bool, Float32, Int32, UInt8, UInt16
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
+from instdrive_core.masks.labelmap import FrameMasks
 from instdrive_core.scene.camera import Camera
-
-MAX_LIDAR_DEPTH = 80.0
-"""Metres; farther returns are too sparse to supervise depth."""
+from instdrive_core.training.lidar_depth import Depths, frame_depths, nearest_per_pixel
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,7 @@ class TrainingView:
     def halved(self) -> TrainingView:
         """The same view at half the resolution, for the coarse part of training."""
         height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
-        cropped = self.image[: height * 2, : width * 2].reshape(height, 2, width, 2, 3).astype(np.uint16)
-        image = ((cropped.sum(axis=(1, 3)) + 2) // 4).astype(np.uint8)
+        image = _halved_image(self.image[: height * 2, : width * 2])
         rows, columns = np.divmod(self.depth_pixels, self.image.shape[1])
         inside = (rows < height * 2) & (columns < width * 2)
         pixels = (rows[inside] // 2) * width + columns[inside] // 2
@@ -74,25 +72,14 @@ class TrainingView:
         )
 
 
-def nearest_per_pixel(
-    pixels: Int32[ndarray, " n"], depths: Float32[ndarray, " n"]
-) -> tuple[Int32[ndarray, " k"], Float32[ndarray, " k"]]:
-    """The smallest depth of each pixel that occurs; pixels come out sorted."""
-    order = np.lexsort((depths, pixels))
-    pixels, first = np.unique(pixels[order], return_index=True)
-    return pixels.astype(np.int32), depths[order][first].astype(np.float32)
-
-
-def projected_depths(
-    points: Float32[ndarray, "n 3"], camera: Camera
-) -> tuple[Int32[ndarray, " k"], Float32[ndarray, " k"]]:
-    """Nearest LiDAR depth per pixel that a point falls on, at most `MAX_LIDAR_DEPTH`."""
-    pixels, depths = camera.project(points)
-    columns, rows = np.floor(pixels[:, 0]), np.floor(pixels[:, 1])
-    seen = (depths > 0.5) & (depths < MAX_LIDAR_DEPTH)
-    seen &= (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
-    flat = (rows[seen] * camera.width + columns[seen]).astype(np.int32)
-    return nearest_per_pixel(flat, depths[seen].astype(np.float32))
+def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
+    """The mean of each block of 2×2 pixels, rounded half up."""
+    total = image[::2, ::2].astype(np.uint16)
+    for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
+        total += corner
+    total += 2
+    total >>= 2
+    return total.astype(np.uint8)
 
 
 def training_view(
@@ -102,12 +89,17 @@ def training_view(
     sky: Bool[ndarray, "h w"] | None,
 ) -> TrainingView:
     """Read a frame's photo and join it with the LiDAR points of its time step and its masks (void on the ego car)."""
+    masks = None if labels is None or sky is None else FrameMasks(labels, sky)
+    return joined_view(frame, masks, frame_depths(frame, points))
+
+
+def joined_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
+    """Read a frame's photo and join it with its masks (void on the ego car) and its LiDAR depths.
+
+    Raises DataError where the photo is damaged.
+    """
+    labels, sky = (masks.labels, masks.sky) if masks else (None, None)
     if labels is not None and frame.valid is not None:
         labels = np.where(frame.valid, labels, 0).astype(np.uint16)
-    pixels, depths = projected_depths(points, frame.view.camera)
-    if frame.valid is not None:
-        on_scene = frame.valid.ravel()[pixels]
-        pixels, depths = pixels[on_scene], depths[on_scene]
-    return TrainingView(
-        frame.key, frame.view.camera, frame.view.time, frame.load_image(), frame.valid, labels, sky, pixels, depths
-    )
+    view = frame.view
+    return TrainingView(frame.key, view.camera, view.time, frame.load_image(), frame.valid, labels, sky, *depths)
