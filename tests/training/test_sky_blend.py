@@ -42,7 +42,7 @@ def test_gradients_are_those_of_finite_differences(which):
 def test_every_face_and_border_is_looked_up_as_in_the_scene():
     faces = torch.rand(6, 7, 7, 3, generator=torch.Generator().manual_seed(4))
     for target in np.concatenate([np.eye(3), -np.eye(3), [[1, 1, 1], [-1, 1, -1], [1, -1, 0.2]]]):
-        aside = target + [0.013, 0.029, 0.007]  # no ray exactly between two faces, where either is right
+        aside = target + np.array([0.013, 0.029, 0.007])  # no ray exactly between two faces, where either is right
         camera = Camera(6.0, 6.1, 16.2, 12.1, 32, 24, look_at(np.zeros(3), aside))
         found = over_sky(torch.zeros(24, 32, 3), torch.zeros(24, 32), faces, camera)
         np.testing.assert_allclose(found, Sky(faces.numpy()).colors(camera.ray_directions()), atol=2e-5)
