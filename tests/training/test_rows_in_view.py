@@ -104,6 +104,27 @@ def test_splats_at_the_very_borders_are_kept(seed, reach):
     assert not set(drawn) - set(rows)
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31), reach=st.sampled_from([1.0, 100.0, 5000.0]))
+def test_rounding_on_the_way_through_the_world_loses_nothing(seed, reach):
+    """An actor's points on the near plane and points as faint as can be: their frames round differently."""
+    rng = np.random.default_rng(seed)
+    camera, count, poses = any_camera(rng, reach), 4000, poses_of(rng, 1, reach)
+    poses[1, :3, 3] = camera.position + rng.normal(0, 2, 3)
+    inside = (rng.uniform(0.3, 0.7, (count, 2)) * [camera.width, camera.height]) - [camera.cx, camera.cy]
+    local = np.concatenate([inside / [camera.fx, camera.fy], np.ones((count, 1))], axis=1)
+    points = np.where(rng.random((count, 1)) < 0.5, 0.1, 5.0) * local
+    world = points @ camera.world_from_camera[:3, :3].T + camera.position
+    means = ((world - poses[1, :3, 3]) @ poses[1, :3, :3]).astype(np.float32)
+    logits = (np.log(1 / 254) + rng.normal(0, 1e-5, count)).astype(np.float32)
+    logits[points[:, 2] < 1] = 1
+    quats, log_scales = rng.normal(size=(count, 4)).astype(np.float32), np.full((count, 3), -6, np.float32)
+    arguments = (logits, np.ones(count, np.uint16), poses, np.ones(2, bool), camera)
+    drawn = drawn_rows(means, quats, log_scales, *arguments)
+    rows = rows_in_view(means, log_scales, *arguments)
+    assert not set(drawn) - set(rows)
+
+
 def street():
     rng = np.random.default_rng(3)
     means, quats, log_scales, logits, nodes = random_rows(rng, 30_000, 5, 15.0, -2.0)
