@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +13,6 @@ from torch import Tensor
 
 from instdrive_core.scene.track import Track
 
-SMOOTHNESS = 10.0
-"""Weight of the corrections' changes from key to key in `ActorPoses.penalty`, relative to their size. Keys of held-out
-time steps move no training photo: this fills them from their neighbours."""
 _SKEW = torch.tensor(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
     dtype=torch.float64,
@@ -37,6 +34,22 @@ class NodePoses:
 
 
 @dataclass(frozen=True)
+class _Between:
+    """Where p times lie between the learned keys of a track."""
+
+    before: Int[Tensor, " p"]
+    """Row in the corrections of the last key before the time, or of the first key."""
+    after: Int[Tensor, " p"]
+    fraction: Float[Tensor, "p 1"]
+    """How far the time is from `before` to `after`."""
+
+    def of(self, values: Float[Tensor, "k 6"]) -> Float[Tensor, "p 6"]:
+        """Corrections at the times, in float64."""
+        start, end = values.index_select(0, self.before).double(), values.index_select(0, self.after).double()
+        return torch.lerp(start, end, self.fraction)
+
+
+@dataclass(frozen=True)
 class _Moment:
     """What `ActorPoses` keeps of a time; p actors are present."""
 
@@ -44,11 +57,7 @@ class _Moment:
     nodes: Int[Tensor, " p"]
     rotations: Float[Tensor, "p 3 3"]
     shifts: Float[Tensor, "p 3"]
-    before: Int[Tensor, " p"]
-    """Row in the corrections of the last key before the time, or of the first key."""
-    after: Int[Tensor, " p"]
-    fraction: Float[Tensor, "p 1"]
-    """How far the time is from `before` to `after`."""
+    between: _Between
 
 
 class ActorPoses:
@@ -63,11 +72,16 @@ class ActorPoses:
 
     Poses lie on the corrections' device; they are computed on the CPU, where these few numbers are quickest.
 
+    Keys that belong to no photo, as those of held-out time steps, cannot be learned: left uncorrected between corrected
+    neighbours they would make actors jump. They are passed over, so that corrections are interpolated across them.
+
     Args:
         tracks: the actors, in the order of their nodes.
+        photo_times: of the photos to learn from, seconds; a key is learned where it is the nearest to one of them. All
+            are where this is left out, or where no photo falls into a track.
     """
 
-    def __init__(self, tracks: tuple[Track, ...]) -> None:
+    def __init__(self, tracks: tuple[Track, ...], photo_times: Sequence[float] | None = None) -> None:
         self.tracks = tracks
         counts = [len(track.times) for track in tracks]
         self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
@@ -77,9 +91,8 @@ class ActorPoses:
         weights[:, 3:] = np.array(reaches, np.float32)[:, None]
         self._reaches = torch.from_numpy(np.repeat(weights, counts, axis=0))
         """Metres that a corner of the box moves for one of each number of a correction."""
-        first_keys = np.isin(np.arange(self.key_count), self._starts[:-1])
-        self._followers = torch.from_numpy(np.flatnonzero(~first_keys))
-        """Rows whose previous row is a key of the same track."""
+        self._learned = [_learned_keys(track, photo_times) for track in tracks]
+        """Of each track, the keys with a correction of their own."""
         self._moments: dict[float, _Moment] = {}
 
     @property
@@ -96,9 +109,7 @@ class ActorPoses:
         moment = self._moment(time)
         if corrections is None:
             return moment.plain
-        values = _on_cpu(corrections)
-        start, end = values.index_select(0, moment.before).double(), values.index_select(0, moment.after).double()
-        rotations, shifts = _corrected(moment.rotations, moment.shifts, torch.lerp(start, end, moment.fraction))
+        rotations, shifts = _corrected(moment.rotations, moment.shifts, moment.between.of(_on_cpu(corrections)))
         device, count = corrections["track_shifts"].device, len(self.tracks) + 1
         matrices = moment.plain.matrices.copy()
         nodes = moment.nodes.numpy()
@@ -112,14 +123,12 @@ class ActorPoses:
         )
 
     def penalty(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, ""]:
-        """Mean square of the corrections plus `SMOOTHNESS` × that of their changes from key to key, in square metres.
+        """Mean square of the corrections in square metres; 0 without actors.
 
-        A turn counts by how far it moves a corner of the box. 0 without actors.
+        A turn counts by how far it moves a corner of the box.
         """
         moves = _on_cpu(corrections) * self._reaches
-        changes = moves.index_select(0, self._followers) - moves.index_select(0, self._followers - 1)
-        size, change = (values.square().sum() / max(values.numel(), 1) for values in (moves, changes))
-        return (size + SMOOTHNESS * change).to(corrections["track_shifts"].device)
+        return (moves.square().sum() / max(moves.numel(), 1)).to(corrections["track_shifts"].device)
 
     def refined_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
         """The tracks with corrected keys.
@@ -131,7 +140,8 @@ class ActorPoses:
             return ()
         poses = np.concatenate([track.world_from_box for track in self.tracks])
         rotations, shifts = torch.from_numpy(poses[:, :3, :3].copy()), torch.from_numpy(poses[:, :3, 3].copy())
-        rotations, shifts = _corrected(rotations, shifts, _on_cpu(corrections).detach().double())
+        between = _joined([self._between(node, track.times) for node, track in enumerate(self.tracks, start=1)])
+        rotations, shifts = _corrected(rotations, shifts, between.of(_on_cpu(corrections).detach()))
         poses[:, :3, :3], poses[:, :3, 3] = rotations.numpy(), shifts.numpy()
         parts = np.split(poses, self._starts[1:-1])
         return tuple(replace(track, world_from_box=part) for track, part in zip(self.tracks, parts, strict=True))
@@ -145,13 +155,8 @@ class ActorPoses:
         present = np.array([True, *(track.covers(time) for track in self.tracks)])
         nodes = np.flatnonzero(present[1:]) + 1
         matrices = np.tile(np.eye(4), (len(present), 1, 1))
-        keys = np.zeros((len(nodes), 2), np.int64)
-        fractions = np.zeros((len(nodes), 1))
-        for row, node in enumerate(nodes.tolist()):
-            track = self.tracks[node - 1]
-            matrices[node] = track.pose_at(time)
-            before, after, fractions[row] = _keys_around(track.times, time)
-            keys[row] = self._starts[node - 1] + np.array([before, after])
+        for node in nodes.tolist():
+            matrices[node] = self.tracks[node - 1].pose_at(time)
         rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
         index = torch.from_numpy(nodes)
         return _Moment(
@@ -159,10 +164,18 @@ class ActorPoses:
             nodes=index,
             rotations=rotations[index],
             shifts=shifts[index],
-            before=torch.from_numpy(keys[:, 0].copy()),
-            after=torch.from_numpy(keys[:, 1].copy()),
-            fraction=torch.from_numpy(fractions),
+            between=_joined([self._between(node, np.array([time])) for node in nodes.tolist()]),
         )
+
+    def _between(self, node: int, times: Float64[ndarray, " p"]) -> tuple[ndarray, ndarray, ndarray]:
+        """Rows before and after each time, and how far it is from one to the other; clamped at the ends."""
+        learned = self._learned[node - 1]
+        keys = self.tracks[node - 1].times[learned]
+        upper = np.searchsorted(keys, times)
+        before, after = np.clip(upper - 1, 0, len(keys) - 1), np.clip(upper, 0, len(keys) - 1)
+        spans = keys[after] - keys[before]
+        fractions = np.where(spans > 0, (times - keys[before]) / np.where(spans > 0, spans, 1), 0)
+        return self._starts[node - 1] + learned[before], self._starts[node - 1] + learned[after], fractions
 
 
 def rotations_from_vectors(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 3"]:
@@ -188,10 +201,15 @@ def _on_cpu(corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, "k
     return torch.cat([corrections["track_shifts"], corrections["track_turns"]], dim=1).cpu()
 
 
-def _keys_around(times: Float64[ndarray, " t"], time: float) -> tuple[int, int, float]:
-    """The keys on both sides of a time and how far it is from the first to the second; clamped at the ends."""
-    after = int(np.searchsorted(times, time))
-    if after == 0 or after == len(times):
-        end = min(after, len(times) - 1)
-        return end, end, 0.0
-    return after - 1, after, float((time - times[after - 1]) / (times[after] - times[after - 1]))
+def _joined(parts: list[tuple[ndarray, ndarray, ndarray]]) -> _Between:
+    empty = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+    before, after, fractions = (np.concatenate(column) for column in zip(empty, *parts, strict=True))
+    return _Between(torch.from_numpy(before), torch.from_numpy(after), torch.from_numpy(fractions)[:, None])
+
+
+def _learned_keys(track: Track, photo_times: Sequence[float] | None) -> Int[ndarray, " l"]:
+    """Indices of the keys that are nearest to a photo taken while the track exists; all of them if there is none."""
+    times = np.unique([time for time in photo_times or () if track.covers(time)])
+    if not len(times):
+        return np.arange(len(track.times))
+    return np.unique(np.argmin(np.abs(track.times[:, None] - times), axis=0))
