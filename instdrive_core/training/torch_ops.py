@@ -101,7 +101,6 @@ def sh_colors(
             directions = means - on_device(camera_position.astype(np.float32), means.device)
             if nodes is not None and poses is not None and len(poses) > 1:
                 turns = on_device(node_rotations(poses).astype(np.float32), means.device)
-                turns[0] = torch.eye(3, device=means.device)
                 which = on_device(nodes.astype(np.int64), means.device)
                 directions = (turns[which] * directions[:, :, None]).sum(dim=1)  # Rᵀ d
             length = directions.square().sum(dim=1, keepdim=True).clamp_min(1e-12).sqrt()

@@ -1,7 +1,8 @@
 """A stand-in for gsplat in plain torch: the four functions that `GsplatBackend` calls, with gsplat's own signatures.
 
-As picky as the original: shapes, dtypes and channel counts are checked, culled rows hold NaN where gsplat leaves memory
-uninitialised, blending reads nothing but the tile lists, and `absgrad` appears where and when gsplat sets it.
+As picky as the original: shapes, dtypes and channel counts are checked; culled rows hold NaN, or what looks like a
+Gaussian, where gsplat leaves memory uninitialised; blending reads nothing but the tile lists; and `absgrad` appears where
+and when gsplat sets it.
 """
 
 import math
@@ -13,8 +14,8 @@ from instdrive_core.training.device import missing_for_cuda
 from instdrive_core.training.gsplat_backend import GsplatBackend
 
 CHANNEL_COUNTS = {1, 2, 3, 4, 5, 8, 9, 16, 17, 32}
-GPU = pytest.param("gsplat", marks=pytest.mark.gpu)
-"""A kind of backend for `backend_of`."""
+GPU = pytest.param("gsplat", marks=[pytest.mark.gpu, pytest.mark.filterwarnings("default")])
+"""A kind of backend for `backend_of`. Compiling gsplat warns of this and that; only our own warnings are errors."""
 MIN_ALPHA, MAX_ALPHA, MIN_TRANSMITTANCE = 1 / 255, 0.999, 1e-4
 
 
@@ -90,9 +91,10 @@ class TorchSplatting:
             size = torch.tensor([width, height])
             inside = ((middles + radii > 0) & (middles - radii < size)).all(dim=1)
             kept = inside & (z >= near_plane) & (opacities >= MIN_ALPHA) & (radii > radius_clip).any(dim=1)
-        nothing = torch.tensor(float("nan"))
-        means2d, depths = torch.where(kept[:, None], middles, nothing), torch.where(kept, z, nothing)
-        conics = torch.where(kept[:, None], conics, nothing)
+        stale = (torch.tensor([width / 2, height / 2]), torch.tensor(1.0), torch.tensor([1.0, 0, 1]))
+        old_means, old_depth, old_conic = stale if self.holder else (torch.tensor(float("nan")),) * 3
+        means2d, depths = torch.where(kept[:, None], middles, old_means), torch.where(kept, z, old_depth)
+        conics = torch.where(kept[:, None], conics, old_conic)
         return torch.where(kept[:, None], radii, 0).int()[None], means2d[None], depths[None], conics[None], None
 
     @torch.no_grad()
