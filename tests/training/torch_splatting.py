@@ -1,7 +1,7 @@
 """A stand-in for gsplat in plain torch: the four functions that `GsplatBackend` calls, with gsplat's own signatures.
 
 As picky as the original: shapes, dtypes and channel counts are checked; culled rows hold NaN, or what looks like a
-Gaussian, where gsplat leaves memory uninitialised; blending reads nothing but the tile lists; and `absgrad` appears where
+Gaussian, where gsplat leaves memory uninitialised; blending reads nothing but the tile lists; `absgrad` appears where
 and when gsplat sets it.
 """
 
