@@ -11,7 +11,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.masks.labelmap import FrameMasks
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.lidar_depth import Depths, frame_depths, nearest_per_pixel
+from instdrive_core.training.lidar_depth import Depths, nearest_per_pixel
 
 
 @dataclass(frozen=True)
@@ -80,17 +80,6 @@ def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]
     total += 2
     total >>= 2
     return total.astype(np.uint8)
-
-
-def training_view(
-    frame: Frame,
-    points: Float32[ndarray, "n 3"],
-    labels: UInt16[ndarray, "h w"] | None,
-    sky: Bool[ndarray, "h w"] | None,
-) -> TrainingView:
-    """Read a frame's photo and join it with the LiDAR points of its time step and its masks (void on the ego car)."""
-    masks = None if labels is None or sky is None else FrameMasks(labels, sky)
-    return joined_view(frame, masks, frame_depths(frame, points))
 
 
 def joined_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
