@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import torch
@@ -184,3 +187,28 @@ def test_projection_and_tiles_are_shared_between_the_passes() -> None:
     backend.rasterize(*(p[name] for name in NAMES), CAMERA, 3)
     assert library.calls == ["project", "tiles", "blend", "blend", "blend"]
     assert library.drawn_channels == [4, 32, 8]  # RGB with depth; 40 features in two parts
+
+
+@pytest.mark.parametrize("with_backward", [True, False])
+def test_a_views_graph_is_freed_with_its_picture(with_backward: bool) -> None:
+    """Without waiting for the garbage collector: a few views of a million Gaussians would fill a GPU."""
+    library, projections = TorchSplatting(), []
+    backend, project = GsplatBackend(torch.device("cpu"), library), library.fully_fused_projection
+
+    def watched(*args, **options):
+        found = project(*args, **options)
+        projections.append(weakref.ref(found[1]))
+        return found
+
+    library.fully_fused_projection = watched
+    p = parameters(backend)
+    gc.disable()
+    try:
+        image, depth, alpha = backend.rasterize(*(p[name] for name in NAMES), CAMERA, 3, SeenSplats())
+        assert projections[0]() is not None
+        if with_backward:
+            image.sum().backward()
+        del image, depth, alpha
+        assert projections[0]() is None
+    finally:
+        gc.enable()
