@@ -179,8 +179,10 @@ def test_oversized_gaussians_go_when_allowed_unless_halving_mends_them():
     result = refine(parameters, np.zeros(3), gradients, prune_large=True)
     assert (result.split, result.pruned) == (1, 2)
     assert result.parents.tolist() == [1, 1]
-    no_room = refine(parameters, np.zeros(3), gradients, replace(CONFIG, max_gaussians=0), prune_large=True)
-    assert (no_room.split, no_room.pruned) == (0, 2)  # the most opaque one stays
+    parameters["log_scales"][2] -= 4
+    no_room = refine(parameters, np.zeros(3), gradients, replace(CONFIG, max_gaussians=2), prune_large=True)
+    assert no_room.parents.tolist() == [2]
+    assert (no_room.split, no_room.pruned) == (0, 2)
 
 
 def test_the_scene_keeps_its_most_opaque_gaussian():
