@@ -245,7 +245,7 @@ class EditorSession:
             self._play_clock += seconds
             pace = (self.timeline.end - self.timeline.start) / (len(self.timeline.steps) - 1)
             if self._play_clock >= pace:
-                self._play_clock = 0.0
+                self._play_clock = min(self._play_clock - pace, pace)
                 self.step(1)
 
     def close(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.training.config import Method, Preset, train_config
+from instdrive_core.training.config import Device, Method, Preset, on_frozen_geometry, train_config
 
 
 def train(
@@ -20,6 +21,10 @@ def train(
     seed: int = 0,
     masks: Path | None = None,
     resume: bool = False,
+    init: Path | None = None,
+    freeze_geometry: bool = False,
+    static: bool = False,
+    device: Device = "auto",
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
 ) -> None:
     """Train a driving clip into Gaussians with instance IDs.
@@ -28,14 +33,23 @@ def train(
         clip: Folder of the clip, in PandaSet's layout.
         out: Folder of the run; `instdrive edit` opens it.
         method: Losses: `instdrive` (ours) or `paper` (the printed forms).
-        preset: Length: `demo` (≤ 5 minutes on 2 cores), `quick` (≤ 15 minutes) or `paper` (30,000 iterations).
+        preset: Length: `demo` (≤ 5 minutes on 2 cores), `quick` (≤ 20 minutes) or `paper` (30,000 iterations).
         seed: Of everything random.
         masks: Folder of masks; default: the clip's own `masks/`, else masks made from its annotations.
         resume: Go on from the folder's checkpoint.
+        init: Start from this scene file or run instead of LiDAR points.
+        freeze_geometry: Keep the Gaussians of --init as they are and learn instances only.
+        static: Treat everything as background, also what moves.
+        device: `cuda` trains on an NVIDIA GPU with gsplat; `auto` does where both are there.
         options: Which part of the clip to use.
     """
     from instdrive_core.cli.train_progress import train_with_progress
     from instdrive_core.training.run import RunRequest
 
-    train_with_progress(RunRequest(clip, out, options, train_config(method, preset, seed), masks, resume))
+    config = train_config(method, preset, seed)
+    if static:
+        config = replace(config, init=replace(config.init, moving_actors=False))
+    if freeze_geometry:
+        config = on_frozen_geometry(config)
+    train_with_progress(RunRequest(clip, out, options, config, masks, resume, init, device))
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

@@ -68,7 +68,7 @@ class ActorPoses:
     first and after the last they stand still. K counts the keys of all tracks, track by track.
 
     Equal corrections of all keys of one actor only move its Gaussians inside its box; the Gaussians can undo that, so
-    this freedom is harmless. `penalty` keeps it from drifting.
+    this freedom is harmless.
 
     Poses lie on the corrections' device; they are computed on the CPU, where these few numbers are quickest.
 
@@ -86,11 +86,6 @@ class ActorPoses:
         counts = [len(track.times) for track in tracks]
         self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
         """Row of each track's first key; at the end K."""
-        reaches = [float(np.linalg.norm(track.dimensions)) / 2 for track in tracks]
-        weights = np.ones((len(tracks), 6), np.float32)
-        weights[:, 3:] = np.array(reaches, np.float32)[:, None]
-        self._reaches = torch.from_numpy(np.repeat(weights, counts, axis=0))
-        """Metres that a corner of the box moves for one of each number of a correction."""
         self._learned = [_learned_keys(track, photo_times) for track in tracks]
         """Of each track, the keys with a correction of their own."""
         self._moments: dict[float, _Moment] = {}
@@ -121,14 +116,6 @@ class ActorPoses:
             present=moment.plain.present,
             matrices=matrices,
         )
-
-    def penalty(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, ""]:
-        """Mean square of the corrections in square metres; 0 without actors.
-
-        A turn counts by how far it moves a corner of the box.
-        """
-        moves = _on_cpu(corrections) * self._reaches
-        return (moves.square().sum() / max(moves.numel(), 1)).to(corrections["track_shifts"].device)
 
     def refined_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
         """The tracks with corrected keys.

@@ -78,7 +78,11 @@ class Backend(Protocol):
         ...
 
     def over_sky(
-        self, image: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], faces: Float[Tensor, "6 r r 3"], camera: Camera
+        self,
+        image: Float[Tensor, "h w 3"],
+        alpha: Float[Tensor, "h w"],
+        faces: Float[Tensor, "6 r r 3"],
+        camera: Camera,
     ) -> Float[Tensor, "h w 3"]:
         """image + (1 - alpha) · sky(direction)."""
         ...
@@ -94,7 +98,10 @@ class Backend(Protocol):
         valid: Bool[ndarray, "h w"] | None,
         ssim_weight: float,
     ) -> tuple[Float[Tensor, ""], float]:
-        """(1 - w) L1 + w (1 - SSIM), and the PSNR in dB of the image clamped to [0, 1], both over valid pixels."""
+        """(1 - w) L1 + w (1 - SSIM), and the PSNR in dB of the image clamped to [0, 1].
+
+        The loss is averaged over the whole image, invalid pixels counting as equal; the PSNR is that of valid pixels.
+        """
         ...
 
     def depth_loss(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,16 @@ from torch import Tensor
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.scene.track import Track
+from instdrive_core.training.actor_poses import ActorPoses
 from instdrive_core.training.config import TrainConfig
+from instdrive_core.training.events import Stage
+from instdrive_core.training.model import SceneModel
 from instdrive_core.training.trainer import Trainer
 
-VERSION = 1
-_PARAMETER, _FIRST, _SECOND, _NODES = "parameter.", "adam.first.", "adam.second.", "nodes"
+VERSION = 2
+_PARAMETER, _SHARED, _OPTIMIZER, _GROWTH, _TRACK = "parameter.", "shared.", "adam.", "growth.", "track."
+_NODES = "nodes"
 
 
 @dataclass(frozen=True)
@@ -29,32 +35,39 @@ class Checkpoint:
     """Everything that a resumed run needs beside the clip itself."""
 
     config: TrainConfig
-    stage: str
+    stage: Stage
     iteration: int
     seconds: float
     scene_radius: float
-    actor_ids: tuple[str, ...]
-    adam_steps: dict[str, float]
+    tracks: tuple[Track, ...]
+    """As the actors' corrections refer to them."""
+    photo_keys: tuple[str, ...]
+    """Keys of the training photos, in the order of their exposures."""
     nodes: UInt16[ndarray, " n"]
     tensors: dict[str, Tensor]
 
-    def parameters(self) -> dict[str, Tensor]:
-        """The trained tensors by name."""
-        return {
-            name.removeprefix(_PARAMETER): value for name, value in self.tensors.items() if name.startswith(_PARAMETER)
-        }
+    def group(self, prefix: str) -> dict[str, Tensor]:
+        """The tensors whose names begin with a prefix, by the rest of their names."""
+        return {name.removeprefix(prefix): value for name, value in self.tensors.items() if name.startswith(prefix)}
+
+    def model(self, photo_times: Sequence[float]) -> SceneModel:
+        """The trained scene on the CPU; `photo_times` are the training photos' seconds."""
+        shared = {name: value.clone().requires_grad_(True) for name, value in self.group(_SHARED).items()}
+        return SceneModel(self.group(_PARAMETER), shared, self.nodes, ActorPoses(self.tracks, photo_times))
 
 
 def save_checkpoint(path: Path, trainer: Trainer) -> None:
     """Write the trainer's whole state; the old file stays until the new one is complete."""
-    tensors: dict[str, Tensor] = {_NODES: torch.from_numpy(trainer.model.nodes.astype(np.int32))}
-    steps: dict[str, float] = {}
-    for name, value in trainer.model.parameters.items():
-        tensors[_PARAMETER + name] = value.detach()
-    for name, optimizer in trainer.optimizers.items():
-        for state in optimizer.state.values():
-            tensors[_FIRST + name], tensors[_SECOND + name] = state["exp_avg"], state["exp_avg_sq"]
-            steps[name] = float(state["step"])
+    groups = {
+        _PARAMETER: trainer.model.parameters,
+        _SHARED: trainer.model.shared,
+        _OPTIMIZER: trainer.optimizers.state_tensors(),
+        _GROWTH: trainer.growth.state_tensors(),
+        _TRACK: _track_tensors(trainer.model.actor_poses.tracks),
+    }
+    tensors = {_NODES: torch.from_numpy(trainer.model.nodes.astype(np.int32))}
+    for prefix, group in groups.items():
+        tensors |= {prefix + name: value.detach().cpu().contiguous() for name, value in group.items()}
     facts = {
         "version": VERSION,
         "config": trainer.config.to_json(),
@@ -62,11 +75,10 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         "iteration": trainer.iteration,
         "seconds": trainer.seconds,
         "scene_radius": trainer.scene_radius,
-        "actor_ids": [actor.id for actor in trainer.model.actors],
-        "adam_steps": steps,
+        "tracks": [_track_facts(track) for track in trainer.model.actor_poses.tracks],
+        "photo_keys": [photo.key for photo in trainer.store.facts],
     }
-    contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
-    write_bytes(path, save(contiguous, metadata={"instdrive": json.dumps(facts)}))
+    write_bytes(path, save(tensors, metadata={"instdrive": json.dumps(facts)}))
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
@@ -82,27 +94,46 @@ def load_checkpoint(path: Path) -> Checkpoint:
         raise DataError(path, f"checkpoint version is {found}, expected {VERSION}", "Delete it to start anew.")
     return Checkpoint(
         config=TrainConfig.from_json(facts["config"]),
-        stage=facts["stage"],
+        stage="rgb" if facts["stage"] == "rgb" else "instances",
         iteration=facts["iteration"],
         seconds=facts["seconds"],
         scene_radius=facts["scene_radius"],
-        actor_ids=tuple(facts["actor_ids"]),
-        adam_steps=facts["adam_steps"],
+        tracks=_tracks(facts["tracks"], tensors),
+        photo_keys=tuple(facts["photo_keys"]),
         nodes=tensors.pop(_NODES).numpy().astype(np.uint16),
         tensors=tensors,
     )
 
 
 def restore(trainer: Trainer, checkpoint: Checkpoint) -> None:
-    """Put a fresh trainer, built on the checkpoint's parameters, where the saved one stood."""
-    trainer.stage = "rgb" if checkpoint.stage == "rgb" else "instances"
-    trainer.iteration, trainer.seconds_before = checkpoint.iteration, checkpoint.seconds
-    for name, optimizer in trainer.optimizers.items():
-        if name not in checkpoint.adam_steps:
-            continue
-        parameter = trainer.model.parameters[name]
-        optimizer.state[parameter] = {
-            "step": torch.tensor(checkpoint.adam_steps[name]),
-            "exp_avg": checkpoint.tensors[_FIRST + name].clone(),
-            "exp_avg_sq": checkpoint.tensors[_SECOND + name].clone(),
-        }
+    """Put a fresh trainer, built on the checkpoint's model, where the saved one stood."""
+    trainer.stage, trainer.iteration = checkpoint.stage, checkpoint.iteration
+    trainer.seconds_before = checkpoint.seconds
+    trainer.optimizers.load_state_tensors(checkpoint.group(_OPTIMIZER))
+    trainer.growth.load_state_tensors(checkpoint.group(_GROWTH))
+
+
+def _track_facts(track: Track) -> dict[str, Any]:
+    return {"id": track.id, "label": track.label, "dimensions": track.dimensions.tolist(), "moving": track.moving}
+
+
+def _track_tensors(tracks: tuple[Track, ...]) -> dict[str, Tensor]:
+    tensors: dict[str, Tensor] = {}
+    for number, track in enumerate(tracks):
+        tensors[f"{number}.times"] = torch.from_numpy(track.times)
+        tensors[f"{number}.world_from_box"] = torch.from_numpy(track.world_from_box)
+    return tensors
+
+
+def _tracks(facts: list[dict[str, Any]], tensors: dict[str, Tensor]) -> tuple[Track, ...]:
+    return tuple(
+        Track(
+            id=entry["id"],
+            label=entry["label"],
+            dimensions=np.array(entry["dimensions"], np.float64),
+            times=tensors[f"{_TRACK}{number}.times"].numpy(),
+            world_from_box=tensors[f"{_TRACK}{number}.world_from_box"].numpy(),
+            moving=entry["moving"],
+        )
+        for number, entry in enumerate(facts)
+    )

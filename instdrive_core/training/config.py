@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 Method = Literal["instdrive", "paper"]
 Preset = Literal["demo", "quick", "paper"]
+Device = Literal["auto", "cpu", "cuda"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class InitConfig:
     """Largest number of points per moving object."""
     opacity: float = 0.1
     """First opacity."""
+    moving_actors: bool = True
+    """Moving objects become nodes of their own; off: everything is background (static-only)."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +62,12 @@ class GeometryConfig:
     """Texels along one side of a cube face."""
     exposure_lr: float = 1e-3
     """Affine exposure of each photo; 0 = none."""
-    exposure_decay: float = 0.01
-    """Pull of the exposures towards the identity."""
-    track_lr: float = 1e-3
+    exposure_weight: float = 0.1
+    """Pull of the exposures towards the identity, singly and in the mean."""
+    track_lr: float = 3e-3
     """Corrections of the cuboid tracks, metres and radians; 0 = tracks stay as given."""
-    track_decay: float = 0.01
-    """Pull of the corrections towards zero."""
+    track_decay: float = 1e-3
+    """Share of the way to zero that a pose's correction goes back at each of its steps."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,8 @@ class TrainConfig:
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
     densify: DensifyConfig = field(default_factory=DensifyConfig)
     instances: InstanceConfig = field(default_factory=InstanceConfig)
+    freeze_geometry: bool = False
+    """Learn instances only, on the Gaussians that the run starts from."""
     checkpoint_every: int = 500
     """Steps between checkpoints."""
     report_every: int = 10
@@ -193,6 +198,7 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
             config,
             init=InitConfig(lidar_points=100_000, near_points=10_000, far_points=10_000, actor_points=2_000),
             geometry=replace(config.geometry, iterations=2_200, coarse_iterations=600),
+            densify=replace(config.densify, max_gaussians=180_000),
             instances=replace(config.instances, iterations=1_500),
         )
     elif preset == "paper":
@@ -200,8 +206,17 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
             config,
             init=InitConfig(lidar_points=800_000, near_points=100_000, far_points=100_000, actor_points=5_000),
             geometry=replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3),
+            densify=replace(config.densify, max_gaussians=1_500_000),
             instances=replace(config.instances, iterations=10_000),
         )
     if method == "paper":
         config = replace(config, instances=printed_form(config.instances))
     return config
+
+
+def on_frozen_geometry(config: TrainConfig) -> TrainConfig:
+    """Instances alone. The `joint` schedule keeps its losses and its number of steps, on cached blending weights."""
+    instances = config.instances
+    if instances.schedule == "joint":
+        instances = replace(instances, schedule="after", iterations=config.geometry.iterations)
+    return replace(config, freeze_geometry=True, instances=instances)

@@ -44,4 +44,16 @@ class CheckpointDue:
     iteration: int
 
 
-Event = StepDone | StageStarted | CheckpointDue
+@dataclass(frozen=True)
+class Refined:
+    """Gaussians were added and removed."""
+
+    iteration: int
+    gaussians: int
+    """How many there are now."""
+    cloned: int
+    split: int
+    pruned: int
+
+
+Event = StepDone | StageStarted | CheckpointDue | Refined

@@ -10,13 +10,16 @@ from jaxtyping import Float, Int, UInt16
 from numpy import ndarray
 from torch import Tensor
 
+from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.blend_weights import (
     BlendWeights,
     apply_weights,
     apply_weights_transposed,
     blend_weights,
 )
+from instdrive_core.scene.scene import placed
 from instdrive_core.training.model import SceneModel
+from instdrive_core.training.rows_in_view import rows_in_view
 from instdrive_core.training.views import TrainingView
 
 
@@ -31,12 +34,7 @@ class CachedView:
 def cached_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"], min_alpha: float) -> CachedView:
     """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
     assert view.labels is not None
-    with torch.no_grad():
-        means, quats, logits = model.placed(*model.poses_at(view.time))
-        opacities = torch.sigmoid(logits)
-    scales = model.parameters["log_scales"].detach()
-    arrays = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities)]
-    weights = blend_weights(arrays[0], arrays[1], arrays[2], arrays[3], view.camera, pixels)
+    weights = _weights_of_view(model, view, pixels)
     counts = np.diff(weights.indptr)
     alpha = np.zeros(len(pixels))
     np.add.at(alpha, np.repeat(np.arange(len(pixels)), counts), weights.weights)
@@ -46,6 +44,18 @@ def cached_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"
     return CachedView(
         BlendWeights(indptr, weights.rows[entries], weights.weights[entries]), view.labels.ravel()[pixels[kept]]
     )
+
+
+def _weights_of_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]) -> BlendWeights:
+    poses = model.actor_poses.at(view.time, model.corrections)
+    p = {name: value.detach().numpy() for name, value in model.parameters.items()}
+    rows = rows_in_view(
+        p["means"], p["log_scales"], p["opacity_logits"], model.nodes, poses.matrices, poses.present, view.camera
+    )
+    means, quats = placed(p["means"][rows], p["quats"][rows], model.nodes[rows], poses.matrices)
+    opacities = sigmoid(p["opacity_logits"][rows])
+    weights = blend_weights(means, quats, p["log_scales"][rows], opacities, view.camera, pixels)
+    return BlendWeights(weights.indptr, rows[weights.rows].astype(weights.rows.dtype), weights.weights)
 
 
 class _WeightedFeatures(torch.autograd.Function):

@@ -10,6 +10,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.instances.codebook import quantized
 from instdrive_core.instances.components import split_components
 from instdrive_core.instances.table import table_from_ids
+from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.config import TrainConfig
@@ -17,9 +18,11 @@ from instdrive_core.training.model import SceneModel
 from instdrive_core.training.naming import display_names, instance_classes
 
 
-def finished_scene(model: SceneModel, clip: Clip, config: TrainConfig, has_instances: bool) -> Scene:
+def finished_scene(
+    model: SceneModel, clip: Clip, config: TrainConfig, has_instances: bool, exposures: Exposures | None
+) -> Scene:
     """The editable scene. Without masks nothing was learned about instances: every ID is 0."""
-    gaussians = model.gaussians()
+    gaussians, actors = model.gaussians(), model.tracks()
     count = len(gaussians)
     codewords, ids = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
     classes: dict[int, str] = {}
@@ -28,7 +31,7 @@ def finished_scene(model: SceneModel, clip: Clip, config: TrainConfig, has_insta
         if config.instances.whole_actors:
             codewords = unified_actor_codewords(codewords, model.nodes, gaussians.opacities)
         ids = split_components(gaussians.means, gaussians.scales, model.nodes, codewords, gaussians.opacities)
-        classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in model.actors])
+        classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
     names = display_names(ids, classes)
     return Scene(
         gaussians=gaussians,
@@ -36,10 +39,11 @@ def finished_scene(model: SceneModel, clip: Clip, config: TrainConfig, has_insta
         codewords=codewords,
         nodes=model.nodes,
         table=table_from_ids(ids, gaussians.means, codewords, model.nodes, names, classes),
-        actors=model.actors,
-        sky=Sky(model.parameters["sky"].detach().numpy().clip(0, 1)),
+        actors=actors,
+        sky=Sky(model.shared["sky"].detach().cpu().numpy().clip(0, 1)),
         views=tuple(frame.view for frame in clip.frames),
         origin=clip.origin,
+        exposures=exposures,
         code_bits=gaussians.features.shape[1] if has_instances else 0,
     )
 

@@ -1,84 +1,74 @@
-"""The trainable scene: one torch parameter per Gaussian attribute, plus the sky; actors ride on fixed tracks."""
+"""The trainable scene: one tensor per Gaussian attribute, and what all Gaussians share: sky, tracks, exposures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float64, UInt16
+from jaxtyping import Float, UInt16
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.maths.rotations import multiplication_matrices, quaternion_from_matrix
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
-
-ABSENT_LOGIT = -20.0
-"""Opacity logit of an actor's Gaussians at times when its track does not exist."""
+from instdrive_core.training.actor_poses import ActorPoses
+from instdrive_core.training.exposures import initial_exposures
 
 
 @dataclass
 class SceneModel:
-    """Parameters named as in `Gaussians`, rows ordered background first, then actor by actor."""
+    """Rows are ordered background first, then actor by actor; an actor's Gaussians live in its box frame."""
 
     parameters: dict[str, Tensor]
-    """means, quats, log_scales, opacity_logits, sh_dc, sh_rest, features, and sky (6, r, r, 3)."""
+    """means, quats, log_scales, opacity_logits, sh_dc, sh_rest, features: one row per Gaussian."""
+    shared: dict[str, Tensor]
+    """sky (6, r, r, 3), exposures (V, 3, 4) of the training photos, track_shifts and track_turns (K, 3)."""
     nodes: UInt16[ndarray, " n"]
-    actors: tuple[Track, ...]
+    actor_poses: ActorPoses
 
     def __post_init__(self) -> None:
-        moved = np.flatnonzero(self.nodes)
-        self.first_actor_row = int(moved[0]) if len(moved) else len(self.nodes)
-        if not np.all(self.nodes[self.first_actor_row :] > 0):
-            raise ValueError("rows must be ordered: background first, then actors")
-        self._poses: dict[float, tuple[ndarray, ndarray]] = {}
-        self._actor_nodes = torch.from_numpy(self.nodes[self.first_actor_row :].astype(np.int64))
+        if np.any(np.diff(self.nodes.astype(np.int64)) < 0):
+            raise ValueError("rows must be ordered: background first, then actor by actor")
 
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def poses_at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], Bool[ndarray, " m"]]:
-        """world_from_node of every node (background first) at `time`, and which exist then."""
-        if time not in self._poses:
-            poses = np.stack([np.eye(4), *(actor.pose_at(time) for actor in self.actors)])
-            present = np.array([True, *(actor.covers(time) for actor in self.actors)])
-            self._poses[time] = poses, present
-        return self._poses[time]
+    @property
+    def corrections(self) -> dict[str, Tensor]:
+        """Learned corrections of the actors' tracks."""
+        return {name: self.shared[name] for name in ("track_shifts", "track_turns")}
 
-    def placed(
-        self, poses: Float64[ndarray, "m 4 4"], present: Bool[ndarray, " m"]
-    ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 4"], Float[Tensor, " n"]]:
-        """Means, quaternions and opacity logits in the world at one time; gradients pass through the poses."""
-        means, quats = self.parameters["means"], self.parameters["quats"]
-        logits, first = self.parameters["opacity_logits"], self.first_actor_row
-        if first == len(self):
-            return means, quats, logits
-        rotations = torch.from_numpy(poses[:, :3, :3].astype(np.float32))[self._actor_nodes]
-        shifts = torch.from_numpy(poses[:, :3, 3].astype(np.float32))[self._actor_nodes]
-        turns = multiplication_matrices(quaternion_from_matrix(poses[:, :3, :3])).astype(np.float32)
-        there = torch.from_numpy(present)[self._actor_nodes]
-        moved = torch.einsum("nij,nj->ni", rotations, means[first:]) + shifts
-        turned = torch.einsum("nij,nj->ni", torch.from_numpy(turns)[self._actor_nodes], quats[first:])
-        shown = torch.where(there, logits[first:], ABSENT_LOGIT)
-        return (
-            torch.cat([means[:first], moved]),
-            torch.cat([quats[:first], turned]),
-            torch.cat([logits[:first], shown]),
-        )
+    def tracks(self) -> tuple[Track, ...]:
+        """The actors' tracks, corrected."""
+        return self.actor_poses.refined_tracks(self.corrections)
 
     def gaussians(self) -> Gaussians:
         """A numpy copy, every actor in its box frame."""
-        arrays = {name: value.detach().numpy().copy() for name, value in self.parameters.items() if name != "sky"}
-        return Gaussians(**arrays)
+        return Gaussians(**{name: value.detach().cpu().numpy().copy() for name, value in self.parameters.items()})
+
+    def move_to(self, device: torch.device) -> None:
+        """Put every tensor on a device."""
+        self.parameters = {name: value.to(device) for name, value in self.parameters.items()}
+        self.shared = {name: value.detach().to(device).requires_grad_(True) for name, value in self.shared.items()}
 
 
 def model_from_gaussians(
-    gaussians: Gaussians, nodes: UInt16[ndarray, " n"], actors: tuple[Track, ...], sky: Float[ndarray, "6 r r 3"]
+    gaussians: Gaussians,
+    nodes: UInt16[ndarray, " n"],
+    actors: tuple[Track, ...],
+    sky: Float[ndarray, "6 r r 3"],
+    photo_times: Sequence[float],
 ) -> SceneModel:
-    """A trainable copy."""
+    """A trainable copy, tracks as given and exposures neutral; `photo_times` are the training photos' seconds."""
     parameters = {name: torch.from_numpy(array.copy()) for name, array in gaussians.arrays().items()}
-    parameters["sky"] = torch.from_numpy(np.ascontiguousarray(sky, dtype=np.float32))
-    for tensor in parameters.values():
+    actor_poses = ActorPoses(actors, photo_times)
+    shared = {
+        "sky": torch.from_numpy(np.array(sky, np.float32)),
+        "exposures": initial_exposures(len(photo_times)),
+        **actor_poses.initial_corrections(),
+    }
+    for tensor in shared.values():
         tensor.requires_grad_(True)
-    return SceneModel(parameters, nodes, actors)
+    return SceneModel(parameters, shared, nodes, actor_poses)

@@ -12,26 +12,38 @@ from torch import Tensor
 
 from instdrive_core.errors import InstDriveError
 from instdrive_core.training import instance_losses as inst
-from instdrive_core.training import losses
-from instdrive_core.training.autograd import rasterize, sh_colors
-from instdrive_core.training.config import InstanceConfig, TrainConfig
-from instdrive_core.training.events import CheckpointDue, Event, Stage, StageStarted, StepDone
+from instdrive_core.training.backend import Backend
+from instdrive_core.training.config import TrainConfig
+from instdrive_core.training.cpu_backend import CpuBackend
+from instdrive_core.training.densify import (
+    GrowthStatistics,
+    actor_radii,
+    last_reset,
+    observes_at,
+    refined,
+    refines_at,
+    reset_opacities,
+    resets_at,
+)
+from instdrive_core.training.draw import DrawnView, draw_view
+from instdrive_core.training.events import CheckpointDue, Event, Refined, Stage, StageStarted, StepDone
+from instdrive_core.training.exposures import exposure_penalty
 from instdrive_core.training.feature_weights import CachedView, cached_view, weighted_features
+from instdrive_core.training.instance_terms import pixel_terms, sampled_pixels, voxel_term
 from instdrive_core.training.model import SceneModel
-from instdrive_core.training.photometric import photometric_loss
+from instdrive_core.training.optimizers import Optimizers
 from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
-from instdrive_core.training.sky_blend import over_sky
+from instdrive_core.training.view_store import ViewStore
 from instdrive_core.training.views import TrainingView
-from instdrive_core.training.voxel_loss import occupied_voxels, voxel_loss
 
-_RGB, _INSTANCES, _SAMPLING = 0, 1, 2
+_RGB, _INSTANCES, _SAMPLING, _GROWTH = 0, 1, 2, 3
 """Streams of random numbers."""
-_SKY_EPS = 1e-8
-"""Texels that photos hardly touch stay as they are, instead of taking full steps along rounding errors."""
+_READ_AHEAD = 6
+"""Steps whose photos are read while others train."""
 
 
 class TrainingDivergedError(InstDriveError):
-    """A loss became NaN or infinite; the message names stage, iteration and term."""
+    """A loss or a parameter became NaN or infinite; the message names stage, iteration and term."""
 
 
 @dataclass
@@ -39,9 +51,10 @@ class Trainer:
     """Owns parameters, optimisers and the position in the schedule; everything else is a function of these."""
 
     model: SceneModel
-    views: list[TrainingView]
+    store: ViewStore
     config: TrainConfig
     scene_radius: float
+    backend: Backend = field(default_factory=CpuBackend)
     stage: Stage = "rgb"
     iteration: int = 0
     """Steps done in the current stage."""
@@ -51,25 +64,13 @@ class Trainer:
     _cache: list[CachedView] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        geometry, p = self.config.geometry, self.model.parameters
-        rates = {
-            "means": means_lr(geometry, 0, self.scene_radius),
-            "quats": geometry.rotation_lr,
-            "log_scales": geometry.scale_lr,
-            "opacity_logits": geometry.opacity_lr,
-            "sh_dc": geometry.sh_dc_lr,
-            "sh_rest": geometry.sh_rest_lr,
-            "sky": geometry.sky_lr,
-            "features": self.config.instances.feature_lr,
-        }
-        self.optimizers = {
-            name: torch.optim.Adam([p[name]], lr=rate, eps=_SKY_EPS if name == "sky" else 1e-15, fused=True)
-            for name, rate in rates.items()
-            if p[name].numel()
-        }
-        self._coarse = [view.halved() for view in self.views] if geometry.coarse_iterations else []
-        self.has_masks = any(view.labels is not None and view.labels.any() for view in self.views)
+        self.model.move_to(self.backend.device)
+        self.optimizers = Optimizers(self.model, self.config)
+        self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
+        self.has_masks = any(photo.has_masks for photo in self.store.facts)
         """Without a single mask no instance can be learned."""
+        if self.config.freeze_geometry:
+            self.stage = "instances"
 
     @property
     def seconds(self) -> float:
@@ -88,11 +89,14 @@ class Trainer:
     def _stage(self, total: int) -> Iterator[Event]:
         message = ""
         if self.stage == "instances":
-            message = f"caching the blending weights of {len(self.views)} views"
+            message = f"caching the blending weights of {len(self.store)} views"
         yield StageStarted(self.stage, self.iteration, total, message)
         while self.iteration < total:
             terms, image_psnr = self.rgb_step() if self.stage == "rgb" else self.instance_step()
+            refinement = self.after_rgb_step() if self.stage == "rgb" else None
             self.iteration += 1
+            if refinement is not None:
+                yield refinement
             if self.iteration % self.config.report_every == 0 or self.iteration == total:
                 yield StepDone(
                     self.stage,
@@ -105,109 +109,164 @@ class Trainer:
                     terms,
                 )
             if self.iteration % self.config.checkpoint_every == 0 or self.iteration == total:
+                self._check_parameters()
                 yield CheckpointDue(self.stage, self.iteration)
 
     # One step of each stage, from top to bottom.
 
     def rgb_step(self) -> tuple[dict[str, float], float]:
-        """One image: render, compare, step. With the `joint` schedule the instance losses ride along."""
-        config, p = self.config.geometry, self.model.parameters
-        views = self._coarse if is_coarse(config, self.iteration) else self.views
-        view = views[view_of_step(self.config.seed, _RGB, self.iteration, len(views))]
-        target = torch.from_numpy(view.image).float() / 255
-        valid = None if view.valid is None else torch.from_numpy(view.valid)
-
-        poses, present = self.model.poses_at(view.time)
-        means, quats, logits = self.model.placed(poses, present)
-        colors = sh_colors(means, p["sh_dc"], p["sh_rest"], view.camera.position, self.model.nodes, poses)
+        """One image: draw, compare, descend. With the `joint` schedule the instance losses ride along."""
+        config, shared, backend = self.config.geometry, self.model.shared, self.backend
+        number, coarse = self._view_of(self.iteration)
+        self.store.prefetch([self._view_of(self.iteration + ahead) for ahead in range(1, _READ_AHEAD)])
+        view = self.store.get(number, coarse)
         joint = self.config.instances.schedule == "joint" and view.labels is not None
-        channels = torch.cat([colors, p["features"]], dim=1) if joint else colors
-        drawn, depth, alpha = rasterize(means, quats, p["log_scales"], logits, channels, view.camera, 3)
-        image = over_sky(drawn[..., :3], alpha, p["sky"], view.camera)
 
-        terms = {"rgb": photometric_loss(image, target, valid, config.ssim_weight)}
+        drawn = draw_view(self.model, backend, view.camera, view.time, joint)
+        image = backend.over_sky(drawn.color, drawn.alpha, shared["sky"], view.camera)
+        if config.exposure_lr:
+            image = backend.exposed(image, shared["exposures"][number])
+
+        terms: dict[str, Tensor] = {}
+        terms["rgb"], psnr = backend.photometric_loss(image, view.image, view.valid, config.ssim_weight)
         if config.depth_weight and len(view.depth_pixels):
-            lidar = torch.from_numpy(view.depth_map())
-            terms["depth"] = config.depth_weight * losses.depth_loss(depth, alpha, lidar)
+            depth_loss = backend.depth_loss(drawn.depth, drawn.alpha, view.depth_pixels, view.depth_values)
+            terms["depth"] = config.depth_weight * depth_loss
         if config.sky_weight and view.sky is not None:
-            terms["sky"] = config.sky_weight * losses.sky_loss(alpha, torch.from_numpy(view.sky))
+            terms["sky"] = config.sky_weight * backend.sky_loss(drawn.alpha, view.sky)
+        if config.exposure_lr and config.exposure_weight:
+            terms["exposure"] = config.exposure_weight * exposure_penalty(shared["exposures"], number)
         if joint:
-            terms |= self._joint_instance_terms(view, drawn[..., 3:], alpha.detach().numpy())
+            terms |= self._joint_terms(view, drawn)
 
-        self.optimizers["means"].param_groups[0]["lr"] = means_lr(config, self.iteration, self.scene_radius)
-        values = self._descend(terms)
-        return values, losses.psnr(image, target, valid)
+        values = self._backward(terms)
+        self._descend(drawn)
+        return values, psnr
 
     def instance_step(self) -> tuple[dict[str, float], None]:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
         if not self._cache:
             self._cache = self._cached_views()
-        view = self._cache[view_of_step(self.config.seed, _INSTANCES, self.iteration, len(self._cache))]
-        features = weighted_features(self.model.parameters["features"], view.weights)
-        terms = self._instance_terms(features, view.labels, _INSTANCES)
-        return self._descend(terms), None
-
-    # The instance losses, shared by both schedules.
-
-    def _instance_terms(self, features: Tensor, labels: np.ndarray, stage: int) -> dict[str, Tensor]:
-        config = self.config.instances
+        features = self.model.parameters["features"].requires_grad_(True)
         terms: dict[str, Tensor] = {}
-        if len(labels):
-            segments = inst.segments_of(labels)
-            seen = _activated(features, config)
-            pull, push = inst.contrastive_loss(seen, segments, config.repulsion_offset)
-            terms["pull"], terms["push"] = config.contrastive_weight * pull, config.contrastive_weight * push
-            if config.pseudo_weight and pseudo_is_on(self.config, self.iteration):
-                terms["pseudo"] = config.pseudo_weight * inst.pseudo_loss(seen, segments)
-        if config.voxel_weight and self.iteration % config.voxel_every == 0:
-            terms["voxel"] = config.voxel_weight * self._voxel_term(stage)
-        return terms
+        if self._cache:
+            view = self._cache[view_of_step(self.config.seed, _INSTANCES, self.iteration, len(self._cache))]
+            seen, pseudo = weighted_features(features, view.weights), pseudo_is_on(self.config, self.iteration)
+            terms |= pixel_terms(seen, view.labels, self.config.instances, pseudo)
+        terms |= self._voxel_terms(features, _INSTANCES)
+        values = self._backward(terms)
+        self._descend_features(features, None)
+        return values, None
 
-    def _voxel_term(self, stage: int) -> Tensor:
-        config, p = self.config.instances, self.model.parameters
-        offset = step_rng(self.config.seed, stage, self.iteration).uniform(0, config.voxel_size, 3)
-        positions = p["means"].detach().numpy()
-        voxels = occupied_voxels(positions, self.model.nodes, config.voxel_size, offset)
-        return voxel_loss(_activated(p["features"], config), voxels)
+    # What the steps are made of.
 
-    def _joint_instance_terms(self, view: TrainingView, features: Tensor, alpha: np.ndarray) -> dict[str, Tensor]:
-        config = self.config.instances
+    def _view_of(self, iteration: int) -> tuple[int, bool]:
+        number = view_of_step(self.config.seed, _RGB, iteration, len(self.store))
+        return number, is_coarse(self.config.geometry, iteration)
+
+    def _joint_terms(self, view: TrainingView, drawn: DrawnView) -> dict[str, Tensor]:
         assert view.labels is not None
-        usable = np.where(alpha >= config.min_alpha, view.labels, 0)
-        rng = step_rng(self.config.seed, _RGB, self.iteration)
-        pixels = inst.stratified_pixels(usable, config.pixels_per_view, rng)
-        sampled = features.reshape(-1, features.shape[2])[torch.from_numpy(pixels)]
-        return self._instance_terms(sampled, usable.ravel()[pixels], _RGB)
+        assert drawn.features is not None
+        rng, config = step_rng(self.config.seed, _RGB, self.iteration), self.config.instances
+        alpha = drawn.alpha.detach().cpu().numpy()
+        features, labels = sampled_pixels(drawn.features, alpha, view.labels, config, rng)
+        terms = pixel_terms(features, labels, config, pseudo_is_on(self.config, self.iteration))
+        return terms | self._voxel_terms(self.model.parameters["features"].requires_grad_(True), _RGB)
 
-    # Helpers of the steps.
+    def _voxel_terms(self, features: Tensor, stream: int) -> dict[str, Tensor]:
+        config = self.config.instances
+        if not config.voxel_weight or self.iteration % config.voxel_every:
+            return {}
+        means = self.model.parameters["means"].detach().cpu().numpy()
+        rng = step_rng(self.config.seed, stream, self.iteration)
+        return {"voxel": voxel_term(features, means, self.model.nodes, config, rng)}
 
-    def _descend(self, terms: dict[str, Tensor]) -> dict[str, float]:
+    def _backward(self, terms: dict[str, Tensor]) -> dict[str, float]:
         values = {name: float(term.detach()) for name, term in terms.items()}
         for name, value in values.items():
             if not np.isfinite(value):
-                raise TrainingDivergedError(
-                    f"{name} loss is {value} at step {self.iteration} of the {self.stage} stage. Check the clip's "
-                    "photos and poses; --resume goes on from the last checkpoint."
-                )
+                raise self._diverged(f"{name} loss is {value}")
         if terms:
             torch.stack(list(terms.values())).sum().backward()
-        for optimizer in self.optimizers.values():
-            optimizer.step()
-            optimizer.zero_grad(set_to_none=True)
         return values
 
+    def _descend(self, drawn: DrawnView) -> None:
+        optimizers, gradients = self.optimizers, drawn.gradients()
+        rendered = gradients.pop("features", None)
+        optimizers.geometry.rates["means"] = means_lr(self.config.geometry, self.iteration, self.scene_radius)
+        optimizers.geometry.step(drawn.rows, gradients, drawn.seen.visible)
+        optimizers.step_shared(self.model)
+        if rendered is not None:
+            self._descend_features(self.model.parameters["features"], (drawn, rendered))
+        if observes_at(self.config.densify, self.iteration, self.config.geometry.iterations):
+            self.growth.add(drawn.rows, drawn.seen)
+
+    def _descend_features(self, features: Tensor, rendered: tuple[DrawnView, Tensor] | None) -> None:
+        """Descend along the voxel loss's gradient of all features and the rendered map's of those drawn."""
+        everywhere, features.grad = features.grad, None
+        if everywhere is None and rendered is not None:
+            drawn, gradient = rendered
+            self.optimizers.features.step(drawn.rows, {"features": gradient}, drawn.seen.visible)
+        elif everywhere is not None:
+            if rendered is not None:
+                everywhere.index_add_(0, rendered[0].rows, rendered[1])
+            rows = torch.arange(len(features), device=features.device)
+            self.optimizers.features.step(rows, {"features": everywhere}, None)
+
+    def after_rgb_step(self) -> Refined | None:
+        """Grow and prune where the schedule says so; the step at `iteration` has just been done."""
+        config, total = self.config.densify, self.config.geometry.iterations
+        if refines_at(config, self.iteration, total):
+            rng = step_rng(self.config.seed, _GROWTH, self.iteration)
+            result = refined(
+                self.model.parameters,
+                self.model.nodes,
+                self.growth,
+                config,
+                self.scene_radius,
+                rng,
+                allow_scale_pruning=last_reset(config, self.iteration, total) > 0,
+                radii=actor_radii(self.model.actor_poses.tracks),
+            )
+            self.model.parameters, self.model.nodes = result.parameters, result.nodes
+            self.optimizers.restructured(result.parents, result.fresh, self.model)
+            self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
+            return Refined(self.iteration + 1, len(self.model), result.cloned, result.split, result.pruned)
+        if resets_at(config, self.iteration, total):
+            reset_opacities(self.model.parameters, self.optimizers.geometry, config)
+        return None
+
     def _cached_views(self) -> list[CachedView]:
+        self._continue_on_cpu()
         config = self.config.instances
         cached = []
-        for number, view in enumerate(self.views):
+        for number in range(len(self.store)):
+            self.store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(self.store)))])
+            view = self.store.get(number)
             if view.labels is None or not view.labels.any():
                 continue
-            pixels = inst.stratified_pixels(
-                view.labels, config.pixels_per_view, step_rng(self.config.seed, _SAMPLING, number)
-            )
+            rng = step_rng(self.config.seed, _SAMPLING, number)
+            pixels = inst.stratified_pixels(view.labels, config.pixels_per_view, rng)
             cached.append(cached_view(self.model, view, pixels, config.min_alpha))
         return cached
 
+    def _continue_on_cpu(self) -> None:
+        """The instance stage is sparse products on frozen geometry, which take no GPU."""
+        if self.backend.device.type != "cpu":
+            state = {name: value.cpu() for name, value in self.optimizers.state_tensors().items()}
+            self.backend = CpuBackend()
+            self.model.move_to(self.backend.device)
+            self.optimizers = Optimizers(self.model, self.config)
+            self.optimizers.load_state_tensors(state)
 
-def _activated(features: Tensor, config: InstanceConfig) -> Tensor:
-    return torch.tanh(features) if config.tanh else features
+    def _check_parameters(self) -> None:
+        """What is not finite is not drawn either, so that no loss would tell; no checkpoint may hold it."""
+        for name, value in {**self.model.parameters, **self.model.shared}.items():
+            if not bool(torch.isfinite(value).all()):
+                raise self._diverged(f"{name} is not finite")
+
+    def _diverged(self, what: str) -> TrainingDivergedError:
+        return TrainingDivergedError(
+            f"{what} at step {self.iteration} of the {self.stage} stage. Check the clip's photos and poses; "
+            "--resume goes on from the last checkpoint."
+        )

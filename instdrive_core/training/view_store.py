@@ -96,6 +96,11 @@ class ViewStore:
         self.close()
 
     @property
+    def times(self) -> tuple[float, ...]:
+        """Seconds of each view."""
+        return tuple(photo.time for photo in self.facts)
+
+    @property
     def kept_bytes(self) -> int:
         """Bytes of views in memory now; never more than the budget."""
         return self._kept_bytes

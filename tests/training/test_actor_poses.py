@@ -133,14 +133,14 @@ def misplaced(track: Track, rng: np.random.Generator, metres: float, degrees: fl
     return replace(track, world_from_box=poses)
 
 
-def fitted(poses: ActorPoses, truth: Track, times: np.ndarray, weight: float, steps: int = 200) -> dict:
+def fitted(poses: ActorPoses, truth: Track, times: np.ndarray, steps: int = 200) -> dict:
     """Corrections that bring points on the box to where `truth` has them at some times."""
     points = torch.from_numpy(np.random.default_rng(4).uniform(-1, 1, (30, 3)) * truth.dimensions / 2).float()
     targets = {time: truth.pose_at(time) for time in times}
     corrections = {name: value.requires_grad_(True) for name, value in poses.initial_corrections().items()}
     optimizer = torch.optim.Adam(corrections.values(), lr=0.01)
     for _ in range(steps):
-        loss = weight * poses.penalty(corrections)
+        loss = torch.zeros(())
         for time, target in targets.items():
             found, goal = poses.at(time, corrections), torch.from_numpy(target).float()
             error = points @ found.rotations[1].T + found.shifts[1] - points @ goal[:3, :3].T - goal[:3, 3]
@@ -162,7 +162,7 @@ def test_a_misplaced_track_is_pulled_back_by_what_is_seen_of_it(tracks):
     truth = tracks[0]
     wrong = misplaced(truth, np.random.default_rng(3), 0.3, 3.0)
     poses = ActorPoses((wrong,))
-    corrections = fitted(poses, truth, np.linspace(0.0, 0.4, 9), 1e-5)
+    corrections = fitted(poses, truth, np.linspace(0.0, 0.4, 9))
     before, after = errors(wrong, truth), errors(poses.refined_tracks(corrections)[0], truth)
     np.testing.assert_allclose(before[0], 0.3, atol=1e-6)
     np.testing.assert_allclose(before[1], 3.0, atol=1e-6)
@@ -177,10 +177,10 @@ def test_a_key_that_no_photo_sees_is_corrected_as_its_neighbours(tracks):
     seen = truth.times[[0, 1, 3]]
     for times in (seen, seen + 0.004):
         poses = ActorPoses((wrong,), times.tolist())
-        metres, _ = errors(poses.refined_tracks(fitted(poses, truth, times, 1e-5))[0], truth)
+        metres, _ = errors(poses.refined_tracks(fitted(poses, truth, times))[0], truth)
         assert metres.max() < 0.05, "the key between and the one behind too"
     jumping = ActorPoses((wrong,))
-    metres, _ = errors(jumping.refined_tracks(fitted(jumping, truth, seen, 1e-5))[0], truth)
+    metres, _ = errors(jumping.refined_tracks(fitted(jumping, truth, seen))[0], truth)
     assert metres[2] > 0.1, "what it would be without knowing the photos"
 
 
@@ -200,16 +200,7 @@ def test_keys_without_photos_are_passed_over(tracks):
     )
 
 
-def test_penalty_is_zero_for_no_correction_and_without_actors(tracks):
-    poses = ActorPoses(tracks)
-    assert float(poses.penalty(poses.initial_corrections())) == 0
-    shifted, turned = poses.initial_corrections(), poses.initial_corrections()
-    shifted["track_shifts"][2, 0] = 0.3
-    turned["track_turns"][2, 0] = 0.3
-    assert float(poses.penalty(shifted)) == pytest.approx(0.3**2 / 60)
-    reach = np.linalg.norm(tracks[0].dimensions) / 2
-    assert float(poses.penalty(turned)) == pytest.approx((0.3 * reach) ** 2 / 60)
+def test_a_scene_without_actors_has_no_corrections():
     nobody = ActorPoses(())
-    assert float(nobody.penalty(nobody.initial_corrections())) == 0
     assert nobody.refined_tracks(nobody.initial_corrections()) == ()
     assert nobody.at(0.0, nobody.initial_corrections()).matrices.shape == (1, 4, 4)

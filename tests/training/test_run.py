@@ -82,7 +82,7 @@ def test_a_folder_with_a_run_is_not_overwritten(street, tmp_path):
         train(street, tmp_path / "run")
     with pytest.raises(OptionError, match="other options"):
         train(street, tmp_path / "run", config=replace(short(), seed=9), resume=True)
-    with pytest.raises(OptionError, match="no checkpoint"):
+    with pytest.raises(OptionError, match="no run to resume"):
         train(street, tmp_path / "elsewhere", resume=True)
 
 

@@ -10,12 +10,13 @@ from instdrive_core.instances.codebook import quantized
 from instdrive_core.rasterize.render import render
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.track import Track
 from instdrive_core.training.checkpoint import load_checkpoint, restore, save_checkpoint
-from instdrive_core.training.config import TrainConfig, train_config
-from instdrive_core.training.events import CheckpointDue, StepDone
+from instdrive_core.training.config import TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.training.draw import GEOMETRY
+from instdrive_core.training.events import CheckpointDue, Refined, StepDone
 from instdrive_core.training.model import model_from_gaussians
 from instdrive_core.training.trainer import Trainer, TrainingDivergedError
+from instdrive_core.training.view_store import ViewStore
 from instdrive_core.training.views import TrainingView
 
 OBJECTS = np.array([[-2.0, 6, 0.5], [2.0, 6, 0.5], [0, 9, 0.5]])
@@ -88,8 +89,9 @@ def new_trainer(config: TrainConfig) -> tuple[Trainer, np.ndarray]:
     views = photographed(truth, which, 1)
     start = truth.copy()
     start.sh_dc += rng.normal(0, 0.6, start.sh_dc.shape).astype(np.float32)
-    model = model_from_gaussians(start, np.zeros(len(which), np.uint16), (), np.full((6, 8, 8, 3), 0.5, np.float32))
-    return Trainer(model, views, config, scene_radius=10.0), which
+    sky = np.full((6, 8, 8, 3), 0.5, np.float32)
+    model = model_from_gaussians(start, np.zeros(len(which), np.uint16), (), sky, [view.time for view in views])
+    return Trainer(model, ViewStore.of(views), config, scene_radius=10.0), which
 
 
 @pytest.mark.parametrize("schedule", ["after", "joint"])
@@ -120,20 +122,38 @@ def test_instance_losses_leave_geometry_and_colour_alone():
         alone.rgb_step()
         joint.iteration += 1
         alone.iteration += 1
-    for name in ("means", "log_scales", "opacity_logits", "sh_dc", "sky"):
-        np.testing.assert_allclose(
-            joint.model.parameters[name].detach(), alone.model.parameters[name].detach(), atol=2e-5, err_msg=name
-        )
+    for name in GEOMETRY:
+        one, other = joint.model.parameters[name], alone.model.parameters[name]
+        np.testing.assert_allclose(one, other, atol=2e-5, err_msg=name)
+    for name in ("sky", "exposures"):
+        one, other = joint.model.shared[name].detach(), alone.model.shared[name].detach()
+        np.testing.assert_allclose(one, other, atol=2e-5, err_msg=name)
     assert not torch.equal(joint.model.parameters["features"], alone.model.parameters["features"])
 
 
-@pytest.mark.parametrize("stop_after", [1, 3])
-def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after):
-    config = tiny_config()
+def growing(config: TrainConfig) -> TrainConfig:
+    """The same with densification and a reset of the opacities within the few steps there are."""
+    densify = replace(
+        config.densify,
+        start=4,
+        every=5,
+        stop=0.7,
+        gradient_threshold=1e-7,
+        max_gaussians=200,
+        reset_every=9,
+        prune_opacity=0.01,
+    )
+    return replace(config, densify=densify)
+
+
+@pytest.mark.parametrize("schedule", ["after", "joint"])
+@pytest.mark.parametrize("stop_after", [1, 2, 3])
+def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
+    config = growing(tiny_config(schedule))
+    config = replace(config, checkpoint_every=12)
     whole, _ = new_trainer(config)
-    for event in whole.run():
-        if isinstance(event, CheckpointDue):
-            save_checkpoint(tmp_path / "whole.safetensors", whole)
+    grown = [event for event in whole.run() if isinstance(event, Refined)]
+    assert sum(event.cloned + event.split for event in grown) > 0
 
     first, _ = new_trainer(config)
     due = 0
@@ -144,45 +164,48 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after):
             if due == stop_after:
                 break
     checkpoint = load_checkpoint(tmp_path / "part.safetensors")
-    second, _ = new_trainer(config)
-    second.model.parameters.update(
-        {name: value.clone().requires_grad_(True) for name, value in checkpoint.parameters().items()}
-    )
-    second = Trainer(second.model, second.views, config, 10.0)
+    second = Trainer(checkpoint.model(first.store.times), first.store, config, checkpoint.scene_radius)
     restore(second, checkpoint)
     for _ in second.run():
         pass
-    for name, value in whole.model.parameters.items():
-        assert torch.equal(value, second.model.parameters[name]), name
+    for name, value in {**whole.model.parameters, **whole.model.shared}.items():
+        assert torch.equal(value, {**second.model.parameters, **second.model.shared}[name]), name
 
 
-def test_absent_actors_are_not_drawn_and_present_ones_move():
-    rng = np.random.default_rng(0)
-    gaussians, which = blobs(rng)
-    local = gaussians.select(which == 1)
-    local.means -= OBJECTS[0].astype(np.float32)
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    poses[:, :3, 3] = [[0, 6, 0.5], [1, 6, 0.5]]
-    track = Track("a", "Car", np.array([2.0, 4.0, 2.0]), np.array([0.0, 1.0]), poses, True)
-    model = model_from_gaussians(local, np.ones(len(local), np.uint16), (track,), np.zeros((6, 2, 2, 3), np.float32))
-    means, _, logits = model.placed(*model.poses_at(0.5))
-    np.testing.assert_allclose((means.detach() - model.parameters["means"].detach())[0], [0.5, 6, 0.5], atol=1e-6)
-    assert float(logits.detach().min()) > 0
-    _, _, gone = model.placed(*model.poses_at(5.0))
-    assert float(gone.detach().max()) < -10
+def test_frozen_geometry_learns_instances_alone():
+    config = on_frozen_geometry(tiny_config())
+    trainer, which = new_trainer(config)
+    before = {name: trainer.model.parameters[name].clone() for name in GEOMETRY}
+    stages = {event.stage for event in trainer.run() if isinstance(event, StepDone)}
+    assert stages == {"instances"}
+    for name, value in before.items():
+        assert torch.equal(value, trainer.model.parameters[name]), name
+    codes = quantized(trainer.model.gaussians().features)
+    assert len({int(np.bincount(codes[which == number]).argmax()) for number in (1, 2, 3)}) == 3
+
+
+def test_a_parameter_that_is_no_number_is_not_saved():
+    trainer, _ = new_trainer(tiny_config())
+    events = trainer.run()
+    next(events)
+    trainer.model.parameters["means"][0] = float("nan")  # culled from now on: no loss would tell
+    saved = []
+    with pytest.raises(TrainingDivergedError, match="means is not finite"):
+        saved.extend(event for event in events if isinstance(event, CheckpointDue))
+    assert not saved
 
 
 def test_a_loss_that_is_no_number_stops_the_run():
     trainer, _ = new_trainer(tiny_config())
-    with torch.no_grad():
-        trainer.model.parameters["sh_dc"][:] = float("nan")
+    trainer.model.parameters["sh_dc"][:] = float("nan")
     with pytest.raises(TrainingDivergedError, match="rgb loss is nan at step 0"):
         trainer.rgb_step()
 
 
 def test_empty_masks_train_colour_only():
     trainer, _ = new_trainer(tiny_config())
-    trainer.views = [replace(view, labels=np.zeros_like(view.labels)) for view in trainer.views]
-    empty = Trainer(trainer.model, trainer.views, trainer.config, 10.0)
+    views = [trainer.store.get(number) for number in range(len(trainer.store))]
+    store = ViewStore.of([replace(view, labels=np.zeros_like(view.labels)) for view in views])
+    empty = Trainer(trainer.model, store, trainer.config, 10.0)
     assert not empty.has_masks
     assert {event.stage for event in empty.run()} == {"rgb"}
