@@ -1,6 +1,6 @@
 """Held-out PSNR over time: how long a real clip takes to a quality.
 
-`python -m benchmarks.time_to_quality CLIP` trains the RGB stage of the quick preset with the trainer's own steps and stops
+`python -m benchmarks.time_to_quality CLIP` trains the RGB stage of the quick preset and stops
 the clock now and then to draw held-out photos. It prints one JSON line; seconds count reading the clip as well.
 `--config.geometry.coarse-iterations 0` and the like change one setting.
 """
