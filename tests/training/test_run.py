@@ -10,11 +10,14 @@ from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
+from instdrive_core.edits.bake import frozen_at
 from instdrive_core.errors import DataError, OptionError
+from instdrive_core.formats.ply import write_ply
 from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.training.config import InitConfig, TrainConfig, train_config
-from instdrive_core.training.events import CheckpointDue
+from instdrive_core.training.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.training.events import CheckpointDue, Refined
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
+from instdrive_core.training.start import with_first_features
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +118,89 @@ def test_the_paper_method_trains_jointly(street, tmp_path):
     assert {line["stage"] for line in lines} == {"rgb"}
     assert {"pull", "push", "rgb"} <= set(lines[-1]["terms"])
     assert json.loads((run / "run.json").read_text())["method"] == "paper"
+
+
+@pytest.fixture(scope="module")
+def trained(street, tmp_path_factory):
+    """A run to start others from."""
+    return train(street, tmp_path_factory.mktemp("trained") / "run", config=with_growth(short()))
+
+
+def with_growth(config: TrainConfig) -> TrainConfig:
+    """The same with Gaussians that grow within the few steps there are."""
+    return replace(config, densify=replace(config.densify, start=4, every=5, stop=0.9, gradient_threshold=1e-6))
+
+
+def test_gaussians_grow_up_to_the_cap(street, tmp_path):
+    config = with_growth(short())
+    config = replace(config, densify=replace(config.densify, max_gaussians=4_500))
+    events = []
+    run = train(street, tmp_path / "run", config=config, on_event=events.append)
+    grown = [event for event in events if isinstance(event, Refined)]
+    assert grown[0].cloned + grown[0].split > 0
+    assert max(event.gaussians for event in grown) == 4_500
+    assert json.loads((run / "run.json").read_text())["n_gaussians"] == grown[-1].gaussians
+
+
+@pytest.mark.parametrize("form", ["run", "ply"])
+@pytest.mark.parametrize("method", ["instdrive", "paper"])
+def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp_path, form, method):
+    """Its geometry and colours stay as they are, whichever origin they are stored with; a .ply brings no actors."""
+    before, start = read_scene_folder(trained), trained
+    if form == "ply":
+        before = frozen_at(before, 0.0)
+        before.gaussians.means += np.float32(5)
+        before.origin = before.origin - 5
+        start = tmp_path / "elsewhere.ply"
+        write_ply(start, before)
+    config = on_frozen_geometry(short(method))
+    run = train(street, tmp_path / "run", config=config, init=start)
+    after = read_scene_folder(run)
+    assert len(after) == len(before)
+    shift = (before.origin - after.origin)[None] * (before.nodes == 0)[:, None]
+    np.testing.assert_allclose(after.gaussians.means, before.gaussians.means + shift, atol=1e-4)
+    for name in ("quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
+        np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
+    assert len(after.actors) == len(before.actors)
+    assert bool(before.actors) == (form == "run")
+    first = with_first_features(before.gaussians, config.instances, config.seed).features
+    assert np.abs(after.gaussians.features - first).max() > 0.01
+    lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"instances"}
+    assert lines[-1]["iteration"] == 16
+
+
+def test_colours_are_trained_on_from_another_scene(street, trained, tmp_path):
+    run = train(street, tmp_path / "run", init=trained)
+    lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    first = next(json.loads(line) for line in (trained / "log.jsonl").read_text().splitlines())
+    assert lines[0]["stage"] == "rgb"
+    assert lines[0]["loss"] < first["loss"]
+    assert json.loads((run / "run.json").read_text())["init"] == str(trained)
+
+
+def test_a_scene_from_somewhere_else_is_refused(street, trained, tmp_path):
+    scene = frozen_at(read_scene_folder(trained), 0.0)
+    scene.gaussians.means += np.float32(10_000)
+    write_ply(tmp_path / "far.ply", scene)
+    with pytest.raises(DataError, match=r"far.ply.*before a camera.*world coordinates"):
+        train(street, tmp_path / "run", config=on_frozen_geometry(short()), init=tmp_path / "far.ply")
+    with pytest.raises(OptionError, match="--init"):
+        train(street, tmp_path / "other", config=on_frozen_geometry(short()))
+
+
+def test_a_static_run_has_no_actors_and_says_so(street, tmp_path):
+    config, notes = short(), []
+    config = replace(config, init=replace(config.init, moving_actors=False))
+    scene = read_scene_folder(train(street, tmp_path / "run", notes, config=config))
+    assert scene.actors == ()
+    assert not scene.nodes.any()
+    assert any("static-only" in note for note in notes)
+
+
+def test_a_clip_without_cuboids_is_static_and_says_so(street, tmp_path):
+    bare, notes = tmp_path / "bare", []
+    shutil.copytree(street, bare, ignore=shutil.ignore_patterns("cuboids"))
+    scene = read_scene_folder(train(bare, tmp_path / "run", notes))
+    assert scene.actors == ()
+    assert any("no cuboids" in note for note in notes)
