@@ -47,9 +47,14 @@ def load_workload(name: str, state: str) -> Workload:
         raise OptionError(
             f"no workload {name!r} in state {state!r}; choose from {', '.join(SIZES)} × {', '.join(STATES)}"
         )
-    folder = CACHE / name
+    return generated_workload(*SIZES[name], state)
+
+
+def generated_workload(count: int, width: int, height: int, state: str) -> Workload:
+    """A street of any size, kept for the next time. Raises DataError as `load_workload` does."""
+    folder = CACHE / f"{count}-{width}x{height}"
     if not (folder / f"{state}.npz").is_file():
-        _generate(name, folder)
+        _generate(folder, count, width, height)
     with np.load(folder / f"{state}.npz") as stored:
         arrays = {key: stored[key] for key in stored.files}
     return Workload(
@@ -62,17 +67,15 @@ def load_workload(name: str, state: str) -> Workload:
     )
 
 
-def _generate(name: str, folder: Path) -> None:
+def _generate(folder: Path, count: int, width: int, height: int) -> None:
     if not SCRIPT.is_file():
         raise DataError(SCRIPT, "the workload script is missing", "Measure where shared/ lies beside the repository.")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    count, width, height = SIZES[name]
     command = [sys.executable, str(SCRIPT), str(folder), str(count), str(width), str(height)]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     if result.returncode:
-        raise DataError(
-            SCRIPT, f"generating {name} failed: {result.stderr.strip()[-500:]}", "Fix the script, then run again."
-        )
+        problem = f"generating {folder.name} failed: {result.stderr.strip()[-500:]}"
+        raise DataError(SCRIPT, problem, "Fix the script, then run again.")
 
 
 def _cameras(intrinsics: ndarray, camera_from_world: ndarray, size: ndarray) -> tuple[Camera, ...]:
