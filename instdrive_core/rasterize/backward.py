@@ -2,233 +2,291 @@
 
 With g the pixel's gradient contracted with a splat's channels, and S what the splats behind it add to Σ w·g, a
 fragment's dL/dα′ is T·g - S / (1 - α′). S starts as the whole pixel, known from the forward pass, and shrinks as the
-walk goes on: nothing is stored per fragment. Sums over a tile's pixels go to one row per pair (tile, splat);
-`project_backward` adds each splat's rows in tile order, so the result does not depend on which thread took which tile.
+walk goes on: nothing is stored per fragment, only which rows of a tile a splat changed, and no others are visited.
+Sums over a tile's pixels go to one row per pair (tile, splat), the rows of a splat side by side;
+`project_backward` adds them in tile order, so the result does not depend on which thread took which tile.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
 import numba
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
 from numpy import ndarray
 
-from instdrive_core.rasterize.bin import PIXELS, TILE, TileLists
-from instdrive_core.rasterize.blend import BATCH, STRIDE, TILES_PER_TASK, any_alive, open_tile
-from instdrive_core.rasterize.fragment import FAST, FLOOR, exponent_of, power_of_two
-from instdrive_core.rasterize.project import CONIC_XX, CONIC_XY, CONIC_YY, DEPTH, Projection
+from instdrive_core.rasterize.bin import TILE, TileLists
+from instdrive_core.rasterize.blend import (
+    ROW,
+    STRIDE,
+    TILES_PER_TASK,
+    Blended,
+    aligned_zeros,
+    open_tile,
+    prefetch_record,
+)
+from instdrive_core.rasterize.fragment import EIGHTH, FAST, FLOOR, power_of_two
+from instdrive_core.rasterize.lanes import (
+    add_contracted,
+    add_products,
+    block_of,
+    block_sums,
+    choose,
+    greatest,
+    least,
+    load,
+    lowest_bit,
+    magnitude,
+    spread,
+    store,
+    store_first,
+    zero_block,
+)
+from instdrive_core.rasterize.records import (
+    BLOCK,
+    RECORD_BASE,
+    RECORD_VALUES,
+    RECORD_X,
+    RECORD_XX,
+    RECORD_XY,
+    RECORD_Y,
+    RECORD_YY,
+    blocks_of,
+)
 from instdrive_core.rasterize.settings import RasterSettings
+from instdrive_core.rasterize.spare import spare_floats
 
 # Columns of a pair's row: sums over the pixels of d = dL/dlog α′, with (x, y) = pixel - mean; then depth and channels.
 SUM_D, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_ABS_X, SUM_ABS_Y, SUM_DEPTH, SUM_CHANNELS = range(10)
 
-_REORDERED = FAST | {"reassoc"}
-"""Sums over pixels vectorise only where the compiler may choose their order; it is the same in every run."""
-_BLOCK = np.uint64(4)
-"""Channels are handled four at a time, in two groups padded to whole blocks: depth and geometry channels, the rest."""
-_STAGED = 9
-"""Numbers per staged splat in front of its depth and geometry channels."""
-_ROWS = tuple(STRIDE * np.uint64(row) for row in range(8))
-_TRANSMITTANCE, _WEIGHT, _X, _Y, _BEHIND, _GRAD_ALPHA, _GRAD_REST, _GRADS = _ROWS
+_AHEAD = np.uint64(16)
+"""Records are fetched this many pairs before they are read."""
+_PLANES = tuple(STRIDE * np.uint64(plane) for plane in range(6))
+_TRANSMITTANCE, _X, _Y, _BEHIND, _GRAD_ALPHA, _GRADS = _PLANES
+# What a splat's fragments share along a row: the exponent at dx = 0, its slopes there along x and y, and dy.
+_STAGED_BASE, _STAGED_SLOPE, _STAGED_SLOPE_Y, _STAGED_Y = (np.uint64(place) for place in (0, 16, 32, 48))
 
 Images = tuple[Float32[ndarray, "h w c"], Float32[ndarray, "h w"], Float32[ndarray, "h w"]]
 
 
+@dataclass(frozen=True)
+class PairSums:
+    """Sums of every pair (tile, splat), splat by splat, each splat's in tile order (`TileLists.entries`)."""
+
+    rows: Float32[ndarray, "m width"]
+    """Columns as named above; uninitialised where nothing was touched."""
+    touched: UInt8[ndarray, " m"]
+    """1 where the splat changed a pixel of the tile."""
+    geometry_channels: int
+    """How many of the first channels count in d."""
+
+    @property
+    def feature_column(self) -> int:
+        """Column of the first of the other channels: depth and geometry channels are padded to whole blocks."""
+        return SUM_DEPTH + BLOCK * blocks_of(1 + self.geometry_channels)
+
+
+@contextmanager
 def blend_backward(
-    projection: Projection,
+    records: Float32[ndarray, "v width"],
     tiles: TileLists,
-    channels: Float32[ndarray, "n c"],
-    outputs: Images,
+    blended: Blended,
     grads: Images,
     geometry_channels: int,
     settings: RasterSettings,
-) -> Float32[ndarray, "m 9+c"]:
-    """Sums of every pair (tile, splat), in the order of the tile lists; columns as named above.
+) -> Iterator[PairSums]:
+    """The sums, for as long as the scope lasts: their memory is used again.
 
     Args:
-        outputs: image, depth and alpha of the forward pass.
-        grads: the loss's gradients with respect to them.
-        geometry_channels: how many of the first channels count in d.
+        blended: result of the forward pass with the same records and tiles.
+        grads: the loss's gradients with respect to its image, depth and alpha.
     """
-    pair_sums = np.empty((len(tiles.splats), SUM_CHANNELS + channels.shape[1]), np.float32)
-    with numba.parallel_chunksize(TILES_PER_TASK):
+    count = len(tiles.splats)
+    geometry_blocks = blocks_of(1 + geometry_channels)
+    blocks = geometry_blocks + blocks_of(blended.image.shape[2] - geometry_channels)
+    width = SUM_DEPTH + BLOCK * blocks
+    with spare_floats(count * width) as space, numba.parallel_chunksize(1):
+        sums = PairSums(space.reshape(count, width), np.zeros(count, np.uint8), geometry_channels)
         _blend_backward(
-            (projection.splats, projection.rows, channels),
-            (tiles.starts, tiles.splats, tiles.spans),
-            tiles.columns,
+            records,
+            (tiles.starts, tiles.splats, tiles.entries, blended.reached),
+            (tiles.columns, geometry_channels, geometry_blocks, blocks),
             settings.as_row(),
-            outputs,
+            (blended.image, blended.depth, blended.alpha),
             grads,
-            geometry_channels,
-            pair_sums,
+            (sums.rows, sums.touched),
         )
-    return pair_sums
+        yield sums
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def _stage(staged, splats, rows, channels, geometry, pair_splats, start, stop, left, top, min_alpha):
-    """Copy what a batch of splats needs: its cache misses overlap here, not where each splat waits for the last."""
-    for pair in range(start, stop):
-        i, v = pair - start, np.uint64(pair_splats[pair])
-        x, y, base, xx, xy, yy = exponent_of(splats, v, left, top, min_alpha)
-        staged[i, 0], staged[i, 1], staged[i, 2] = x, y, base
-        staged[i, 3], staged[i, 4], staged[i, 5] = xx, xy, yy
-        staged[i, 6], staged[i, 7], staged[i, 8] = splats[v, CONIC_XX], splats[v, CONIC_XY], splats[v, CONIC_YY]
-        staged[i, _STAGED] = splats[v, DEPTH]
-        row = np.uint64(rows[v])
-        for channel in range(geometry):
-            staged[i, np.uint64(_STAGED + 1) + channel] = channels[row, channel]
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _stage(staged, records, at, top, lines):
+    """Work out for the tile's sixteen rows what the fragments of one splat share along a row."""
+    dy = lines - (records[at + RECORD_Y] - top)
+    yy = records[at + RECORD_YY]
+    store(staged, _STAGED_BASE, records[at + RECORD_BASE] + yy * dy * dy)
+    store(staged, _STAGED_SLOPE, records[at + RECORD_XY] * dy)
+    store(staged, _STAGED_SLOPE_Y, (yy + yy) * dy)
+    store(staged, _STAGED_Y, dy)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def _contract_later_blocks(scratch, splat, blocks, first, last):
-    """Gradient of alpha plus that of the geometry channels beyond the first block, contracted with a splat's values."""
-    for q in range(first, last):
-        scratch[_GRAD_REST + q] = scratch[_GRAD_ALPHA + q]
-    for k in range(_BLOCK, blocks * _BLOCK):
-        value, place = splat[np.uint64(_STAGED) + k], _GRADS + k * STRIDE
-        for q in range(first, last):
-            scratch[_GRAD_REST + q] += scratch[place + q] * value
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _geometry_sums(scratch, staged, weights, records, at, rows, left, geometry_blocks, constants):
+    """Blend one splat over its rows as the forward pass did, keep the weights and sum d in eight ways.
 
-
-@numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
-def _fragment_sums(scratch, splat, first, last, min_alpha, max_alpha, min_transmittance, sums):
-    """Blend one splat over its pixels as the forward pass did, keep the weights and sum d in eight ways."""
-    x, y, base, xx, xy, yy = splat[0], splat[1], splat[2], splat[3], splat[4], splat[5]
-    conic_xx, conic_xy, conic_yy = splat[6], splat[7], splat[8]
-    value0, value1, value2, value3 = splat[9], splat[10], splat[11], splat[12]
-    sum_d = sum_x = sum_y = sum_xx = sum_xy = sum_yy = abs_x = abs_y = np.float32(0)
-    for q in range(first, last):
-        dx, dy = scratch[_X + q] - x, scratch[_Y + q] - y
-        raw = power_of_two(max(base + yy * dy * dy + dx * (xy * dy + xx * dx), FLOOR))
-        alpha = min(raw, max_alpha) if raw >= min_alpha else np.float32(0)
-        before = scratch[_TRANSMITTANCE + q]
+    d is summed per column first, times 1, dy and dy²: all moments follow from these.
+    """
+    min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
+    zero, one, values = np.float32(0), np.float32(1), at + RECORD_VALUES
+    xx = records[at + RECORD_XX]
+    dx = load(scratch, _X) - (records[at + RECORD_X] - left)
+    cross = records[at + RECORD_XY] * dx
+    moment_0 = moment_1 = moment_2 = abs_x = abs_y = spread(zero)
+    while rows != np.uint64(0):
+        row = lowest_bit(rows)
+        rows &= rows - np.uint64(1)
+        q = row * ROW
+        slope = staged[_STAGED_SLOPE + row] + xx * dx
+        raw = power_of_two(greatest(staged[_STAGED_BASE + row] + dx * slope, FLOOR))
+        drawn = raw >= min_alpha
+        alpha = choose(drawn, least(raw, max_alpha), zero)
+        before = load(scratch, _TRANSMITTANCE + q)
         after = before - before * alpha
         goes_on = after > min_transmittance
-        weight = before - after if goes_on else np.float32(0)
-        scratch[_WEIGHT + q] = weight
-        scratch[_TRANSMITTANCE + q] = after if goes_on else -abs(before)
+        weight = choose(goes_on, before - after, zero)
+        store(weights, q, weight)
+        store(scratch, _TRANSMITTANCE + q, choose(goes_on, after, zero - magnitude(before)))
 
-        grad = scratch[_GRAD_REST + q] + (
-            (scratch[_GRADS + q] * value0 + scratch[_GRADS + STRIDE + q] * value1)
-            + (
-                scratch[_GRADS + np.uint64(2) * STRIDE + q] * value2
-                + scratch[_GRADS + np.uint64(3) * STRIDE + q] * value3
-            )
-        )
-        behind = scratch[_BEHIND + q] - weight * grad
-        scratch[_BEHIND + q] = behind
-        d = raw * (before * grad - behind / (np.float32(1) - alpha))
-        d = d if goes_on and raw >= min_alpha and raw <= max_alpha else np.float32(0)
-        d_x, d_y = d * dx, d * dy
-        sum_d += d
-        sum_x += d_x
-        sum_y += d_y
-        sum_xx += d_x * dx
-        sum_xy += d_x * dy
-        sum_yy += d_y * dy
-        abs_x += abs(conic_xx * d_x + conic_xy * d_y)
-        abs_y += abs(conic_xy * d_x + conic_yy * d_y)
-    sums[SUM_D], sums[SUM_X], sums[SUM_Y] = sum_d, sum_x, sum_y
-    sums[SUM_XX], sums[SUM_XY], sums[SUM_YY] = sum_xx, sum_xy, sum_yy
-    sums[SUM_ABS_X], sums[SUM_ABS_Y] = abs_x, abs_y
+        grad = load(scratch, _GRAD_ALPHA + q)
+        for block in range(geometry_blocks):
+            first = block * np.uint64(BLOCK)
+            grad = add_contracted(grad, scratch, _GRADS + first * STRIDE + q, STRIDE, records, values + first)
+        behind = load(scratch, _BEHIND + q) - weight * grad
+        store(scratch, _BEHIND + q, behind)
+        d = raw * (before * grad - behind / (one - alpha))
+        d = choose(goes_on & drawn & (raw <= max_alpha), d, zero)
+        dy = staged[_STAGED_Y + row]
+        d_y = d * dy
+        moment_0 += d
+        moment_1 += d_y
+        moment_2 += d_y * dy
+        size = magnitude(d)
+        abs_x += size * magnitude(slope + xx * dx)
+        abs_y += size * magnitude(staged[_STAGED_SLOPE_Y + row] + cross)
+    d_x, scale = moment_0 * dx, one / EIGHTH
+    return block_sums(
+        block_of(moment_0, d_x, moment_1, d_x * dx, moment_1 * dx, moment_2, abs_x * scale, abs_y * scale)
+    )
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_REORDERED)
-def _channel_sums(scratch, block, first, last):
-    """Sums of weight × gradient of one block of channels over a splat's pixels."""
-    place = _GRADS + block * _BLOCK * STRIDE
-    sum0 = sum1 = sum2 = sum3 = np.float32(0)
-    for q in range(first, last):
-        weight = scratch[_WEIGHT + q]
-        sum0 += weight * scratch[place + q]
-        sum1 += weight * scratch[place + STRIDE + q]
-        sum2 += weight * scratch[place + np.uint64(2) * STRIDE + q]
-        sum3 += weight * scratch[place + np.uint64(3) * STRIDE + q]
-    return sum0, sum1, sum2, sum3
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _value_sums(scratch, weights, rows, blocks, out, target):
+    """Sums of weight · gradient over a splat's rows, of depth and channels, twelve or four of them at a time."""
+    done = np.uint64(0)
+    while blocks - done >= np.uint64(3):
+        first, twelve, todo = done * np.uint64(BLOCK), zero_block(12), rows
+        while todo != np.uint64(0):
+            q = lowest_bit(todo) * ROW
+            todo &= todo - np.uint64(1)
+            twelve = add_products(twelve, load(weights, q), scratch, _GRADS + first * STRIDE + q, STRIDE)
+        store_first(12, out, target + first, block_sums(twelve))
+        done += np.uint64(3)
+    while done < blocks:
+        first, four, todo = done * np.uint64(BLOCK), zero_block(4), rows
+        while todo != np.uint64(0):
+            q = lowest_bit(todo) * ROW
+            todo &= todo - np.uint64(1)
+            four = add_products(four, load(weights, q), scratch, _GRADS + first * STRIDE + q, STRIDE)
+        store_first(4, out, target + first, block_sums(four))
+        done += np.uint64(1)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def _walk_tile(scratch, staged, sums, arrays, lists, start, stop, left, top, constants, geometry, out):
-    splats, rows, channels = arrays
-    _, pair_splats, spans = lists
-    min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
-    geometry_blocks = (geometry + _BLOCK) // _BLOCK
-    features = np.uint64(channels.shape[1]) - geometry
-    feature_blocks = (features + _BLOCK - np.uint64(1)) // _BLOCK
-    feature_start = np.uint64(SUM_DEPTH) + geometry_blocks * _BLOCK
-    done = start
-    while done < stop:
-        batch, done = done, min(done + np.uint64(BATCH), stop)
-        _stage(staged, splats, rows, channels, geometry, pair_splats, batch, done, left, top, min_alpha)
-        for pair in range(batch, done):
-            first, last = np.uint64(spans[pair, 0]) * np.uint64(TILE), np.uint64(spans[pair, 1]) * np.uint64(TILE)
-            splat = staged[pair - batch]
-            if geometry_blocks > np.uint64(1):
-                _contract_later_blocks(scratch, splat, geometry_blocks, first, last)
-            _fragment_sums(scratch, splat, first, last, min_alpha, max_alpha, min_transmittance, sums)
-            for block in range(geometry_blocks + feature_blocks):
-                k = np.uint64(SUM_DEPTH) + block * _BLOCK
-                sums[k], sums[k + np.uint64(1)], sums[k + np.uint64(2)], sums[k + np.uint64(3)] = _channel_sums(
-                    scratch, block, first, last
-                )
-            for k in range(np.uint64(SUM_CHANNELS) + geometry):
-                out[pair, k] = sums[k]
-            for k in range(features):
-                out[pair, np.uint64(SUM_CHANNELS) + geometry + k] = sums[feature_start + k]
-        if not any_alive(scratch, _TRANSMITTANCE):
-            break
-    for pair in range(done, stop):
-        for k in range(np.uint64(out.shape[1])):
-            out[pair, k] = np.float32(0)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _walk_tile(
+    scratch, work, records, width, lists, start, stop, left, top, blocks, constants, out, out_width, touched
+):
+    staged, weights = work
+    _, splats, entries, reached = lists
+    geometry_blocks, all_blocks = blocks
+    lines = load(scratch, _X)  # 0 … 15, here down the rows
+    for pair in range(start, stop):
+        prefetch_record(records, np.uint64(splats[min(pair + _AHEAD, stop - np.uint64(1))]) * width)
+        rows = np.uint64(reached[pair])
+        if rows == np.uint64(0):
+            continue
+        at, entry = np.uint64(splats[pair]) * width, np.uint64(entries[pair])
+        touched[entry] = np.uint8(1)
+        _stage(staged, records, at, top, lines)
+        sums = _geometry_sums(scratch, staged, weights, records, at, rows, left, geometry_blocks, constants)
+        store_first(8, out, entry * out_width, sums)
+        _value_sums(scratch, weights, rows, all_blocks, out, entry * out_width + np.uint64(SUM_DEPTH))
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _load_tile(scratch, left, top, outputs, grads, geometry):
-    """Fill a tile's state before anything is blended."""
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _load_tile(scratch, left, top, outputs, grads, size, channels, feature_plane):
+    """Gradients of a tile's pixels, and S of the whole pixel. Planes between geometry and features stay 0."""
     image, depth, alpha = outputs
     grad_image, grad_depth, grad_alpha = grads
-    height, width, count = image.shape
-    stride, first = np.int64(STRIDE), np.int64(_GRADS)
-    feature_start = (geometry + 4) // 4 * 4
-    open_tile(scratch, _TRANSMITTANCE, _X, _Y, width - left, height - top)
-    for q in range(PIXELS):
-        x, y = left + q % TILE, top + q // TILE
-        if x >= width or y >= height:
-            continue
-        scratch[np.int64(_GRAD_ALPHA) + q] = scratch[np.int64(_GRAD_REST) + q] = grad_alpha[y, x]
-        scratch[first + q] = grad_depth[y, x]
-        behind = grad_alpha[y, x] * alpha[y, x] + grad_depth[y, x] * depth[y, x]
-        for channel in range(geometry):
-            scratch[first + (1 + channel) * stride + q] = grad_image[y, x, channel]
-            behind += grad_image[y, x, channel] * image[y, x, channel]
-        for channel in range(geometry, count):
-            scratch[first + (feature_start + channel - geometry) * stride + q] = grad_image[y, x, channel]
-        scratch[np.int64(_BEHIND) + q] = behind
+    height, width = size
+    count, geometry = channels
+    for line in range(min(ROW, height - top)):
+        for column in range(min(ROW, width - left)):
+            q = line * ROW + column
+            pixel = (top + line) * width + left + column
+            at = pixel * count
+            scratch[_GRAD_ALPHA + q] = grad_alpha[pixel]
+            scratch[_GRADS + q] = grad_depth[pixel]
+            behind = grad_alpha[pixel] * alpha[pixel] + grad_depth[pixel] * depth[pixel]
+            for channel in range(geometry):
+                value = grad_image[at + channel]
+                scratch[_GRADS + (channel + np.uint64(1)) * STRIDE + q] = value
+                behind += value * image[at + channel]
+            for channel in range(geometry, count):
+                scratch[feature_plane + (channel - geometry) * STRIDE + q] = grad_image[at + channel]
+            scratch[_BEHIND + q] = behind
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _blend_backward(arrays, lists, columns, constants, outputs, grads, geometry, out):
-    starts, count = lists[0], outputs[0].shape[2]
-    padded_geometry = (geometry + 4) // 4 * 4
-    padded = padded_geometry + (count - geometry + 3) // 4 * 4
-    for tile in numba.prange(len(starts) - 1):
-        left, top = tile % columns * TILE, tile // columns * TILE
-        scratch = np.zeros(np.int64(_GRADS) + padded * np.int64(STRIDE), np.float32)
-        staged = np.zeros((BATCH, _STAGED + padded_geometry), np.float32)
-        sums = np.zeros(SUM_DEPTH + padded, np.float32)
-        _load_tile(scratch, left, top, outputs, grads, geometry)
-        _walk_tile(
-            scratch,
-            staged,
-            sums,
-            arrays,
-            lists,
-            np.uint64(starts[tile]),
-            np.uint64(starts[tile + 1]),
-            np.float32(left),
-            np.float32(top),
-            constants,
-            np.uint64(geometry),
-            out,
-        )
+def _blend_backward(records, lists, layout, constants, outputs, grads, out):
+    columns, geometry, geometry_blocks, blocks = layout
+    height, width, count = outputs[0].shape
+    flat_outputs = (outputs[0].reshape(-1), outputs[1].reshape(-1), outputs[2].reshape(-1))
+    flat_grads = (grads[0].reshape(-1), grads[1].reshape(-1), grads[2].reshape(-1))
+    starts, tiles = lists[0], len(lists[0]) - 1
+    for task in numba.prange((tiles + TILES_PER_TASK - 1) // TILES_PER_TASK):
+        scratch = aligned_zeros(np.int64(_GRADS) + BLOCK * blocks * np.int64(STRIDE))
+        work = (aligned_zeros(4 * TILE), aligned_zeros(TILE * TILE))
+        for tile in range(task * TILES_PER_TASK, min(tiles, (task + 1) * TILES_PER_TASK)):
+            left, top = tile % columns * TILE, tile // columns * TILE
+            if left + TILE > width or top + TILE > height:
+                scratch[:] = 0  # pixels outside the image have no gradient
+            open_tile(scratch, _TRANSMITTANCE, _X, _Y, width - left, height - top)
+            _load_tile(
+                scratch,
+                np.uint64(left),
+                np.uint64(top),
+                flat_outputs,
+                flat_grads,
+                (np.uint64(height), np.uint64(width)),
+                (np.uint64(count), np.uint64(geometry)),
+                _GRADS + np.uint64(BLOCK * geometry_blocks) * STRIDE,
+            )
+            _walk_tile(
+                scratch,
+                work,
+                records.reshape(-1),
+                np.uint64(records.shape[1]),
+                lists,
+                np.uint64(starts[tile]),
+                np.uint64(starts[tile + 1]),
+                np.float32(left),
+                np.float32(top),
+                (np.uint64(geometry_blocks), np.uint64(blocks)),
+                constants,
+                out[0].reshape(-1),
+                np.uint64(out[0].shape[1]),
+                out[1],
+            )

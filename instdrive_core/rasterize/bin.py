@@ -31,10 +31,10 @@ class TileLists:
     """Index into the projection."""
     spans: UInt8[ndarray, "m 2"]
     """First row and end row of the tile that the splat reaches."""
-    pairs: Int32[ndarray, " m"]
-    """The pairs splat by splat, each splat's in tile order."""
+    entries: Int32[ndarray, " m"]
+    """Where each pair stands when they are ordered splat by splat, each splat's in tile order."""
     splat_starts: Int64[ndarray, " v+1"]
-    """Splat v owns the entries splat_starts[v] … splat_starts[v + 1] of `pairs`."""
+    """Splat v owns the entries splat_starts[v] … splat_starts[v + 1]."""
 
 
 def bin_splats(projection: Projection, width: int, height: int) -> TileLists:
@@ -50,9 +50,9 @@ def bin_splats(projection: Projection, width: int, height: int) -> TileLists:
     starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(totals)])
     cursors = starts[:-1] + np.cumsum(counters, axis=0) - counters
     total = int(starts[-1])
-    splats, spans, pairs = np.empty(total, np.int32), np.empty((total, 2), np.uint8), np.empty(total, np.int32)
-    _place_pairs(projection.splats, projection.covariances, size, cursors, splat_starts, splats, spans, pairs)
-    return TileLists(columns, rows, starts, splats, spans, pairs, splat_starts)
+    splats, spans, entries = np.empty(total, np.int32), np.empty((total, 2), np.uint8), np.empty(total, np.int32)
+    _place_pairs(projection.splats, projection.covariances, size, cursors, splat_starts, splats, spans, entries)
+    return TileLists(columns, rows, starts, splats, spans, entries, splat_starts)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -112,7 +112,7 @@ def _count_pairs(splats, covariances, size, counters, splat_counts):
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
-def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, out_spans, out_pairs):
+def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, out_spans, out_entries):
     width, height, columns = size[0], size[1], size[2]
     count = len(splats)
     for chunk in numba.prange(_CHUNKS):
@@ -126,7 +126,7 @@ def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, o
                     first, end = _extent(across, column, height)
                     place = cursors[chunk, row * columns + column]
                     cursors[chunk, row * columns + column] += 1
-                    out_splats[place], out_pairs[entry] = v, place
+                    out_splats[place], out_entries[place] = v, entry
                     out_spans[place, 0] = min(max(first - row * TILE, 0), TILE)
                     out_spans[place, 1] = max(min(end - row * TILE, TILE), out_spans[place, 0])
                     entry += 1

@@ -16,7 +16,8 @@ FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn"}
 
 FLOOR = np.float32(-1.002)
 """Exponents (in eighths) are clamped here, below any alpha that is drawn."""
-_EIGHTH = np.float32(0.125 * np.log2(np.e))
+EIGHTH = np.float32(0.125 * np.log2(np.e))
+"""From natural exponents to eighths of a power of two."""
 
 
 def _exponential_coefficients() -> tuple[np.float32, ...]:
@@ -45,12 +46,12 @@ def exponent_of(splats, v, left, top, min_alpha):
 
     The exponent in eighths at offset (dx, dy) is base + yy·dy² + dx·(xy·dy + xx·dx).
     """
-    base = np.float32(0.5) * _EIGHTH * splats[v, POWER_LIMIT] + np.float32(0.125) * np.log2(min_alpha)
+    base = np.float32(0.5) * EIGHTH * splats[v, POWER_LIMIT] + np.float32(0.125) * np.log2(min_alpha)
     return (
         splats[v, MEAN_X] - np.float32(0.5) - left,
         splats[v, MEAN_Y] - np.float32(0.5) - top,
         base,
-        np.float32(-0.5) * _EIGHTH * splats[v, CONIC_XX],
-        -_EIGHTH * splats[v, CONIC_XY],
-        np.float32(-0.5) * _EIGHTH * splats[v, CONIC_YY],
+        np.float32(-0.5) * EIGHTH * splats[v, CONIC_XX],
+        -EIGHTH * splats[v, CONIC_XY],
+        np.float32(-0.5) * EIGHTH * splats[v, CONIC_YY],
     )

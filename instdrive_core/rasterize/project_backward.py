@@ -20,13 +20,17 @@ from instdrive_core.rasterize.backward import (
     SUM_XY,
     SUM_Y,
     SUM_YY,
+    PairSums,
 )
 from instdrive_core.rasterize.bin import TileLists
-from instdrive_core.rasterize.project import CONIC_XX, CONIC_XY, CONIC_YY, OPACITY, Projection, camera_row
+from instdrive_core.rasterize.lanes import prefetch
+from instdrive_core.rasterize.project import CONIC_XX, CONIC_XY, CONIC_YY, OPACITY, SPLAT_WIDTH, Projection, camera_row
 from instdrive_core.scene.camera import Camera
 
 _CHUNK = 1 << 8
 """Rows that one thread takes at a time."""
+_PREFETCHED_LINES = np.uint64(4)
+"""Cache lines of a splat's sums that are fetched ahead: those of three pairs; the rest follows by itself."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,8 @@ def project_backward(
     camera: Camera,
     projection: Projection,
     tiles: TileLists,
-    pair_sums: Float32[ndarray, "m 9+c"],
+    pair_sums: PairSums,
+    channels: int,
 ) -> RasterGradients:
     """Add each splat's pair sums in tile order and carry them back through the projection."""
     count = len(means)
@@ -64,7 +69,7 @@ def project_backward(
         quats=np.empty((count, 4), np.float32),
         log_scales=np.empty((count, 3), np.float32),
         opacities=np.empty(count, np.float32),
-        channels=np.empty((count, pair_sums.shape[1] - SUM_CHANNELS), np.float32),
+        channels=np.empty((count, channels), np.float32),
         means2d_abs=np.empty(count, np.float32),
         visible=np.empty(count, np.bool_),
         radii=np.empty(count, np.float32),
@@ -73,26 +78,46 @@ def project_backward(
         (means, quats, log_scales),
         camera_row(camera),
         (projection.places, projection.splats, projection.covariances),
-        (tiles.splat_starts, tiles.pairs, pair_sums),
+        (tiles.splat_starts, pair_sums.touched, pair_sums.rows),
+        (pair_sums.geometry_channels, pair_sums.feature_column),
         (result.means, result.quats, result.log_scales, result.opacities, result.channels),
         (result.means2d_abs, result.visible, result.radii),
     )
     return result
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def _prefetch(places, projected, paired, start, stop):
+    """Have fetched what the splats of these rows need: they lie in depth order, so anywhere."""
+    splats, covariances = projected
+    splat_starts, _, pair_sums = paired
+    pair_width = np.uint64(pair_sums.shape[1])
+    for i in range(start, stop):
+        v = np.uint64(max(places[i], 0))
+        prefetch(splat_starts, v)
+        prefetch(splats, v * np.uint64(SPLAT_WIDTH))
+        prefetch(covariances, v * np.uint64(3))
+    for i in range(start, stop):
+        if places[i] >= 0:
+            entry = np.uint64(splat_starts[places[i]])
+            for line in range(_PREFETCHED_LINES):
+                prefetch(pair_sums, entry * pair_width + line * np.uint64(16))
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
 def _sum_pairs(paired, v, sums):
     """Add the rows of splat v; False where it reaches no pixel."""
-    splat_starts, pairs, pair_sums = paired
+    splat_starts, touched, pair_sums = paired
     sums[:] = 0
     for entry in range(splat_starts[v], splat_starts[v + 1]):
-        pair = np.uint64(pairs[entry])
-        for k in range(np.uint64(len(sums))):
-            sums[k] += pair_sums[pair, k]
+        if touched[entry]:
+            pair = np.uint64(entry)
+            for k in range(np.uint64(len(sums))):
+                sums[k] += pair_sums[pair, k]
     return splat_starts[v] < splat_starts[v + 1]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _write_zeros(i, grads, statistics):
     grad_means, grad_quats, grad_log_scales, grad_opacities, grad_channels = grads
     means2d_abs, _, radii = statistics
@@ -100,7 +125,7 @@ def _write_zeros(i, grads, statistics):
     grad_opacities[i] = means2d_abs[i] = radii[i] = 0
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
 def _covariance_gradient(conic_xx, conic_xy, conic_yy, sums):
     """dL/dΣ = -conic · dL/dconic · conic, as the entries xx, xy (one of the two) and yy."""
     half = np.float32(0.5)
@@ -114,7 +139,7 @@ def _covariance_gradient(conic_xx, conic_xy, conic_yy, sums):
     )
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
 def _rotation(w, x, y, z):
     """Rotation matrix of a unit quaternion, row by row."""
     one, two = np.float32(1), np.float32(2)
@@ -131,7 +156,7 @@ def _rotation(w, x, y, z):
     )
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
 def _quaternion_gradient(w, x, y, z, g, length):
     """Gradient with respect to a quaternion of any length, from that of its rotation matrix (nine entries)."""
     two = np.float32(2)
@@ -143,7 +168,7 @@ def _quaternion_gradient(w, x, y, z, g, length):
     return (dw - along * w) / length, (dx - along * x) / length, (dy - along * y) / length, (dz - along * z) / length
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
 def _write_statistics(i, covariance, sums, statistics):
     means2d_abs, _, radii = statistics
     means2d_abs[i] = np.sqrt(sums[SUM_ABS_X] * sums[SUM_ABS_X] + sums[SUM_ABS_Y] * sums[SUM_ABS_Y])
@@ -152,15 +177,18 @@ def _write_statistics(i, covariance, sums, statistics):
     radii[i] = np.float32(3) * np.sqrt(half * (xx + yy) + spread)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
-def _write_gradients(i, splat, sums, inputs, view, grads):
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
+def _write_gradients(i, splat, sums, inputs, view, layout, grads):
     """Carry the sums of one splat back to its parameters."""
     means, quats, log_scales = inputs
     grad_means, grad_quats, grad_log_scales, grad_opacities, grad_channels = grads
     fx, fy = view[12], view[13]
     one, two, zero = np.float32(1), np.float32(2), np.float32(0)
-    for channel in range(grad_channels.shape[1]):
+    geometry, feature_column = layout
+    for channel in range(geometry):
         grad_channels[i, channel] = sums[SUM_CHANNELS + channel]
+    for channel in range(geometry, grad_channels.shape[1]):
+        grad_channels[i, channel] = sums[feature_column + channel - geometry]
     grad_opacities[i] = sums[SUM_D] / splat[OPACITY]
 
     conic_xx, conic_xy, conic_yy = splat[CONIC_XX], splat[CONIC_XY], splat[CONIC_YY]
@@ -220,17 +248,18 @@ def _write_gradients(i, splat, sums, inputs, view, grads):
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
-def _project_backward(inputs, view, projected, paired, grads, statistics):
+def _project_backward(inputs, view, projected, paired, layout, grads, statistics):
     places, splats, covariances = projected
     visible, count = statistics[1], len(projected[0])
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         start, stop = chunk * _CHUNK, min((chunk + 1) * _CHUNK, count)
         sums = np.empty((_CHUNK, paired[2].shape[1]), np.float32)
+        _prefetch(places, (splats, covariances), paired, start, stop)
         for i in range(start, stop):  # alone, so that the cache misses of many splats overlap
             visible[i] = places[i] >= 0 and _sum_pairs(paired, places[i], sums[i - start])
         for i in range(start, stop):
             if visible[i]:
                 _write_statistics(i, covariances[places[i]], sums[i - start], statistics)
-                _write_gradients(i, splats[places[i]], sums[i - start], inputs, view, grads)
+                _write_gradients(i, splats[places[i]], sums[i - start], inputs, view, layout, grads)
             else:
                 _write_zeros(i, grads, statistics)

@@ -9,10 +9,11 @@ from numpy import ndarray
 
 from instdrive_core.rasterize.backward import blend_backward
 from instdrive_core.rasterize.bin import TileLists, bin_splats
-from instdrive_core.rasterize.blend import blend
+from instdrive_core.rasterize.blend import Blended, blend
 from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.project import Projection, project
 from instdrive_core.rasterize.project_backward import RasterGradients, project_backward
+from instdrive_core.rasterize.records import pack_records
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -26,12 +27,12 @@ class RasterContext:
     means: Float32[ndarray, "n 3"]
     quats: Float32[ndarray, "n 4"]
     log_scales: Float32[ndarray, "n 3"]
-    channels: Float32[ndarray, "n c"]
     camera: Camera
     settings: RasterSettings
     projection: Projection
+    records: Float32[ndarray, "v width"]
     tiles: TileLists
-    outputs: tuple[Float32[ndarray, "h w c"], Float32[ndarray, "h w"], Float32[ndarray, "h w"]]
+    blended: Blended
 
 
 @dataclass(frozen=True)
@@ -75,9 +76,10 @@ def render(
     )
     projection = project(means, quats, log_scales, kernel_array(opacities), camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
-    outputs = blend(projection, tiles, channels, camera.width, camera.height, settings)
-    context = RasterContext(means, quats, log_scales, channels, camera, settings, projection, tiles, outputs)
-    return Raster(*outputs, context)
+    records = pack_records(projection, channels, settings)
+    blended = blend(records, tiles, channels.shape[1], camera.width, camera.height, settings)
+    context = RasterContext(means, quats, log_scales, camera, settings, projection, records, tiles, blended)
+    return Raster(blended.image, blended.depth, blended.alpha, context)
 
 
 def render_backward(
@@ -95,19 +97,20 @@ def render_backward(
     Raises:
         ValueError: `geometry_channels` is not between 0 and the number of channels.
     """
-    count = context.channels.shape[1]
+    count = context.blended.image.shape[2]
     if not 0 <= geometry_channels <= count:
         raise ValueError(f"geometry_channels is {geometry_channels}, expected 0 … {count}")
     grads = (kernel_array(grad_image), kernel_array(grad_depth), kernel_array(grad_alpha))
-    pair_sums = blend_backward(
-        context.projection,
-        context.tiles,
-        context.channels,
-        context.outputs,
-        grads,
-        geometry_channels,
-        context.settings,
-    )
-    return project_backward(
-        context.means, context.quats, context.log_scales, context.camera, context.projection, context.tiles, pair_sums
-    )
+    with blend_backward(
+        context.records, context.tiles, context.blended, grads, geometry_channels, context.settings
+    ) as pair_sums:
+        return project_backward(
+            context.means,
+            context.quats,
+            context.log_scales,
+            context.camera,
+            context.projection,
+            context.tiles,
+            pair_sums,
+            count,
+        )
