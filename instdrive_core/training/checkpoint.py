@@ -13,11 +13,11 @@ import torch
 from jaxtyping import UInt16
 from numpy import ndarray
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
+from safetensors.torch import save_file
 from torch import Tensor
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.formats.atomic import atomic_path
 from instdrive_core.scene.track import Track
 from instdrive_core.training.actor_poses import ActorPoses
 from instdrive_core.training.config import TrainConfig
@@ -78,7 +78,11 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         "tracks": [_track_facts(track) for track in trainer.model.actor_poses.tracks],
         "photo_keys": [photo.key for photo in trainer.store.facts],
     }
-    write_bytes(path, save(tensors, metadata={"instdrive": json.dumps(facts)}))
+    with atomic_path(path) as temporary:
+        try:
+            save_file(tensors, temporary, metadata={"instdrive": json.dumps(facts)})
+        except SafetensorError as error:
+            raise DataError(path, f"the checkpoint cannot be written ({error})", "Free some space") from error
 
 
 def load_checkpoint(path: Path) -> Checkpoint:

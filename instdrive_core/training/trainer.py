@@ -248,6 +248,7 @@ class Trainer:
             rng = step_rng(self.config.seed, _SAMPLING, number)
             pixels = inst.stratified_pixels(view.labels, config.pixels_per_view, rng)
             cached.append(cached_view(self.model, view, pixels, config.min_alpha))
+        self.store.release()
         return cached
 
     def _continue_on_cpu(self) -> None:

@@ -149,6 +149,10 @@ class ViewStore:
             worker = self._worker
         if worker is not None:
             worker.join(_PATIENCE)
+        self.release()
+
+    def release(self) -> None:
+        """Give the memory of all views back; they are read anew when asked for."""
         with self._changed:
             self._kept.clear()
             self._kept_bytes = 0
