@@ -1,4 +1,4 @@
-"""Forward and backward time of the CPU rasterizer on the shared workload.
+"""Forward and backward time of the CPU rasterizer on the shared workload, and the share of what the machine can do.
 
 `python -m benchmarks.rasterize --workload W2 --state init` prints one JSON line; times include projection, binning
 and the projection's backward pass, and are the median of several runs after a warm-up.
@@ -17,9 +17,12 @@ import numba
 import numpy as np
 import tyro
 
+from benchmarks.probe import evaluations, gaussian_pixel_rate
 from benchmarks.workload import Workload, load_workload
 from instdrive_core.errors import InstDriveError, OptionError
+from instdrive_core.rasterize.project import project
 from instdrive_core.rasterize.render import render, render_backward
+from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
 
 _GEOMETRY_CHANNELS = 3
 
@@ -60,9 +63,20 @@ def measure(workload: Workload, channels: int, runs: int) -> tuple[float, float]
     return statistics.median(forward[3:]), statistics.median(backward[3:])
 
 
+def needed_evaluations(workload: Workload) -> int:
+    """Gaussian-pixel evaluations of the first camera's frame with tight bounds."""
+    camera = workload.cameras[0]
+    projection = project(
+        workload.means, workload.quats, workload.log_scales, workload.opacities, camera, DEFAULT_SETTINGS
+    )
+    return evaluations(projection, camera.width, camera.height)
+
+
 def main(options: Options) -> None:
     """Measure and print one JSON line."""
-    forward, backward = measure(load_workload(options.workload, options.state), options.channels, options.runs)
+    workload = load_workload(options.workload, options.state)
+    forward, backward = measure(workload, options.channels, options.runs)
+    rate, needed = gaussian_pixel_rate(), needed_evaluations(workload)
     figures = {
         "workload": options.workload,
         "state": options.state,
@@ -71,6 +85,9 @@ def main(options: Options) -> None:
         "forward_ms": round(forward, 2),
         "backward_ms": round(backward, 2),
         "total_ms": round(forward + backward, 2),
+        "evaluations": needed,
+        "peak_rate": round(rate),
+        "share_forward": round(needed / (1e-3 * forward) / rate, 3),
     }
     print(json.dumps(figures))
 

@@ -80,11 +80,10 @@ class _Rasterize(torch.autograd.Function):
 
 
 def _fill(seen: SeenSplats, gradients: RasterGradients, camera: Camera) -> None:
-    """From pixels to coordinates in [-1, 1] and to shares of the longer side."""
+    """Screen-space gradients go from pixels to coordinates in [-1, 1]."""
     side = max(camera.width, camera.height)
     seen.visible = torch.from_numpy(gradients.visible)
     seen.gradients = torch.from_numpy(gradients.means2d_abs * np.float32(0.5 * side))
-    seen.radii = torch.from_numpy(gradients.radii * np.float32(1 / side))
 
 
 class _ViewColors(torch.autograd.Function):

@@ -24,8 +24,6 @@ class SeenSplats:
     """Whether the splat reaches a pixel."""
     gradients: Float[Tensor, " v"] | None = None
     """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over pixels, for screen coordinates in [-1, 1] along the longer side (AbsGS)."""
-    radii: Float[Tensor, " v"] | None = None
-    """Three standard deviations as a share of the image's longer side; 0 where not visible."""
 
 
 class Backend(Protocol):

@@ -37,13 +37,11 @@ class GrowthStatistics:
     """Over the views that saw it: `SeenSplats.gradients`."""
     view_counts: Float[Tensor, " n"]
     """How many views saw it."""
-    max_radii: Float[Tensor, " n"]
-    """Largest `SeenSplats.radii`."""
 
     @staticmethod
     def empty(count: int, device: torch.device) -> GrowthStatistics:
         """Nothing seen of `count` Gaussians."""
-        return GrowthStatistics(*(torch.zeros(count, device=device) for _ in range(3)))
+        return GrowthStatistics(torch.zeros(count, device=device), torch.zeros(count, device=device))
 
     def __len__(self) -> int:
         return len(self.gradient_sums)
@@ -51,14 +49,12 @@ class GrowthStatistics:
     @torch.no_grad()
     def add(self, rows: Int64[Tensor, " v"] | Int64[ndarray, " v"], seen: SeenSplats) -> None:
         """Count one view; `seen` has an entry for each of the (distinct) `rows`."""
-        visible, gradients, radii = seen.visible, seen.gradients, seen.radii
-        if visible is None or gradients is None or radii is None:
+        visible, gradients = seen.visible, seen.gradients
+        if visible is None or gradients is None:
             raise ValueError("the backward pass has not filled what was seen")
         places = torch.as_tensor(rows, device=self.gradient_sums.device)
         self.gradient_sums.index_add_(0, places, gradients.where(visible, 0))
         self.view_counts.index_add_(0, places, visible.float())
-        largest = self.max_radii.index_select(0, places).maximum(radii.where(visible, 0))
-        self.max_radii.index_copy_(0, places, largest)
 
     def mean_gradients(self) -> Float[Tensor, " n"]:
         """Over the views that saw each Gaussian; 0 for those never seen."""

@@ -270,16 +270,14 @@ def _fill(seen: SeenSplats, projected: _Projected, camera: Camera) -> None:
     opacities = projected.opacities[0]
     a, b, c = projected.conics[0].double().unbind(1)  # a thin splat's determinant cancels in float32
     determinant = a * c - b * b
-    xx, xy, yy = c / determinant, -b / determinant, a / determinant
+    xx, yy = c / determinant, a / determinant
     reach = (2 * torch.log(opacities / DEFAULT_SETTINGS.min_alpha)).clamp_min(0)
     visible = (projected.radii[0] > 0).all(dim=1)
     for axis, variance, size in ((0, xx, camera.width), (1, yy, camera.height)):
         middle, extent = projected.means[0, :, axis] - 0.5, (reach * variance).sqrt()
         first, last = (middle - extent).ceil().clamp_min(0), (middle + extent).floor().clamp_max(size - 1)
         visible &= first <= last
-    longest = 0.5 * (xx + yy) + ((0.5 * (xx - yy)).square() + xy.square()).sqrt()
     absolute = getattr(projected.means, "absgrad", None)
     lengths = torch.zeros_like(opacities) if absolute is None else absolute[0].norm(dim=1) * (0.5 * side)
     seen.visible = visible
     seen.gradients = torch.where(visible, lengths, 0)
-    seen.radii = torch.where(visible, 3 * longest.sqrt() / side, 0).to(opacities.dtype)

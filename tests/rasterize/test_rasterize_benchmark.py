@@ -21,9 +21,13 @@ def test_it_prints_one_json_line(
     monkeypatch.setitem(workload.SIZES, "W1", (800, 64, 48))
     main(Options(workload="W1", state="trained", runs=3))
     figures = json.loads(capsys.readouterr().out)
-    assert list(figures) == ["workload", "state", "channels", "threads", "forward_ms", "backward_ms", "total_ms"]
+    times = ["forward_ms", "backward_ms", "total_ms"]
+    shares = ["evaluations", "peak_rate", "share_forward"]
+    assert list(figures) == ["workload", "state", "channels", "threads", *times, *shares]
     assert (figures["workload"], figures["state"], figures["channels"]) == ("W1", "trained", 11)
     assert 0 < figures["forward_ms"] < figures["total_ms"]
+    expected = figures["evaluations"] / figures["forward_ms"] * 1e3 / figures["peak_rate"]
+    assert figures["share_forward"] == pytest.approx(expected, abs=1e-3)
 
 
 def test_an_absent_or_unknown_workload_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

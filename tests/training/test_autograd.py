@@ -95,10 +95,8 @@ def test_what_a_view_has_seen_is_in_shares_of_the_image() -> None:
     expected = render_backward(raster.context, np.ones_like(raster.image), zero, zero, 3)
     np.testing.assert_array_equal(seen.visible, expected.visible)
     np.testing.assert_allclose(seen.gradients, expected.means2d_abs * 47 / 2, rtol=1e-3)
-    np.testing.assert_allclose(seen.radii, expected.radii / 47, rtol=1e-4)
     assert not seen.visible[7]
-    assert seen.radii[7] == seen.gradients[7] == 0
-    assert 0 < seen.radii.max() < 2
+    assert seen.gradients[7] == 0
 
 
 def test_extreme_logits_stay_finite() -> None:

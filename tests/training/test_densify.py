@@ -231,12 +231,11 @@ def test_leaves_stay_leaves():
 
 def test_statistics_count_the_views_that_saw_a_gaussian():
     statistics = GrowthStatistics.empty(5, CPU)
-    seen = SeenSplats(torch.tensor([True, False, True]), torch.tensor([1.0, 99, 3]), torch.tensor([0.5, 99, 0.1]))
+    seen = SeenSplats(torch.tensor([True, False, True]), torch.tensor([1.0, 99, 3]))
     statistics.add(np.array([0, 1, 4]), seen)
     statistics.add(torch.tensor([4, 0, 2]), seen)
     np.testing.assert_allclose(statistics.mean_gradients(), [1, 0, 3, 0, 2])
     np.testing.assert_allclose(statistics.view_counts, [1, 0, 1, 0, 2])
-    np.testing.assert_allclose(statistics.max_radii, [0.5, 0, 0.1, 0, 0.5])
     again = statistics.restructured(np.array([0, 0]))
     assert len(again) == 2
     assert not any(value.any() for value in again.state_tensors().values())
@@ -249,13 +248,13 @@ def test_statistics_need_a_backward_pass():
 
 def test_saved_statistics_go_on_with_the_same_bits():
     rng = np.random.default_rng(0)
-    views = [(rng.permutation(9)[:6], torch.from_numpy(rng.random((2, 6), np.float32))) for _ in range(4)]
+    views = [(rng.permutation(9)[:6], torch.from_numpy(rng.random(6, np.float32))) for _ in range(4)]
     through, resumed = GrowthStatistics.empty(9, CPU), GrowthStatistics.empty(9, CPU)
-    for number, (rows, (gradients, radii)) in enumerate(views):
+    for number, (rows, gradients) in enumerate(views):
         if number == 2:
             resumed.load_state_tensors(load(save(through.state_tensors())))
         for statistics in (through, resumed)[: 1 + (number >= 2)]:
-            statistics.add(rows, SeenSplats(gradients > 0.3, gradients, radii))
+            statistics.add(rows, SeenSplats(gradients > 0.3, gradients))
     assert frozen(through.state_tensors()) == frozen(resumed.state_tensors())
     with pytest.raises(ValueError, match=r"gradient_sums: expected shape \(4,\), found \(9,\)"):
         GrowthStatistics.empty(4, CPU).load_state_tensors(through.state_tensors())
