@@ -46,7 +46,7 @@ def statistics_of(gradients):
     """One view each, which saw these gradients."""
     result = GrowthStatistics.empty(len(gradients), CPU)
     means = torch.as_tensor(gradients, dtype=torch.float32)
-    result.add(np.arange(len(means)), SeenSplats(torch.ones(len(means), dtype=torch.bool), means, means))
+    result.add(np.arange(len(means)), SeenSplats(torch.ones(len(means), dtype=torch.bool), means))
     return result
 
 
