@@ -20,9 +20,7 @@ import tyro
 from benchmarks.probe import evaluations, gaussian_pixel_rate
 from benchmarks.workload import Workload, load_workload
 from instdrive_core.errors import InstDriveError, OptionError
-from instdrive_core.rasterize.project import project
 from instdrive_core.rasterize.render import render, render_backward
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
 
 _GEOMETRY_CHANNELS = 3
 
@@ -63,20 +61,11 @@ def measure(workload: Workload, channels: int, runs: int) -> tuple[float, float]
     return statistics.median(forward[3:]), statistics.median(backward[3:])
 
 
-def needed_evaluations(workload: Workload) -> int:
-    """Gaussian-pixel evaluations of the first camera's frame with tight bounds."""
-    camera = workload.cameras[0]
-    projection = project(
-        workload.means, workload.quats, workload.log_scales, workload.opacities, camera, DEFAULT_SETTINGS
-    )
-    return evaluations(projection, camera.width, camera.height)
-
-
 def main(options: Options) -> None:
     """Measure and print one JSON line."""
     workload = load_workload(options.workload, options.state)
     forward, backward = measure(workload, options.channels, options.runs)
-    rate, needed = gaussian_pixel_rate(), needed_evaluations(workload)
+    rate, needed = gaussian_pixel_rate(), evaluations(workload, workload.cameras[0])
     figures = {
         "workload": options.workload,
         "state": options.state,
