@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Int32, Int64, UInt8
 from numpy import ndarray
 
-from instdrive_core.rasterize.project import MEAN_X, POWER_LIMIT, Projection
+from instdrive_core.rasterize.project import FLAGS, MEAN_X, POWER_LIMIT, Projection
 
 TILE = 16
 PIXELS = TILE * TILE
+_TILE_BITS = 4
 _CHUNKS = 16
 """Splats are dealt to this many parallel counters; the result does not depend on it."""
 _SLACK = np.float32(1e-3)
@@ -55,12 +56,12 @@ def bin_splats(projection: Projection, width: int, height: int) -> TileLists:
     return TileLists(columns, rows, starts, splats, spans, entries, splat_starts)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FLAGS)
 def _ellipse(splats, covariances, v, axis):
     """A splat's ellipse of visible alpha, cut in bands across `axis` (0 = x, 1 = y).
 
     Returns: centre along the other axis and along `axis`, in pixel indices; half extent along `axis`; then what
-    `_extent` takes: slope and stretch, the limit, the variance along `axis`, and where along `axis` the
+    `_extent` takes: slope and stretch, the limit, one over the variance along `axis`, and where along `axis` the
     ellipse is farthest out along the other.
     """
     xx, xy, yy = covariances[v, 0], covariances[v, 1], covariances[v, 2]
@@ -73,30 +74,31 @@ def _ellipse(splats, covariances, v, axis):
         xy / along,
         across - xy * xy / along,
         limit,
-        along,
+        np.float32(1) / along,
         xy * np.sqrt(limit / across),
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FLAGS)
 def _indices(low, high, size):
     """First index and end index of the pixel centres in [low, high], within 0 … size."""
-    return int(max(np.ceil(low), np.float32(0))), int(min(np.floor(high), np.float32(size - 1))) + 1
+    first, last = max(np.ceil(low), np.float32(0)), min(np.floor(high), np.float32(size - 1))
+    return np.int64(np.int32(first)), np.int64(np.int32(last)) + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FLAGS)
 def _extent(ellipse, band, size):
     """First and end pixel index of an ellipse within tile band `band`, along the other axis."""
-    center, band_center, reach, slope, stretch, limit, variance, peak = ellipse
+    center, band_center, reach, slope, stretch, limit, inverse_variance, peak = ellipse
     low = max(np.float32(band * TILE) - band_center, -reach)
     high = min(np.float32(band * TILE + TILE - 1) - band_center, reach)
     right, left = min(max(peak, low), high), min(max(-peak, low), high)
-    half_right = np.sqrt(max(stretch * (limit - right * right / variance), np.float32(0))) + _SLACK
-    half_left = np.sqrt(max(stretch * (limit - left * left / variance), np.float32(0))) + _SLACK
+    half_right = np.sqrt(max(stretch * (limit - right * right * inverse_variance), np.float32(0))) + _SLACK
+    half_left = np.sqrt(max(stretch * (limit - left * left * inverse_variance), np.float32(0))) + _SLACK
     return _indices(center + slope * left - half_left, center + slope * right + half_right, size)
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def _count_pairs(splats, covariances, size, counters, splat_counts):
     width, height, columns = size[0], size[1], size[2]
     count = len(splats)
@@ -104,14 +106,14 @@ def _count_pairs(splats, covariances, size, counters, splat_counts):
         for v in range(count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS):
             rows = _ellipse(splats, covariances, v, 1)
             top, bottom = _indices(rows[1] - rows[2], rows[1] + rows[2], height)
-            for row in range(top // TILE, (bottom + TILE - 1) // TILE):
+            for row in range(top >> _TILE_BITS, (bottom + TILE - 1) >> _TILE_BITS):
                 left, right = _extent(rows, row, width)
-                for column in range(left // TILE, (right + TILE - 1) // TILE):
+                for column in range(left >> _TILE_BITS, (right + TILE - 1) >> _TILE_BITS):
                     counters[chunk, row * columns + column] += 1
                     splat_counts[v] += 1
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy")
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
 def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, out_spans, out_entries):
     width, height, columns = size[0], size[1], size[2]
     count = len(splats)
@@ -120,9 +122,9 @@ def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, o
             entry = splat_starts[v]
             rows, across = _ellipse(splats, covariances, v, 1), _ellipse(splats, covariances, v, 0)
             top, bottom = _indices(rows[1] - rows[2], rows[1] + rows[2], height)
-            for row in range(top // TILE, (bottom + TILE - 1) // TILE):
+            for row in range(top >> _TILE_BITS, (bottom + TILE - 1) >> _TILE_BITS):
                 left, right = _extent(rows, row, width)
-                for column in range(left // TILE, (right + TILE - 1) // TILE):
+                for column in range(left >> _TILE_BITS, (right + TILE - 1) >> _TILE_BITS):
                     first, end = _extent(across, column, height)
                     place = cursors[chunk, row * columns + column]
                     cursors[chunk, row * columns + column] += 1

@@ -226,23 +226,23 @@ def _blend_tile(scratch, work, records, width, blocks, lists, start, stop, left,
             break
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _write_tile(scratch, left, top, images):
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _write_tile(scratch, left, top, images, height, width, count):
     """Copy a blended tile into the images."""
     image, depth, alpha = images
-    height, width, count = image.shape
-    for y in range(top, min(top + TILE, height)):
-        for x in range(left, min(left + TILE, width)):
-            q = (y - top) * TILE + x - left
-            alpha[y, x] = np.float32(1) - abs(scratch[np.int64(_TRANSMITTANCE) + q])
-            depth[y, x] = scratch[np.int64(_VALUES) + q]
+    for line in range(min(ROW, height - top)):
+        for column in range(min(ROW, width - left)):
+            q, pixel = line * ROW + column, (top + line) * width + left + column
+            alpha[pixel] = np.float32(1) - abs(scratch[_TRANSMITTANCE + q])
+            depth[pixel] = scratch[_VALUES + q]
             for channel in range(count):
-                image[y, x, channel] = scratch[np.int64(_VALUES) + (1 + channel) * np.int64(STRIDE) + q]
+                image[pixel * count + channel] = scratch[_VALUES + (np.uint64(1) + channel) * STRIDE + q]
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
 def _blend(records, lists, columns, blocks, constants, images, reached):
-    height, width = images[1].shape
+    height, width, count = images[0].shape
+    flat = (images[0].reshape(-1), images[1].reshape(-1), images[2].reshape(-1))
     starts, tiles = lists[0], len(lists[0]) - 1
     for task in numba.prange((tiles + TILES_PER_TASK - 1) // TILES_PER_TASK):
         scratch = aligned_zeros(np.int64(_VALUES) + BLOCK * blocks * np.int64(STRIDE))
@@ -272,4 +272,6 @@ def _blend(records, lists, columns, blocks, constants, images, reached):
                 constants,
                 reached,
             )
-            _write_tile(scratch, left, top, images)
+            _write_tile(
+                scratch, np.uint64(left), np.uint64(top), flat, np.uint64(height), np.uint64(width), np.uint64(count)
+            )

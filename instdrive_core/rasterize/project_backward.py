@@ -48,8 +48,6 @@ class RasterGradients:
     gsplat's thresholds are for coordinates in [-1, 1]: multiply by half the image's size."""
     visible: Bool[ndarray, " n"]
     """Whether the splat reaches any pixel centre."""
-    radii: Float32[ndarray, " n"]
-    """Three standard deviations along the longest axis of the projected splat, pixels."""
 
 
 def project_backward(
@@ -72,31 +70,28 @@ def project_backward(
         channels=np.empty((count, channels), np.float32),
         means2d_abs=np.empty(count, np.float32),
         visible=np.empty(count, np.bool_),
-        radii=np.empty(count, np.float32),
     )
     _project_backward(
         (means, quats, log_scales),
         camera_row(camera),
-        (projection.places, projection.splats, projection.covariances),
+        (projection.places, projection.splats),
         (tiles.splat_starts, pair_sums.touched, pair_sums.rows),
         (pair_sums.geometry_channels, pair_sums.feature_column),
         (result.means, result.quats, result.log_scales, result.opacities, result.channels),
-        (result.means2d_abs, result.visible, result.radii),
+        (result.means2d_abs, result.visible),
     )
     return result
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _prefetch(places, projected, paired, start, stop):
+def _prefetch(places, splats, paired, start, stop):
     """Have fetched what the splats of these rows need: they lie in depth order, so anywhere."""
-    splats, covariances = projected
     splat_starts, _, pair_sums = paired
     pair_width = np.uint64(pair_sums.shape[1])
     for i in range(start, stop):
         v = np.uint64(max(places[i], 0))
         prefetch(splat_starts, v)
         prefetch(splats, v * np.uint64(SPLAT_WIDTH))
-        prefetch(covariances, v * np.uint64(3))
     for i in range(start, stop):
         if places[i] >= 0:
             entry = np.uint64(splat_starts[places[i]])
@@ -120,9 +115,8 @@ def _sum_pairs(paired, v, sums):
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _write_zeros(i, grads, statistics):
     grad_means, grad_quats, grad_log_scales, grad_opacities, grad_channels = grads
-    means2d_abs, _, radii = statistics
     grad_means[i], grad_quats[i], grad_log_scales[i], grad_channels[i] = 0, 0, 0, 0
-    grad_opacities[i] = means2d_abs[i] = radii[i] = 0
+    grad_opacities[i] = statistics[0][i] = 0
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
@@ -166,15 +160,6 @@ def _quaternion_gradient(w, x, y, z, g, length):
     dz = two * (x * (g[2] + g[6]) + y * (g[5] + g[7]) + w * (g[3] - g[1]) - two * z * (g[0] + g[4]))
     along = dw * w + dx * x + dy * y + dz * z
     return (dw - along * w) / length, (dx - along * x) / length, (dy - along * y) / length, (dz - along * z) / length
-
-
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
-def _write_statistics(i, covariance, sums, statistics):
-    means2d_abs, _, radii = statistics
-    means2d_abs[i] = np.sqrt(sums[SUM_ABS_X] * sums[SUM_ABS_X] + sums[SUM_ABS_Y] * sums[SUM_ABS_Y])
-    half, xx, xy, yy = np.float32(0.5), covariance[0], covariance[1], covariance[2]
-    spread = np.sqrt((half * (xx - yy)) ** 2 + xy * xy)
-    radii[i] = np.float32(3) * np.sqrt(half * (xx + yy) + spread)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=True)
@@ -249,17 +234,17 @@ def _write_gradients(i, splat, sums, inputs, view, layout, grads):
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=True)
 def _project_backward(inputs, view, projected, paired, layout, grads, statistics):
-    places, splats, covariances = projected
+    places, splats = projected
     visible, count = statistics[1], len(projected[0])
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         start, stop = chunk * _CHUNK, min((chunk + 1) * _CHUNK, count)
         sums = np.empty((_CHUNK, paired[2].shape[1]), np.float32)
-        _prefetch(places, (splats, covariances), paired, start, stop)
+        _prefetch(places, splats, paired, start, stop)
         for i in range(start, stop):  # alone, so that the cache misses of many splats overlap
             visible[i] = places[i] >= 0 and _sum_pairs(paired, places[i], sums[i - start])
         for i in range(start, stop):
             if visible[i]:
-                _write_statistics(i, covariances[places[i]], sums[i - start], statistics)
+                statistics[0][i] = np.sqrt(sums[i - start, SUM_ABS_X] ** 2 + sums[i - start, SUM_ABS_Y] ** 2)
                 _write_gradients(i, splats[places[i]], sums[i - start], inputs, view, layout, grads)
             else:
                 _write_zeros(i, grads, statistics)

@@ -10,7 +10,7 @@ from little_scenes import Splats, random_splats, small_camera
 from instdrive_core.rasterize import backward, blend, project_backward, spare
 from instdrive_core.rasterize.render import render, render_backward
 
-NAMES = ("means", "quats", "log_scales", "opacities", "channels", "means2d_abs", "visible", "radii")
+NAMES = ("means", "quats", "log_scales", "opacities", "channels", "means2d_abs", "visible")
 
 
 def _drawn(splats: Splats, seed: int = 0) -> list[np.ndarray]:

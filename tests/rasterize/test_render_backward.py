@@ -139,8 +139,7 @@ def test_statistics_for_densification() -> None:
     grad = np.repeat(rng.normal(size=(37, 53, 1)), 3, axis=2)
     gradients = render_backward(raster.context, grad, np.zeros((37, 53)), np.zeros((37, 53)), 3)
     assert gradients.visible.tolist() == [True, False]
-    assert gradients.means2d_abs[1] == gradients.radii[1] == 0
-    assert gradients.radii[0] == pytest.approx(3 * np.sqrt(9 * 1.08 + 0.3), rel=0.1)
+    assert gradients.means2d_abs[1] == 0
 
     y, x = np.mgrid[:37, :53] + 0.5
     conic = np.linalg.inv(_matrix(raster.context.projection.covariances[0]))
