@@ -30,7 +30,11 @@ class InitConfig:
 
 @dataclass(frozen=True)
 class GeometryConfig:
-    """The RGB stage: appearance and shape."""
+    """The RGB stage: appearance and shape.
+
+    Rates are four times those of 3DGS: Adam moves only what a view sees, and a drive's Gaussian is seen by one view in
+    five to ten (measured: docs/engine.md).
+    """
 
     iterations: int = 4_500
     """Steps of one image each."""
@@ -44,23 +48,23 @@ class GeometryConfig:
     """LiDAR depth, L1 in metres below 80 m."""
     sky_weight: float = 0.05
     """Opacity inside the sky mask."""
-    means_lr: float = 1.6e-4
+    means_lr: float = 6.4e-4
     """Times the scene radius; falls exponentially to a hundredth."""
-    sh_dc_lr: float = 2.5e-3
+    sh_dc_lr: float = 0.01
     """Constant colour."""
-    sh_rest_lr: float = 1.25e-4
+    sh_rest_lr: float = 5e-4
     """View-dependent colour."""
-    opacity_lr: float = 0.05
+    opacity_lr: float = 0.2
     """Opacity logits."""
-    scale_lr: float = 5e-3
+    scale_lr: float = 0.02
     """Log scales."""
-    rotation_lr: float = 1e-3
+    rotation_lr: float = 4e-3
     """Quaternions."""
     sky_lr: float = 0.01
     """Sky cube map."""
     sky_resolution: int = 128
     """Texels along one side of a cube face."""
-    exposure_lr: float = 1e-3
+    exposure_lr: float = 5e-3
     """Affine exposure of each photo; 0 = none."""
     exposure_weight: float = 0.1
     """Pull of the exposures towards the identity, singly and in the mean."""
