@@ -194,6 +194,19 @@ def printed_form(instances: InstanceConfig) -> InstanceConfig:
     )
 
 
+def printed_rates(geometry: GeometryConfig) -> GeometryConfig:
+    """Learning rates as 3DGS prints them, for runs as long as its own."""
+    return replace(
+        geometry,
+        means_lr=1.6e-4,
+        sh_dc_lr=2.5e-3,
+        sh_rest_lr=1.25e-4,
+        opacity_lr=0.05,
+        scale_lr=5e-3,
+        rotation_lr=1e-3,
+    )
+
+
 def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: int = 0) -> TrainConfig:
     """The configuration behind `--method` and `--preset`."""
     config = TrainConfig(method=method, preset=preset, seed=seed)
@@ -209,7 +222,7 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
         config = replace(
             config,
             init=InitConfig(lidar_points=800_000, near_points=100_000, far_points=100_000, actor_points=5_000),
-            geometry=replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3),
+            geometry=printed_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
             densify=replace(config.densify, max_gaussians=1_500_000),
             instances=replace(config.instances, iterations=10_000),
         )
