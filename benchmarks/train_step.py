@@ -90,9 +90,8 @@ class Step:
         marks.append(time.perf_counter())
         loss, _ = self.backend.photometric_loss(drawn.color, self.photo, None, 0.2)
         assert drawn.features is not None
-        total = loss + (drawn.features * self.pull).sum()
         marks.append(time.perf_counter())
-        total.backward()
+        torch.autograd.backward([loss, drawn.features], [None, self.pull])
         marks.append(time.perf_counter())
         gradients = drawn.gradients()
         features = {"features": gradients.pop("features")}

@@ -12,6 +12,7 @@ from torch import Tensor
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.actor_poses import NodePoses
 from instdrive_core.training.backend import Backend, SeenSplats
+from instdrive_core.training.gather import gathered
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.rows_in_view import rows_in_view
 
@@ -45,7 +46,7 @@ def draw_view(model: SceneModel, backend: Backend, camera: Camera, time: float, 
     poses = model.actor_poses.at(time, model.corrections)
     rows = rows_of_view(model, backend, poses, camera)
     names = (*GEOMETRY, "features") if with_features else GEOMETRY
-    splats = {name: model.parameters[name].detach().index_select(0, rows).requires_grad_(True) for name in names}
+    splats = {name: gathered(model.parameters[name], rows).requires_grad_(True) for name in names}
     nodes = model.nodes[rows.cpu().numpy()]
     means, quats = backend.place(splats["means"], splats["quats"], nodes, poses.rotations, poses.shifts)
     colors = backend.sh_colors(means, splats["sh_dc"], splats["sh_rest"], camera.position, nodes, poses.matrices)
