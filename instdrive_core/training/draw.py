@@ -65,6 +65,7 @@ def rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: 
     """Rows that may be seen. A GPU culls faster than rows are gathered: there, all of the actors that exist."""
     if backend.device.type != "cpu":
         return torch.from_numpy(np.flatnonzero(poses.present[model.nodes])).to(backend.device)
-    p = model.parameters
-    arrays = (p[name].detach().numpy() for name in ("means", "log_scales", "opacity_logits"))
-    return torch.from_numpy(rows_in_view(*arrays, model.nodes, poses.matrices, poses.present, camera))
+    means, log_scales, logits = (
+        model.parameters[name].detach().numpy() for name in ("means", "log_scales", "opacity_logits")
+    )
+    return torch.from_numpy(rows_in_view(means, log_scales, logits, model.nodes, poses.matrices, poses.present, camera))
