@@ -1,4 +1,9 @@
-"""Which splats touch which 16 × 16 tile: a counting sort over splats that are already in depth order."""
+"""Which splats touch which 16 × 16 tile: a counting sort over splats that are already in depth order.
+
+Pairs are counted by one kernel and placed by another, which must agree on every bound to the last bit: a pair that was
+counted and not placed would name a splat at random. So nothing here is compiled with fastmath, with which the compiler
+may round the same formula differently in two places.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ import numpy as np
 from jaxtyping import Int32, Int64, UInt8
 from numpy import ndarray
 
-from instdrive_core.rasterize.project import FLAGS, MEAN_X, POWER_LIMIT, Projection
+from instdrive_core.rasterize.project import MEAN_X, POWER_LIMIT, Projection
 
 TILE = 16
 PIXELS = TILE * TILE
@@ -56,7 +61,7 @@ def bin_splats(projection: Projection, width: int, height: int) -> TileLists:
     return TileLists(columns, rows, starts, splats, spans, entries, splat_starts)
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FLAGS)
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _ellipse(splats, covariances, v, axis):
     """A splat's ellipse of visible alpha, cut in bands across `axis` (0 = x, 1 = y).
 
@@ -79,14 +84,18 @@ def _ellipse(splats, covariances, v, axis):
     )
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FLAGS)
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _indices(low, high, size):
-    """First index and end index of the pixel centres in [low, high], within 0 … size."""
-    first, last = max(np.ceil(low), np.float32(0)), min(np.floor(high), np.float32(size - 1))
+    """First index and end index of the pixel centres in [low, high], within 0 … size; none between bounds that are no
+    numbers."""
+    if not low <= high:
+        return np.int64(0), np.int64(0)
+    first = min(max(np.ceil(low), np.float32(0)), np.float32(size))
+    last = max(min(np.floor(high), np.float32(size - 1)), np.float32(-1))
     return np.int64(np.int32(first)), np.int64(np.int32(last)) + 1
 
 
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FLAGS)
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _extent(ellipse, band, size):
     """First and end pixel index of an ellipse within tile band `band`, along the other axis."""
     center, band_center, reach, slope, stretch, limit, inverse_variance, peak = ellipse
@@ -98,7 +107,7 @@ def _extent(ellipse, band, size):
     return _indices(center + slope * left - half_left, center + slope * right + half_right, size)
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@numba.njit(cache=True, parallel=True, error_model="numpy")
 def _count_pairs(splats, covariances, size, counters, splat_counts):
     width, height, columns = size[0], size[1], size[2]
     count = len(splats)
@@ -113,7 +122,7 @@ def _count_pairs(splats, covariances, size, counters, splat_counts):
                     splat_counts[v] += 1
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+@numba.njit(cache=True, parallel=True, error_model="numpy")
 def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, out_spans, out_entries):
     width, height, columns = size[0], size[1], size[2]
     count = len(splats)

@@ -1,0 +1,47 @@
+"""Tile lists: every pair that was counted is placed once, and bounds that are no numbers make no pair."""
+
+import numpy as np
+import pytest
+
+from instdrive_core.rasterize.bin import TILE, bin_splats
+from instdrive_core.rasterize.project import Projection, project
+from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
+from instdrive_core.scene.camera import Camera, look_at
+
+WIDTH, HEIGHT = 203, 118
+
+
+def street(seed: int, count: int = 60_000) -> Projection:
+    """Splats of all sizes and shapes, many of them needles."""
+    rng = np.random.default_rng(seed)
+    means = rng.uniform([-40, 2, -5], [40, 80, 15], (count, 3)).astype(np.float32)
+    quats, log_scales = rng.normal(size=(count, 4)), rng.normal(-2.5, 1.5, (count, 3))
+    opacities = rng.uniform(0.01, 1, count)
+    camera = Camera(200.0, 200.0, 101.0, 59.0, WIDTH, HEIGHT, look_at(np.zeros(3), np.array([0, 10.0, 0])))
+    arrays = (array.astype(np.float32) for array in (means, quats, log_scales, opacities))
+    return project(*arrays, camera, DEFAULT_SETTINGS)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_counted_pair_is_placed_once(seed):
+    projection = street(seed)
+    tiles = bin_splats(projection, WIDTH, HEIGHT)
+    owners = np.repeat(np.arange(len(projection.rows)), np.diff(tiles.splat_starts))
+    np.testing.assert_array_equal(np.sort(tiles.entries), np.arange(len(tiles.entries)))
+    np.testing.assert_array_equal(tiles.splats, owners[tiles.entries])
+    for tile in range(len(tiles.starts) - 1):
+        within = tiles.splats[tiles.starts[tile] : tiles.starts[tile + 1]]
+        assert np.all(np.diff(within) > 0), "nearest first, none twice"
+    assert np.all(tiles.spans[:, 0] <= tiles.spans[:, 1])
+    assert tiles.spans.max() <= TILE
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 3e38, -3e38])
+@pytest.mark.parametrize("column", range(3))
+def test_covariances_and_means_beyond_all_bounds_stay_within_the_lists(value, column):
+    projection = street(0, 2_000)
+    projection.covariances[7, column] = value
+    projection.splats[9, min(column, 1)] = value
+    tiles = bin_splats(projection, WIDTH, HEIGHT)
+    np.testing.assert_array_equal(np.sort(tiles.entries), np.arange(len(tiles.entries)))
+    assert 0 <= tiles.splats.min() <= tiles.splats.max() < len(projection.rows)
