@@ -49,10 +49,11 @@ def test_covariances_and_means_beyond_all_bounds_stay_within_the_lists(value, co
 
 def test_a_bound_on_the_edge_of_a_pixel_is_counted_as_it_is_placed():
     """A needle met in training: with fastmath one kernel counted six tiles and the other placed it in five."""
-    splat = [
-        [105.37431335449219, 229.7801513671875, 0.37837690114974976, -0.06294608116149902]
-        + [0.024751799181103706, 0.9992861151695251, 5.517228126525879, 11.081098556518555]
-    ]
+    mean, conic = (
+        (105.37431335449219, 229.7801513671875),
+        (0.37837690114974976, -0.06294608116149902, 0.024751799181103706),
+    )
+    splat = [[*mean, *conic, 0.9992861151695251, 5.517228126525879, 11.081098556518555]]
     covariance = [[4.580868721008301, 11.649567604064941, 70.02703094482422]]
     arrays = (np.array(values, np.float32) for values in (splat, covariance))
     tiles = bin_splats(Projection(np.zeros(1, np.int32), *arrays, np.zeros(1, np.int32)), 480, 270)
