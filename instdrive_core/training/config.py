@@ -38,7 +38,7 @@ class GeometryConfig:
 
     iterations: int = 4_500
     """Steps of one image each."""
-    coarse_iterations: int = 1_000
+    coarse_iterations: int = 500
     """Of these, the first so many run at half the resolution."""
     sh_degree: int = 1
     """Degree of the spherical harmonics, 0 to 3."""
@@ -214,7 +214,7 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
         config = replace(
             config,
             init=InitConfig(lidar_points=100_000, near_points=10_000, far_points=10_000, actor_points=2_000),
-            geometry=replace(config.geometry, iterations=2_200, coarse_iterations=600),
+            geometry=replace(config.geometry, iterations=2_200, coarse_iterations=250),
             densify=replace(config.densify, max_gaussians=180_000),
             instances=replace(config.instances, iterations=1_500),
         )
