@@ -1,17 +1,16 @@
 """The blending weights of chosen pixels as a sparse matrix: with frozen geometry a rendered feature map is W·F.
 
 Training instance features then needs no rasterizing: `apply_weights` is the forward pass of the chosen pixels,
-`apply_weights_transposed` the gradient.
+that of the `transposed` weights the gradient.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numba
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32, Int64
+from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.rasterize.bin import TILE, TileLists, bin_splats
@@ -34,13 +33,12 @@ class BlendWeights:
     """Gaussians."""
     weights: Float32[ndarray, " m"]
 
-    @cached_property
-    def _by_row(self) -> tuple[ndarray, ndarray, ndarray, ndarray]:
-        """The same entries Gaussian by Gaussian: distinct rows, where each one's entries start, pixels, weights."""
-        order = np.argsort(self.rows, kind="stable")
-        rows, starts = np.unique(self.rows[order], return_index=True)
-        pixels = np.repeat(np.arange(len(self.indptr) - 1, dtype=np.int32), np.diff(self.indptr))
-        return rows, np.append(starts, len(order)), pixels[order], self.weights[order]
+    def of_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
+        """The matrix without the other pixels."""
+        counts = np.diff(self.indptr)
+        entries = np.repeat(kept, counts)
+        indptr = np.concatenate([[0], np.cumsum(counts[kept])]).astype(np.int64)
+        return BlendWeights(indptr, self.rows[entries], self.weights[entries])
 
 
 def blend_weights(
@@ -75,21 +73,30 @@ def blend_weights(
 def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Float32[ndarray, "p d"]:
     """W·F: the features of all Gaussians blended at each pixel."""
     features = kernel_array(features)
-    blended = np.zeros((len(weights.indptr) - 1, features.shape[1]), np.float32)
-    _sum_rows(weights.indptr, weights.rows, weights.weights, features, np.arange(len(blended)), blended)
+    blended = np.empty((len(weights.indptr) - 1, features.shape[1]), np.float32)
+    _sum_rows(weights.indptr, weights.rows, weights.weights, features, blended)
     return blended
 
 
-def apply_weights_transposed(weights: BlendWeights, grad: Float[ndarray, "p d"], count: int) -> Float32[ndarray, "n d"]:
-    """Wᵀ·grad for N = `count` Gaussians: the gradient of `apply_weights` with respect to the features.
+def transposed(weights: BlendWeights, count: int) -> BlendWeights:
+    """Wᵀ for N = `count` Gaussians; each one's entries in the order of the pixels.
 
-    The result is full: zeros cost less than what an optimiser spends on finding out where they are. The entries
-    are regrouped by Gaussian once per `BlendWeights`, so each Gaussian is summed by one thread in pixel order.
+    `apply_weights` of it turns a gradient of pixels into the features' gradient.
     """
-    rows, starts, pixels, values = weights._by_row
-    result = np.zeros((count, grad.shape[1]), np.float32)
-    _sum_rows(starts, pixels, values, kernel_array(grad), rows, result)
-    return result
+    indptr = np.zeros(count + 1, np.int64)
+    pixels, values = np.empty_like(weights.rows), np.empty_like(weights.weights)
+    _transpose(weights.indptr, weights.rows, weights.weights, indptr, pixels, values)
+    return BlendWeights(indptr, pixels, values)
+
+
+def compacted(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
+    """The rows of N = `count` Gaussians that have weights, rising, and the weights with these rows alone."""
+    used = np.zeros(count, np.bool_)
+    used[weights.rows] = True
+    rows = np.flatnonzero(used)
+    place = np.empty(count, np.int32)
+    place[rows] = np.arange(len(rows), dtype=np.int32)
+    return rows, BlendWeights(weights.indptr, place[weights.rows], weights.weights)
 
 
 _NO_ROWS, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
@@ -153,11 +160,28 @@ def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
         counts[order[place]] = found
 
 
+@numba.njit(cache=True, error_model="numpy")
+def _transpose(starts, rows, weights, indptr, pixels, values):
+    """A counting sort by row."""
+    for row in rows:
+        indptr[row + 1] += 1
+    for row in range(len(indptr) - 1):
+        indptr[row + 1] += indptr[row]
+    place = indptr[:-1].copy()
+    for pixel in range(len(starts) - 1):
+        for entry in range(starts[pixel], starts[pixel + 1]):
+            row = rows[entry]
+            pixels[place[row]], values[place[row]] = pixel, weights[entry]
+            place[row] += 1
+
+
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
-def _sum_rows(starts, sources, factors, values, targets, out):
-    for place in numba.prange(len(starts) - 1):
-        target = targets[place]
-        for entry in range(starts[place], starts[place + 1]):
-            source, factor = sources[entry], factors[entry]
-            for k in range(np.uint64(values.shape[1])):
+def _sum_rows(starts, sources, factors, values, out):
+    columns = np.uint64(values.shape[1])
+    for target in numba.prange(len(starts) - 1):
+        for k in range(columns):
+            out[target, k] = 0
+        for entry in range(np.uint64(starts[target]), np.uint64(starts[target + 1])):
+            source, factor = np.uint64(sources[entry]), factors[entry]
+            for k in range(columns):
                 out[target, k] += factor * values[source, k]

@@ -6,18 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int, UInt16
+from jaxtyping import Float, Int, Int64
 from numpy import ndarray
 from torch import Tensor
 
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.rasterize.blend_weights import (
-    BlendWeights,
-    apply_weights,
-    apply_weights_transposed,
-    blend_weights,
-)
+from instdrive_core.rasterize.blend_weights import BlendWeights, apply_weights, blend_weights, compacted, transposed
 from instdrive_core.scene.scene import placed
+from instdrive_core.training.gather import gathered
+from instdrive_core.training.instance_losses import Segments, segments_of
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.rows_in_view import rows_in_view
 from instdrive_core.training.views import TrainingView
@@ -27,49 +24,57 @@ from instdrive_core.training.views import TrainingView
 class CachedView:
     """Sampled pixels of one view: who contributes how much, and which mask each belongs to."""
 
+    rows: Int64[Tensor, " v"]
+    """The Gaussians that the pixels show, rising; `weights` counts these alone."""
     weights: BlendWeights
-    labels: UInt16[ndarray, " p"]
+    """W of these pixels and Gaussians, P × V."""
+    transposed: BlendWeights
+    """Wᵀ."""
+    segments: Segments
 
 
 def cached_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"], min_alpha: float) -> CachedView:
     """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
     assert view.labels is not None
-    weights = _weights_of_view(model, view, pixels)
-    counts = np.diff(weights.indptr)
-    alpha = np.zeros(len(pixels))
-    np.add.at(alpha, np.repeat(np.arange(len(pixels)), counts), weights.weights)
-    kept = alpha >= min_alpha
-    entries = np.repeat(kept, counts)
-    indptr = np.concatenate([[0], np.cumsum(counts[kept])]).astype(np.int64)
+    rows, weights = _weights_of_view(model, view, pixels)
+    alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
+    weights, kept = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+    used, weights = compacted(weights, len(rows))
     return CachedView(
-        BlendWeights(indptr, weights.rows[entries], weights.weights[entries]), view.labels.ravel()[pixels[kept]]
+        torch.from_numpy(rows[used]),
+        weights,
+        transposed(weights, len(used)),
+        segments_of(view.labels.ravel()[kept]),
     )
 
 
-def _weights_of_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]) -> BlendWeights:
+def _weights_of_view(
+    model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
+) -> tuple[Int64[ndarray, " v"], BlendWeights]:
+    """The Gaussians that the view may show, and their weights."""
     poses = model.actor_poses.at(view.time, model.corrections)
-    p = {name: value.detach().numpy() for name, value in model.parameters.items()}
+    p = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "opacity_logits")}
     rows = rows_in_view(
         p["means"], p["log_scales"], p["opacity_logits"], model.nodes, poses.matrices, poses.present, view.camera
     )
-    means, quats = placed(p["means"][rows], p["quats"][rows], model.nodes[rows], poses.matrices)
+    chosen = torch.from_numpy(rows)
+    means, quats, log_scales = (gathered(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales"))
+    means, quats = placed(means, quats, model.nodes[rows], poses.matrices)
     opacities = sigmoid(p["opacity_logits"][rows])
-    weights = blend_weights(means, quats, p["log_scales"][rows], opacities, view.camera, pixels)
-    return BlendWeights(weights.indptr, rows[weights.rows].astype(weights.rows.dtype), weights.weights)
+    return rows, blend_weights(means, quats, log_scales, opacities, view.camera, pixels)
 
 
 class _WeightedFeatures(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, features: Tensor, weights: BlendWeights) -> Tensor:
-        ctx.weights, ctx.count = weights, len(features)
-        return torch.from_numpy(apply_weights(weights, features.detach().numpy()))
+    def forward(ctx, features: Tensor, view: CachedView) -> Tensor:
+        ctx.transposed = view.transposed
+        return torch.from_numpy(apply_weights(view.weights, features.detach().numpy()))
 
     @staticmethod
     def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
-        full = apply_weights_transposed(ctx.weights, grad.contiguous().numpy(), ctx.count)
-        return torch.from_numpy(full), None
+        return torch.from_numpy(apply_weights(ctx.transposed, grad.numpy())), None
 
 
-def weighted_features(features: Float[Tensor, "n d"], weights: BlendWeights) -> Float[Tensor, "p d"]:
-    """W F and, backwards, its transpose."""
-    return _WeightedFeatures.apply(features, weights)
+def weighted_features(features: Float[Tensor, "v d"], view: CachedView) -> Float[Tensor, "p d"]:
+    """W F of the features of `view.rows` and, backwards, its transpose."""
+    return _WeightedFeatures.apply(features, view)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int, UInt16
+from jaxtyping import Float, Float32, UInt16
 from numpy import ndarray
 from torch import Tensor
 
 from instdrive_core.training import instance_losses as inst
 from instdrive_core.training.config import InstanceConfig
-from instdrive_core.training.voxel_loss import occupied_voxels, voxel_loss
+from instdrive_core.training.voxel_loss import voxel_loss
+from instdrive_core.training.voxels import occupied_voxels
 
 
 def pixel_terms(
-    features: Float[Tensor, "p d"], labels: Int[ndarray, " p"], config: InstanceConfig, pseudo: bool
+    features: Float[Tensor, "p d"], segments: inst.Segments, config: InstanceConfig, pseudo: bool
 ) -> dict[str, Tensor]:
-    """Contrastive terms and, where `pseudo` is on, pseudo supervision of rendered features with their masks (> 0)."""
-    if not len(labels):
+    """Contrastive terms and, where `pseudo` is on, pseudo supervision of rendered features with their masks."""
+    if not segments.count:
         return {}
-    segments = inst.segments_of(labels)
     seen = activated(features, config)
     pull, push = inst.contrastive_loss(seen, segments, config.repulsion_offset)
     terms = {"pull": config.contrastive_weight * pull, "push": config.contrastive_weight * push}
@@ -34,11 +34,11 @@ def voxel_term(
     nodes: UInt16[ndarray, " n"],
     config: InstanceConfig,
     rng: np.random.Generator,
-) -> Float[Tensor, ""]:
-    """Agreement of all Gaussians inside randomly shifted voxels, node by node."""
+) -> tuple[float, Float[Tensor, "n d"]]:
+    """Agreement of all Gaussians inside randomly shifted voxels, node by node, and its gradient."""
     offset = rng.uniform(0, config.voxel_size, 3)
     voxels = occupied_voxels(means, nodes, config.voxel_size, offset)
-    return config.voxel_weight * voxel_loss(activated(features, config), voxels)
+    return voxel_loss(features, voxels, config.voxel_weight, config.tanh)
 
 
 def activated(features: Float[Tensor, "p d"], config: InstanceConfig) -> Float[Tensor, "p d"]:

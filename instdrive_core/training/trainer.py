@@ -29,6 +29,7 @@ from instdrive_core.training.draw import DrawnView, draw_view
 from instdrive_core.training.events import CheckpointDue, Event, Refined, Stage, StageStarted, StepDone
 from instdrive_core.training.exposures import exposure_penalty
 from instdrive_core.training.feature_weights import CachedView, cached_view, weighted_features
+from instdrive_core.training.gather import gathered
 from instdrive_core.training.instance_terms import pixel_terms, sampled_pixels, voxel_term
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.optimizers import Optimizers
@@ -147,15 +148,14 @@ class Trainer:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
         if not self._cache:
             self._cache = self._cached_views()
-        features = self.model.parameters["features"].requires_grad_(True)
-        terms: dict[str, Tensor] = {}
+        terms, seen = self._voxel_terms(_INSTANCES), None
         if self._cache:
             view = self._cache[view_of_step(self.config.seed, _INSTANCES, self.iteration, len(self._cache))]
-            seen, pseudo = weighted_features(features, view.weights), pseudo_is_on(self.config, self.iteration)
-            terms |= pixel_terms(seen, view.labels, self.config.instances, pseudo)
-        terms |= self._voxel_terms(features, _INSTANCES)
+            seen = gathered(self.model.parameters["features"], view.rows).requires_grad_(True)
+            pseudo = pseudo_is_on(self.config, self.iteration)
+            terms |= pixel_terms(weighted_features(seen, view), view.segments, self.config.instances, pseudo)
         values = self._backward(terms)
-        self._descend_features(features, None)
+        self._descend_features((view.rows, seen.grad, None) if seen is not None and seen.grad is not None else None)
         return values, None
 
     # What the steps are made of.
@@ -170,24 +170,27 @@ class Trainer:
         rng, config = step_rng(self.config.seed, _RGB, self.iteration), self.config.instances
         alpha = drawn.alpha.detach().cpu().numpy()
         features, labels = sampled_pixels(drawn.features, alpha, view.labels, config, rng)
-        terms = pixel_terms(features, labels, config, pseudo_is_on(self.config, self.iteration))
-        return terms | self._voxel_terms(self.model.parameters["features"].requires_grad_(True), _RGB)
+        terms = pixel_terms(features, inst.segments_of(labels), config, pseudo_is_on(self.config, self.iteration))
+        return terms | self._voxel_terms(_RGB)
 
-    def _voxel_terms(self, features: Tensor, stream: int) -> dict[str, Tensor]:
-        config = self.config.instances
+    def _voxel_terms(self, stream: int) -> dict[str, Tensor]:
+        """The voxel loss of all features where it is due. Its gradient is left with them at once: see `voxel_loss`."""
+        features, config = self.model.parameters["features"], self.config.instances
         if not config.voxel_weight or self.iteration % config.voxel_every:
             return {}
         means = self.model.parameters["means"].detach().cpu().numpy()
         rng = step_rng(self.config.seed, stream, self.iteration)
-        return {"voxel": voxel_term(features, means, self.model.nodes, config, rng)}
+        value, features.grad = voxel_term(features, means, self.model.nodes, config, rng)
+        return {"voxel": torch.tensor(value)}
 
     def _backward(self, terms: dict[str, Tensor]) -> dict[str, float]:
         values = {name: float(term.detach()) for name, term in terms.items()}
         for name, value in values.items():
             if not np.isfinite(value):
                 raise self._diverged(f"{name} loss is {value}")
-        if terms:
-            torch.stack(list(terms.values())).sum().backward()
+        graphs = [term for term in terms.values() if term.requires_grad]
+        if graphs:
+            torch.stack(graphs).sum().backward()
         return values
 
     def _descend(self, drawn: DrawnView) -> None:
@@ -197,19 +200,21 @@ class Trainer:
         optimizers.geometry.step(drawn.rows, gradients, drawn.seen.visible)
         optimizers.step_shared(self.model)
         if rendered is not None:
-            self._descend_features(self.model.parameters["features"], (drawn, rendered))
+            self._descend_features((drawn.rows, rendered, drawn.seen.visible))
         if observes_at(self.config.densify, self.iteration, self.config.geometry.iterations):
             self.growth.add(drawn.rows, drawn.seen)
 
-    def _descend_features(self, features: Tensor, rendered: tuple[DrawnView, Tensor] | None) -> None:
-        """Descend along the voxel loss's gradient of all features and the rendered map's of those drawn."""
+    def _descend_features(self, seen: tuple[Tensor, Tensor, Tensor | None] | None) -> None:
+        """Descend along the voxel loss's gradient of all features, and the blended map's of those that a view saw:
+        their rows, gradients and, where not all of them, which were visible."""
+        features = self.model.parameters["features"]
         everywhere, features.grad = features.grad, None
-        if everywhere is None and rendered is not None:
-            drawn, gradient = rendered
-            self.optimizers.features.step(drawn.rows, {"features": gradient}, drawn.seen.visible)
+        if everywhere is None and seen is not None:
+            rows, gradient, visible = seen
+            self.optimizers.features.step(rows, {"features": gradient}, visible)
         elif everywhere is not None:
-            if rendered is not None:
-                everywhere.index_add_(0, rendered[0].rows, rendered[1])
+            if seen is not None:
+                everywhere.index_add_(0, seen[0], seen[1])
             rows = torch.arange(len(features), device=features.device)
             self.optimizers.features.step(rows, {"features": everywhere}, None)
 
