@@ -65,7 +65,7 @@ def blend_weights(
     indptr = np.zeros(len(pixels) + 1, np.int64)
     _run(projection, tiles, pixels, camera.width, settings, indptr, (counts, _NO_ROWS, _NO_WEIGHTS))
     np.cumsum(counts, out=indptr[1:])
-    rows, weights = np.empty(indptr[-1], np.int32), np.empty(indptr[-1], np.float32)
+    rows, weights = np.zeros(indptr[-1], np.int32), np.zeros(indptr[-1], np.float32)
     _run(projection, tiles, pixels, camera.width, settings, indptr, (counts, rows, weights))
     return BlendWeights(indptr, rows, weights)
 
@@ -155,6 +155,8 @@ def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
             if not after > min_transmittance:
                 break
             if len(rows):
+                if start + found == indptr[order[place] + 1]:
+                    break  # the pass that counted may have rounded one fragment away
                 rows[start + found], weights[start + found] = splat_rows[v], before - after
             found, before = found + 1, after
         counts[order[place]] = found
