@@ -14,8 +14,7 @@ from typing import Any
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Float64, Int, UInt8, UInt16
-from numpy import ndarray
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
@@ -43,6 +42,14 @@ class GsplatBackend:
 
     name = "gsplat"
 
+    sh_colors = staticmethod(torch_ops.sh_colors)
+    place = staticmethod(torch_ops.place)
+    over_sky = staticmethod(torch_ops.over_sky)
+    exposed = staticmethod(torch_ops.exposed)
+    photometric_loss = staticmethod(torch_ops.photometric_loss)
+    depth_loss = staticmethod(torch_ops.depth_loss)
+    sky_loss = staticmethod(torch_ops.sky_loss)
+
     def __init__(self, device: torch.device | None = None, library: Any = None) -> None:
         self.device = device or torch.device("cuda", torch.cuda.current_device())
         self._library = library or importlib.import_module("gsplat")
@@ -68,67 +75,6 @@ class GsplatBackend:
             raise ValueError(f"geometry_channels is {geometry_channels}, expected 0 … {count}")
         request = _Request(self._library, camera, geometry_channels, seen, torch.is_grad_enabled())
         return _Rasterize.apply(means, quats, log_scales, opacity_logits, channels, request)
-
-    def sh_colors(
-        self,
-        means: Float[Tensor, "v 3"],
-        sh_dc: Float[Tensor, "v 3"],
-        sh_rest: Float[Tensor, "v k 3"],
-        camera_position: Float64[ndarray, "3"],
-        nodes: UInt16[ndarray, " v"] | None = None,
-        poses: Float64[ndarray, "m 4 4"] | None = None,
-    ) -> Float[Tensor, "v 3"]:
-        """See `Backend.sh_colors`."""
-        return torch_ops.sh_colors(means, sh_dc, sh_rest, camera_position, nodes, poses)
-
-    def place(
-        self,
-        means: Float[Tensor, "v 3"],
-        quats: Float[Tensor, "v 4"],
-        nodes: UInt16[ndarray, " v"],
-        rotations: Float[Tensor, "m 3 3"],
-        shifts: Float[Tensor, "m 3"],
-    ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
-        """See `Backend.place`."""
-        return torch_ops.place(means, quats, nodes, rotations, shifts)
-
-    def over_sky(
-        self,
-        image: Float[Tensor, "h w 3"],
-        alpha: Float[Tensor, "h w"],
-        faces: Float[Tensor, "6 r r 3"],
-        camera: Camera,
-    ) -> Float[Tensor, "h w 3"]:
-        """See `Backend.over_sky`."""
-        return torch_ops.over_sky(image, alpha, faces, camera)
-
-    def exposed(self, image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
-        """See `Backend.exposed`."""
-        return torch_ops.exposed(image, exposure)
-
-    def photometric_loss(
-        self,
-        image: Float[Tensor, "h w 3"],
-        target: UInt8[ndarray, "h w 3"],
-        valid: Bool[ndarray, "h w"] | None,
-        ssim_weight: float,
-    ) -> tuple[Float[Tensor, ""], float]:
-        """See `Backend.photometric_loss`."""
-        return torch_ops.photometric_loss(image, target, valid, ssim_weight)
-
-    def depth_loss(
-        self,
-        depth: Float[Tensor, "h w"],
-        alpha: Float[Tensor, "h w"],
-        pixels: Int[ndarray, " k"],
-        lidar_depths: Float[ndarray, " k"],
-    ) -> Float[Tensor, ""]:
-        """See `Backend.depth_loss`."""
-        return torch_ops.depth_loss(depth, alpha, pixels, lidar_depths)
-
-    def sky_loss(self, alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
-        """See `Backend.sky_loss`."""
-        return torch_ops.sky_loss(alpha, sky)
 
 
 @dataclass(frozen=True)
