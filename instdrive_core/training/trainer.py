@@ -190,7 +190,7 @@ class Trainer:
                 raise self._diverged(f"{name} loss is {value}")
         graphs = [term for term in terms.values() if term.requires_grad]
         if graphs:
-            torch.stack(graphs).sum().backward()
+            torch.stack([term.to(self.backend.device) for term in graphs]).sum().backward()
         return values
 
     def _descend(self, drawn: DrawnView) -> None:
