@@ -53,8 +53,10 @@ def sampled_pixels(
     config: InstanceConfig,
     rng: np.random.Generator,
 ) -> tuple[Float[Tensor, "p d"], UInt16[ndarray, " p"]]:
-    """Pixels of a rendered feature map, stratified over masks, those with little opacity left out; on the CPU, where the
-    losses of these few are quickest."""
+    """Pixels of a rendered feature map, stratified over masks, those with little opacity left out.
+
+    They come on the CPU, where the losses of so few are quickest.
+    """
     usable = np.where(alpha >= config.min_alpha, labels, 0)
     pixels = inst.stratified_pixels(usable, config.pixels_per_view, rng)
     chosen = torch.from_numpy(pixels).to(features.device)
