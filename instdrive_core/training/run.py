@@ -19,6 +19,7 @@ from instdrive_core.formats.scene_folder import write_scene_folder
 from instdrive_core.masks.labelmap import MaskFolder
 from instdrive_core.masks.sources import ensure_masks
 from instdrive_core.scene.exposure import Exposures
+from instdrive_core.training.backend import Backend
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
 from instdrive_core.training.config import Device, TrainConfig
 from instdrive_core.training.device import chosen_backend
@@ -54,11 +55,12 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     """Train a clip into `request.out` and return it.
 
     Raises OptionError where the folder already holds a run and `resume` is off, DataError for clips that cannot
-    train, TrainingDivergedError where a loss is no longer finite.
+    train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there.
     """
     out = request.out
     torch.set_num_threads(1)  # the work is in our kernels' threads; torch's would wait for theirs and take their cores
     _check_output(request)
+    backend = chosen_backend(request.device)
     out.mkdir(parents=True, exist_ok=True)
     on_note(f"reading {request.clip}")
     clip = load_clip(str(request.clip), request.options)
@@ -72,14 +74,13 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     _say_what_is_missing(clip, request.config, on_note)
     with view_store(clip, masks) as store:
         compile_kernels(on_note)
-        trainer = _trainer(request, clip, store, on_note)
-        backend = trainer.backend.name
+        trainer = _trainer(request, clip, store, backend, on_note)
         _write_json(out / CONFIG, _config_facts(request, masks))
         _train(trainer, out, on_event)
         on_note("naming instances and writing the scene")
         scene = finished_scene(trainer.model, clip, request.config, trainer.has_masks, _exposures(trainer))
     write_scene_folder(out, scene)
-    _write_json(out / FACTS, _facts(request, masks, trainer, backend, len(scene.table)))
+    _write_json(out / FACTS, _facts(request, masks, trainer, backend.name, len(scene.table)))
     return out
 
 
@@ -118,8 +119,10 @@ def _check_output(request: RunRequest) -> None:
         raise OptionError("--freeze-geometry needs the scene whose geometry to keep: add --init SCENE.")
 
 
-def _trainer(request: RunRequest, clip: Clip, store: ViewStore, on_note: Callable[[str], None]) -> Trainer:
-    path, backend = request.out / CHECKPOINT, chosen_backend(request.device)
+def _trainer(
+    request: RunRequest, clip: Clip, store: ViewStore, backend: Backend, on_note: Callable[[str], None]
+) -> Trainer:
+    path = request.out / CHECKPOINT
     if backend.name != "cpu":
         on_note(f"backend: {backend.name} on {backend.device}")
     if request.resume and path.exists():
