@@ -1,39 +1,67 @@
-"""The first start on a machine compiles the kernels; later ones read them from a cache. This does it, and says so."""
+"""The first start on a machine compiles the kernels; later ones read them from Numba's cache. This says so and does it.
+
+A child process compiles, so that the run itself always executes what the cache holds. The process that compiles a
+parallel kernel may execute another version of it than it stores: calls are inlined in both, but vectorised separately,
+and their sums can differ in the last bit. A run killed and resumed would then differ from one that went through.
+"""
 
 from __future__ import annotations
 
-import threading
+import hashlib
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+import llvmlite.binding
+import numba
 import numpy as np
 
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
+from instdrive_core.training import photometric
 from instdrive_core.training.config import TrainConfig, train_config
 from instdrive_core.training.model import model_from_gaussians
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.view_store import ViewStore
 from instdrive_core.training.views import TrainingView
 
-_PATIENCE = 2.0
-"""Seconds of silence: reading cached kernels takes less."""
+_SOURCES = Path(__file__).parents[1]
+_MESSAGE = "compiling the kernels for this machine (once, about a minute; they are kept for later runs)"
 
 
 def compile_kernels(on_note: Callable[[str], None]) -> None:
-    """Take one step of each stage on a scene of a few Gaussians, so that no later step waits for the compiler."""
-    message = "compiling the kernels for this machine (once, about a minute; they are kept for later runs)"
-    timer = threading.Timer(_PATIENCE, on_note, (message,))
-    timer.daemon = True
-    timer.start()
-    try:
-        trainer = _small_trainer()
-        trainer.rgb_step()
-        trainer.stage = "instances"
-        trainer.instance_step()
-    finally:
-        timer.cancel()
+    """See that all kernels of a training step are compiled; returns at once where they are.
+
+    Where compiling or keeping them fails (a folder that is not writable), each process compiles its own as it goes.
+    """
+    stamp = _stamp()
+    if stamp.exists():
+        return
+    on_note(_MESSAGE)
+    done = subprocess.run([sys.executable, "-m", __name__], capture_output=True, check=False)
+    if done.returncode == 0:
+        stamp.parent.mkdir(parents=True, exist_ok=True)
+        stamp.touch()
+
+
+def take_a_step_of_each_stage() -> None:
+    """Train a scene of a few Gaussians: calls every kernel that a training step calls."""
+    trainer = _small_trainer()
+    trainer.rgb_step()
+    trainer.stage = "instances"
+    trainer.instance_step()
+
+
+def _stamp() -> Path:
+    """The file that tells that these sources' kernels are compiled for this machine; lies where Numba keeps them."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version} {llvmlite.binding.get_host_cpu_name()}".encode())
+    for path in sorted(_SOURCES.rglob("*.py")):
+        digest.update(f"{path} {path.stat().st_mtime_ns}".encode())
+    folder = Path(photometric._gradient.stats.cache_path)
+    return folder / f"kernels-{digest.hexdigest()[:16]}.compiled"
 
 
 def _small_trainer() -> Trainer:
@@ -81,3 +109,7 @@ def _small_config() -> TrainConfig:
         geometry=replace(config.geometry, coarse_iterations=0),
         instances=replace(config.instances, feature_dim=4, pixels_per_view=200),
     )
+
+
+if __name__ == "__main__":
+    take_a_step_of_each_stage()
