@@ -87,7 +87,7 @@ def scene_of(trainer: Trainer, clip: Clip) -> Scene:
     exposures = None
     if trainer.config.geometry.exposure_lr:
         exposures = finished_exposures(trainer.model.shared["exposures"], trainer.store.facts)
-    return finished_scene(trainer.model, clip, trainer.config, has_instances=False, exposures=exposures)
+    return finished_scene(trainer.model, clip, trainer.config, learned=None, exposures=exposures)
 
 
 def main(options: Options) -> dict[str, object]:

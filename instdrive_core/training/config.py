@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-Method = Literal["instdrive", "paper"]
+Method = Literal["instdrive", "paper", "mask-graph", "gaussian-grouping", "opengaussian"]
+LEARNED_ELSEWHERE = ("gaussian-grouping", "opengaussian")
+"""Methods whose instance stage is not the trainer's."""
 Preset = Literal["demo", "quick", "paper"]
 Device = Literal["auto", "cpu", "cuda"]
 
@@ -157,7 +159,8 @@ class TrainConfig:
     @property
     def instance_iterations(self) -> int:
         """Steps of the instance stage that follows the RGB stage."""
-        return self.instances.iterations if self.instances.schedule == "after" else 0
+        elsewhere = self.method in LEARNED_ELSEWHERE or self.instances.schedule != "after"
+        return 0 if elsewhere else self.instances.iterations
 
     def to_json(self) -> dict[str, Any]:
         """As nested plain values."""

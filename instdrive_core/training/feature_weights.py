@@ -24,6 +24,10 @@ from instdrive_core.training.views import TrainingView
 class CachedView:
     """Sampled pixels of one view: who contributes how much, and which mask each belongs to."""
 
+    number: int
+    """Of the view in its store."""
+    pixels: Int64[ndarray, " p"]
+    """Flat indices into the view's image, rising; all of them in a mask."""
     rows: Int64[Tensor, " v"]
     """The Gaussians that the pixels show, rising; `weights` counts these alone."""
     weights: BlendWeights
@@ -33,7 +37,9 @@ class CachedView:
     segments: Segments
 
 
-def cached_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"], min_alpha: float) -> CachedView:
+def cached_view(
+    model: SceneModel, view: TrainingView, number: int, pixels: Int[ndarray, " p"], min_alpha: float
+) -> CachedView:
     """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
     assert view.labels is not None
     rows, weights = _weights_of_view(model, view, pixels)
@@ -41,6 +47,8 @@ def cached_view(model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"
     weights, kept = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
     used, weights = compacted(weights, len(rows))
     return CachedView(
+        number,
+        kept.astype(np.int64),
         torch.from_numpy(rows[used]),
         weights,
         transposed(weights, len(used)),

@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float32, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.instances.codebook import quantized
 from instdrive_core.instances.components import split_components
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.config import TrainConfig
+from instdrive_core.training.instance_stage import LearnedInstances
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.naming import display_names, instance_classes
 
 
 def finished_scene(
-    model: SceneModel, clip: Clip, config: TrainConfig, has_instances: bool, exposures: Exposures | None
+    model: SceneModel, clip: Clip, config: TrainConfig, learned: LearnedInstances | None, exposures: Exposures | None
 ) -> Scene:
     """The editable scene. Without masks nothing was learned about instances: every ID is 0."""
     gaussians, actors = model.gaussians(), model.tracks()
     count = len(gaussians)
     codewords, ids = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
     classes: dict[int, str] = {}
-    if has_instances:
-        codewords = quantized(gaussians.features)
+    if learned is not None:
+        gaussians, codewords = replace(gaussians, features=learned.features), learned.codewords
+        kinds = codewords
         if config.instances.whole_actors:
-            codewords = unified_actor_codewords(codewords, model.nodes, gaussians.opacities)
-        ids = split_components(gaussians.means, gaussians.scales, model.nodes, codewords, gaussians.opacities)
+            kinds = unified_actor_codewords(codewords, model.nodes, gaussians.opacities)
+        ids = split_components(gaussians.means, gaussians.scales, model.nodes, kinds, gaussians.opacities)
         classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
     names = display_names(ids, classes)
     return Scene(
@@ -44,7 +47,7 @@ def finished_scene(
         views=tuple(frame.view for frame in clip.frames),
         origin=clip.origin,
         exposures=exposures,
-        code_bits=gaussians.features.shape[1] if has_instances else 0,
+        code_bits=learned.code_bits if learned is not None else 0,
     )
 
 

@@ -26,6 +26,7 @@ from instdrive_core.training.device import chosen_backend
 from instdrive_core.training.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.exposures import finished_exposures
 from instdrive_core.training.finish import finished_scene
+from instdrive_core.training.instance_stage import InstanceLearner, LearnedInstances, learned_codewords
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.start import resumed_trainer, trainer_from_clip, trainer_from_scene
 from instdrive_core.training.trainer import Trainer
@@ -49,6 +50,8 @@ class RunRequest:
     init: Path | None = None
     """A scene file or run to start from instead of LiDAR points."""
     device: Device = "auto"
+    learner: InstanceLearner | None = None
+    """Learns instances in place of the trainer's instance stage (baselines)."""
 
 
 def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note: Callable[[str], None]) -> Path:
@@ -77,8 +80,9 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         trainer = _trainer(request, clip, store, backend, on_note)
         _write_json(out / CONFIG, _config_facts(request, masks))
         _train(trainer, out, on_event)
+        learned = _learned(request, trainer, on_note) if trainer.has_masks else None
         on_note("naming instances and writing the scene")
-        scene = finished_scene(trainer.model, clip, request.config, trainer.has_masks, _exposures(trainer))
+        scene = finished_scene(trainer.model, clip, request.config, learned, _exposures(trainer))
     write_scene_folder(out, scene)
     _write_json(out / FACTS, _facts(request, masks, trainer, backend.name, len(scene.table)))
     return out
@@ -92,6 +96,13 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
             if isinstance(event, StepDone):
                 log.write(event)
             on_event(event)
+
+
+def _learned(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
+    trainer.continue_on_cpu()
+    if request.learner is None:
+        return learned_codewords(trainer.model.gaussians().features)
+    return request.learner(trainer.model, trainer.store, request.config, on_note)
 
 
 def _exposures(trainer: Trainer) -> Exposures | None:

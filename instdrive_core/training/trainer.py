@@ -28,8 +28,9 @@ from instdrive_core.training.densify import (
 from instdrive_core.training.draw import DrawnView, draw_view
 from instdrive_core.training.events import CheckpointDue, Event, Refined, Stage, StageStarted, StepDone
 from instdrive_core.training.exposures import exposure_penalty
-from instdrive_core.training.feature_weights import CachedView, cached_view, weighted_features
+from instdrive_core.training.feature_weights import CachedView, weighted_features
 from instdrive_core.training.gather import gathered
+from instdrive_core.training.instance_stage import cached_views
 from instdrive_core.training.instance_terms import pixel_terms, sampled_pixels, voxel_term
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.optimizers import Optimizers
@@ -37,7 +38,7 @@ from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, 
 from instdrive_core.training.view_store import ViewStore
 from instdrive_core.training.views import TrainingView
 
-_RGB, _INSTANCES, _SAMPLING, _GROWTH = 0, 1, 2, 3
+_RGB, _INSTANCES, _GROWTH = 0, 1, 3
 """Streams of random numbers."""
 _READ_AHEAD = 6
 """Steps whose photos are read while others train."""
@@ -147,7 +148,8 @@ class Trainer:
     def instance_step(self) -> tuple[dict[str, float], None]:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
         if not self._cache:
-            self._cache = self._cached_views()
+            self.continue_on_cpu()
+            self._cache = cached_views(self.model, self.store, self.config)
         terms, seen = self._voxel_terms(_INSTANCES), None
         if self._cache:
             view = self._cache[view_of_step(self.config.seed, _INSTANCES, self.iteration, len(self._cache))]
@@ -241,22 +243,7 @@ class Trainer:
             reset_opacities(self.model.parameters, self.optimizers.geometry, config)
         return None
 
-    def _cached_views(self) -> list[CachedView]:
-        self._continue_on_cpu()
-        config = self.config.instances
-        cached = []
-        for number in range(len(self.store)):
-            self.store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(self.store)))])
-            view = self.store.get(number)
-            if view.labels is None or not view.labels.any():
-                continue
-            rng = step_rng(self.config.seed, _SAMPLING, number)
-            pixels = inst.stratified_pixels(view.labels, config.pixels_per_view, rng)
-            cached.append(cached_view(self.model, view, pixels, config.min_alpha))
-        self.store.release()
-        return cached
-
-    def _continue_on_cpu(self) -> None:
+    def continue_on_cpu(self) -> None:
         """The instance stage is sparse products on frozen geometry, which take no GPU."""
         if self.backend.device.type != "cpu":
             state = {name: value.cpu() for name, value in self.optimizers.state_tensors().items()}

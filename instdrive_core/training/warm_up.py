@@ -60,7 +60,7 @@ def _stamp() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version} {llvmlite.binding.get_host_cpu_name()}".encode())
     for path in sorted(_SOURCES.rglob("*.py")):
         digest.update(f"{path} {path.stat().st_mtime_ns}".encode())
-    folder = Path(photometric._gradient.stats.cache_path)
+    folder = Path(photometric._gradient.stats.cache_path or _SOURCES)
     return folder / f"kernels-{digest.hexdigest()[:16]}.compiled"
 
 

@@ -24,7 +24,7 @@ def trainer() -> Trainer:
 def test_the_blended_features_and_their_gradient_are_those_of_the_rasterizer(trainer: Trainer):
     view, config = trainer.store.get(1), trainer.config.instances
     pixels = stratified_pixels(view.labels, 400, np.random.default_rng(0))
-    cached = cached_view(trainer.model, view, pixels, config.min_alpha)
+    cached = cached_view(trainer.model, view, 0, pixels, config.min_alpha)
     drawn = draw_view(trainer.model, trainer.backend, view.camera, view.time, True)
     chosen = pixels[drawn.alpha.detach().numpy().ravel()[pixels] >= config.min_alpha]
     assert len(chosen) > 0

@@ -1,0 +1,28 @@
+"""What makes masks: each way of making them is one class with this shape, in a file of its own."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from jaxtyping import Bool, UInt32
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Frame
+
+
+class LabelSource(Protocol):
+    """Makes the masks of one photo at a time; `sources.make_masks` writes them."""
+
+    @property
+    def source(self) -> str:
+        """Its name on the command line and in the sidecar, e.g. ``exact``."""
+        ...
+
+    def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
+        """A number per mask at the frame's size; 0 = none, also on the ego vehicle. Numbers need not agree between
+        frames."""
+        ...
+
+    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """The sky at the frame's size."""
+        ...
