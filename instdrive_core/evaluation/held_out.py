@@ -40,9 +40,10 @@ class HeldOutView:
         """This view with a predicted map."""
         return LabelledView(self.frame.view.name, self.frame.view.time, self.truth, predicted)
 
-    def with_ids(self, instance_ids: UInt32[ndarray, " n"]) -> LabelledView:
-        """This view with the map that the given IDs of the scene's Gaussians make."""
-        return self.labelled(np.append(instance_ids, np.uint32(0))[self.winner])  # winner -1 reads the last: 0
+    def with_ids(self, instance_ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> LabelledView:
+        """This view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
+        padded = np.append(instance_ids, np.zeros(1, instance_ids.dtype))
+        return self.labelled(padded[self.winner])  # winner -1 reads the last: 0
 
 
 def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:

@@ -15,11 +15,13 @@ from instdrive_core.evaluation.clicks import clicks_on_things, selection_scores
 from instdrive_core.evaluation.deletion import deletion_scores
 from instdrive_core.evaluation.held_out import HeldOutView, held_out_view
 from instdrive_core.evaluation.map_scores import per_view_scores, scene_scores
+from instdrive_core.evaluation.object_rows import ObjectRow, object_rows
 from instdrive_core.evaluation.oracle import true_instance_ids
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
 from instdrive_core.evaluation.segmentation import LabelledView
+from instdrive_core.evaluation.sharing import shared_ids
 from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.masks.ground_truth import GroundTruth, open_ground_truth
+from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance, open_ground_truth
 from instdrive_core.scene.scene import Scene
 
 SEED = 0
@@ -39,7 +41,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A run's figures, and what trivial predictions reach on the same geometry."""
+    """A run's figures, what trivial predictions reach on the same geometry, and what pictures and lists need."""
 
     figures: dict[str, Any]
     """The keys of the protocol."""
@@ -48,6 +50,26 @@ class Evaluation:
     held_out_steps: tuple[int, ...]
     privileged: bool
     """The run trained on the same annotations that it is measured with."""
+    scene: Scene
+    views: tuple[HeldOutView, ...]
+    """With them, a view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
+    against `views[k].truth`; its photo is `views[k].frame.load_image()`, its picture
+    `view_scene(scene, frame.view.camera, frame.view.time).color`."""
+    truth_instances: dict[int, GroundTruthInstance]
+    """What each ID of the ground truth is."""
+    objects: tuple[ObjectRow, ...]
+    """Every object that the held-out views show; empty where the scene has no instances."""
+
+    @property
+    def shared_instances(self) -> dict[int, tuple[int, ...]]:
+        """Instances that count for several objects: instance → ground-truth IDs."""
+        return shared_ids({row.id: row.instances for row in self.objects})
+
+    @property
+    def shared_codes(self) -> dict[int, tuple[int, ...]]:
+        """Codewords that count for several objects: codeword (without the + 1) → ground-truth IDs."""
+        coded = {row.id: row.codes for row in self.objects if row.codes is not None}
+        return {code - 1: objects for code, objects in shared_ids(coded).items()}
 
 
 def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> dict[str, Any]:
@@ -82,11 +104,13 @@ def evaluate_scene(
     def scored(predicted: Sequence[LabelledView]) -> dict[str, dict[str, Any]]:
         return {"per_view": per_view_scores(predicted), "scene": scene_scores(predicted, things, stuff)}
 
+    objects: tuple[ObjectRow, ...] = ()
     maps: dict[str, dict[str, Any]] = {"per_view": dict.fromkeys(PER_VIEW_KEYS), "scene": dict.fromkeys(SCENE_KEYS)}
     click: dict[str, Any] = dict.fromkeys(CLICK_KEYS)
     if scene.instance_ids.any():
         shown = [view.with_ids(scene.instance_ids) for view in views]
         maps, click = scored(shown), _click_scores(scene, clip, ground_truth, views, shown, things, progress)
+        objects = object_rows(shown, _coded(scene, views), ground_truth.instances)
     oracle: dict[str, Any] = dict.fromkeys(SCENE_KEYS)
     if ground_truth.source == "exact":
         true_ids = _true_ids(scene, clip, ground_truth, progress)
@@ -108,6 +132,10 @@ def evaluate_scene(
         controls={name: scored(predicted) for name, predicted in controls.items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
+        scene=scene,
+        views=tuple(views),
+        truth_instances=ground_truth.instances,
+        objects=objects,
     )
 
 
@@ -157,6 +185,13 @@ def _click_scores(
     }
     clicks = clicks_on_things(shown, things, SEED)
     return selection_scores(clicks) | deletion_scores(scene, views, clicks, boxes, SEED, progress)
+
+
+def _coded(scene: Scene, views: Sequence[HeldOutView]) -> list[LabelledView] | None:
+    """Codeword + 1 of the Gaussian that each pixel stands for; blended features invent codes along borders."""
+    if not scene.code_bits:
+        return None
+    return [view.with_ids(scene.codewords.astype(np.uint64) + np.uint64(1)) for view in views]
 
 
 def _true_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:

@@ -154,3 +154,23 @@ def test_clip_with_another_origin(drive, run, monkeypatch):
     monkeypatch.setattr(protocol, "load_clip", lambda path, options: moved)
     with pytest.raises(DataError, match="origin"):
         evaluate_run(run)
+
+
+def test_what_reports_need_comes_along(drive):
+    evaluation = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
+    rows = {row.id: row for row in evaluation.objects}
+    assert rows.keys() == drive.truth.instances.keys()
+    assert all(row.predicted_id == number for number, row in rows.items()), "the toy's IDs are the true ones"
+    assert np.mean([row.iou for row in rows.values()]) == pytest.approx(evaluation.figures["scene"]["miou"])
+    assert evaluation.shared_instances == evaluation.shared_codes == {}
+    assert [view.frame.key for view in evaluation.views] == [frame.key for frame in drive.clip.held_out_frames()]
+    assert evaluation.views[0].with_ids(evaluation.scene.instance_ids).predicted.any()
+
+
+def test_objects_that_share_an_instance_or_a_code(drive):
+    scene = drive.scene
+    scene.instance_ids[scene.instance_ids == DRIVING] = PARKED
+    scene.codewords[scene.codewords == DRIVING] = ROAD
+    evaluation = evaluate_scene(scene, drive.clip, drive.truth, FACTS)
+    assert evaluation.shared_instances == {PARKED: (PARKED, DRIVING)}
+    assert evaluation.shared_codes == {ROAD: (ROAD, DRIVING)}
