@@ -2,7 +2,7 @@
 
 Layout of a mask folder::
 
-    masks.json                     version, source, seed, and per frame its size and number of masks
+    masks.json                     version, source, faults, seed, and per frame its size and number of masks
     <camera>/NN.png                16-bit labels, 0 = none
     <camera>/NN_sky.png            8-bit, 255 = sky
 
@@ -59,6 +59,8 @@ class MaskFolder:
     seed: int
     counts: dict[str, int]
     """Number of masks by frame key; its keys are the frames that have masks."""
+    faults: str | None = None
+    """Name of the faults that were put into them (`faults.FAULT_MODELS`)."""
 
     def load(self, frame: Frame | str) -> FrameMasks:
         """Masks of a frame, resized to it; given a key (``camera/NN``), as they are on disk.
@@ -81,7 +83,9 @@ class MaskFolder:
         return masks.resized(frame.view.camera.width, frame.view.camera.height)
 
 
-def write_masks(folder: str | Path, frames: Iterable[tuple[str, FrameMasks]], source: str, seed: int) -> MaskFolder:
+def write_masks(
+    folder: str | Path, frames: Iterable[tuple[str, FrameMasks]], source: str, seed: int, faults: str | None = None
+) -> MaskFolder:
     """Write masks by frame key, one after the other, and the sidecar at the end: a folder without it is unfinished.
 
     Raises DataError where the folder cannot be written.
@@ -97,12 +101,12 @@ def write_masks(folder: str | Path, frames: Iterable[tuple[str, FrameMasks]], so
             height, width = masks.labels.shape
             count = len(np.unique(masks.labels[masks.labels > 0]))
             entries[key] = {"width": width, "height": height, "masks": count}
-        sidecar = {"version": VERSION, "source": source, "seed": seed, "frames": entries}
+        sidecar = {"version": VERSION, "source": source, "faults": faults, "seed": seed, "frames": entries}
         write_bytes(folder / SIDECAR, json.dumps(sidecar, indent=1).encode())
     except OSError as error:
         remedy = "Choose a folder that can be written, e.g. with --out"
         raise DataError(folder, f"cannot be written ({error.strerror or error})", remedy) from error
-    return MaskFolder(folder, source, seed, {key: entry["masks"] for key, entry in entries.items()})
+    return MaskFolder(folder, source, seed, {key: entry["masks"] for key, entry in entries.items()}, faults)
 
 
 def open_masks(folder: str | Path) -> MaskFolder:
@@ -123,7 +127,10 @@ def open_masks(folder: str | Path) -> MaskFolder:
         for key, entry in frames.items()
     }
     seed = int(number(file, field(file, sidecar, "seed"), "seed"))
-    return MaskFolder(folder, str(field(file, sidecar, "source")), seed, counts)
+    faults = sidecar.get("faults")  # older sidecars do not have it
+    if faults is not None and not isinstance(faults, str):
+        raise DataError(file, f"the field 'faults' is {faults!r}, expected a name", _REMEDY)
+    return MaskFolder(folder, str(field(file, sidecar, "source")), seed, counts, faults)
 
 
 def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:

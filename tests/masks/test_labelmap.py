@@ -133,3 +133,16 @@ def test_damaged_files_are_named_when_read(folder):
     label_path(folder, KEY).unlink()
     with pytest.raises(DataError, match=r"30\.png: is missing"):
         masks.load(KEY)
+
+
+def test_faults_are_told_and_older_sidecars_open(folder, tmp_path):
+    assert open_masks(folder).faults is None
+    write_masks(tmp_path / "faulty", [(KEY, some_masks())], "exact", 7, "sam-v1")
+    assert open_masks(tmp_path / "faulty").faults == "sam-v1"
+    sidecar = json.loads((folder / "masks.json").read_text())
+    del sidecar["faults"]
+    (folder / "masks.json").write_text(json.dumps(sidecar))
+    assert open_masks(folder).faults is None
+    (folder / "masks.json").write_text(json.dumps(sidecar | {"faults": 3}))
+    with pytest.raises(DataError, match="'faults' is 3"):
+        open_masks(folder)

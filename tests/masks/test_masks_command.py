@@ -54,3 +54,9 @@ def test_a_clip_that_cannot_be_written_is_named(root, capsys):
 def test_a_real_clip_has_no_exact_labels(pandaset_clip, tmp_path):
     with pytest.raises(DataError, match=r"has no exact labels.*--source annotations"):
         masks(pandaset_clip, out=tmp_path / "out")
+
+
+def test_faults_are_put_in_and_told(root, capsys):
+    masks(root, faults="sam-v1")
+    assert open_masks(root / "masks").faults == "sam-v1"
+    assert "from exact with the faults sam-v1" in capsys.readouterr().out
