@@ -17,7 +17,6 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Integer, UInt16
@@ -28,6 +27,7 @@ from instdrive_core.datasets.clip import Frame
 from instdrive_core.datasets.json_file import field, number, read_json
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_path, write_bytes
+from instdrive_core.masks.journal import Journal
 
 SIDECAR = "masks.json"
 VERSION = 1
@@ -84,25 +84,41 @@ class MaskFolder:
 
 
 def write_masks(
-    folder: str | Path, frames: Iterable[tuple[str, FrameMasks]], source: str, seed: int, faults: str | None = None
+    folder: str | Path,
+    frames: Iterable[tuple[str, FrameMasks]],
+    source: str,
+    seed: int,
+    faults: str | None = None,
+    journal: Journal | None = None,
 ) -> MaskFolder:
     """Write masks by frame key, one after the other, and the sidecar at the end: a folder without it is unfinished.
+
+    Args:
+        folder: where to.
+        frames: key and masks of each frame.
+        source: how they were made.
+        seed: of their labels' order.
+        faults: name of the faults that were put into them.
+        journal: remembers what is written; the frames it knows already become part of the folder.
 
     Raises DataError where the folder cannot be written.
     """
     folder = Path(folder)
-    entries: dict[str, dict[str, Any]] = {}
+    journal = journal or Journal(folder, None)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / SIDECAR).unlink(missing_ok=True)
+        journal.begin()
         for key, masks in frames:
             _write_png(label_path(folder, key), masks.labels)
             _write_png(sky_path(folder, key), masks.sky.astype(np.uint8) * 255)
             height, width = masks.labels.shape
             count = len(np.unique(masks.labels[masks.labels > 0]))
-            entries[key] = {"width": width, "height": height, "masks": count}
+            journal.add(key, {"width": width, "height": height, "masks": count})
+        entries = journal.entries
         sidecar = {"version": VERSION, "source": source, "faults": faults, "seed": seed, "frames": entries}
         write_bytes(folder / SIDECAR, json.dumps(sidecar, indent=1).encode())
+        journal.close()
     except OSError as error:
         remedy = "Choose a folder that can be written, e.g. with --out"
         raise DataError(folder, f"cannot be written ({error.strerror or error})", remedy) from error
@@ -187,7 +203,7 @@ def _read_png(file: Path) -> tuple[ndarray, str]:
             return np.asarray(image), image.mode
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
-    except (OSError, UnidentifiedImageError, SyntaxError, ValueError) as error:
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
         raise DataError(file, f"is no readable PNG ({error})", _REMEDY) from error
 
 
