@@ -3,35 +3,43 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
+REPORT = "report.html"
 
-def evaluate(run: tyro.conf.Positional[Path], json: Path | None = None) -> None:
+
+def evaluate(
+    run: tyro.conf.Positional[Path],
+    json: Path | None = None,
+    html: Path | None = None,
+    no_html: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
     """Measure a trained run against held-out photos and labels.
 
     Args:
         run: Folder of the run that `train` wrote.
         json: File to write every figure into.
+        html: File to write the report with pictures into; default: RUN/report.html.
+        no_html: Write no report.
     """
     from rich.console import Console
-    from rich.progress import Progress
 
+    from instdrive_core.cli.eval_progress import eval_progress
+    from instdrive_core.evaluation.html_report import write_report
     from instdrive_core.evaluation.protocol import evaluation_of_run
     from instdrive_core.evaluation.report import instance_table, summary_table, write_figures
 
     console = Console()
-    with Progress(console=console, transient=True) as bar:
-        tasks = {}
-
-        def show(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total)
-            bar.update(tasks[stage], completed=done)
-
+    with eval_progress(console) as show:
         evaluation = evaluation_of_run(run, show)
     console.print(instance_table(evaluation))
     console.print(summary_table(evaluation))
     if json is not None:
         write_figures(json, evaluation.figures)
-        console.print(f"figures written to {json}")
+        console.print(f"figures written to {json}", markup=False, highlight=False)
+    if not no_html:
+        page = html or run / REPORT
+        write_report(page, run, evaluation)
+        console.print(f"report with pictures written to {page}", markup=False, highlight=False)

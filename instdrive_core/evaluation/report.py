@@ -13,66 +13,88 @@ from rich.table import Table
 from instdrive_core.evaluation.protocol import Evaluation
 from instdrive_core.formats.atomic import write_bytes
 
+MAP_COLUMNS = ("view mIoU", "view mAcc", "scene mIoU", "scene mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
+"""Of `map_rows`."""
+
 
 def write_figures(path: Path, figures: Mapping[str, Any]) -> None:
     """Write figures as one JSON object, atomically. Raises ValueError for a figure that is NaN or infinite."""
     write_bytes(path, (json.dumps(figures, indent=2, allow_nan=False) + "\n").encode())
 
 
-def instance_table(evaluation: Evaluation) -> Table:
-    """How well each predicted map agrees with the ground truth, in 80 columns.
+def map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
+    """How well each predicted map agrees with the ground truth, by the map's name; columns as `MAP_COLUMNS`.
 
     Oracle: true IDs on this geometry. Instance: what a click selects. Codeword: of the rendered feature. The last
     rows are trivial controls.
     """
     figures = evaluation.figures
-    table = Table(
-        title=f"Instance maps, {_split(evaluation)}", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
-    )
-    table.add_column("predicted map", no_wrap=True)
-    per_view, scene = ("view mIoU", "mAcc"), ("scene mIoU", "mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
-    for title in (*per_view, *scene):
-        table.add_column(title.replace(" ", "\n"), justify="right", no_wrap=True)
     oracle = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
-    rows = {
+    maps = {
         "oracle": {"per_view": {}, "scene": oracle},
         "instance": figures,
         "codeword": figures["codeword"],
         **evaluation.controls,
     }
-    for name, scores in rows.items():
+    rows = {}
+    for name, scores in maps.items():
         per_view, scene = scores["per_view"], scores["scene"]
-        values = [per_view.get("miou"), per_view.get("macc")]
-        values += [scene.get(key) for key in ("miou", "macc", "pq", "acc25", "acc50", "id_switches")]
-        table.add_row(name, *(_text(value) for value in values))
+        rows[name] = [per_view.get("miou"), per_view.get("macc")]
+        rows[name] += [scene.get(key) for key in ("miou", "macc", "pq", "acc25", "acc50", "id_switches")]
+    return rows
+
+
+def instance_table(evaluation: Evaluation) -> Table:
+    """The rows of `map_rows`, in 80 columns."""
+    title = f"Instance maps, {split_text(evaluation)}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("predicted map", no_wrap=True)
+    for name in MAP_COLUMNS:
+        table.add_column(name.replace(" ", "\n"), justify="right", no_wrap=True)
+    for name, values in map_rows(evaluation).items():
+        table.add_row(name, *(figure_text(value) for value in values))
     return table
 
 
-def summary_table(evaluation: Evaluation) -> Table:
-    """Images, clicks, size and cost of a run."""
+def summary_rows(evaluation: Evaluation) -> dict[str, str]:
+    """Images, clicks, points, size and cost of a run."""
     figures = evaluation.figures
     click, scene = figures["click"], figures["scene"]
-    table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
-    table.add_column()
-    table.add_column(justify="right")
     rows = {
-        "PSNR (dB)": _text(figures["psnr"], 2),
-        "PSNR in the boxes of moving objects (dB)": _text(figures["psnr_actors"], 2),
-        "SSIM": _text(figures["ssim"]),
-        "scene mIoU of things / stuff": f"{_text(scene['miou_things'])} / {_text(scene['miou_stuff'])}",
-        "clicks that hit the object (IoU of the selection > 0.5)": _text(click["hit_rate"]),
-        "mean IoU of selections": _text(click["iou"]),
-        "collateral of deleting hits: other pixels changed": _text(click["collateral"], 4),
-        "residue of deleting hits: weight left in the box": _text(click["residue"], 4),
+        "PSNR (dB)": figure_text(figures["psnr"], 2),
+        "PSNR in the boxes of moving objects (dB)": figure_text(figures["psnr_actors"], 2),
+        "SSIM": figure_text(figures["ssim"]),
+        "scene mIoU of things / stuff": f"{figure_text(scene['miou_things'])} / {figure_text(scene['miou_stuff'])}",
+        "clicks that hit the object (IoU of the selection > 0.5)": figure_text(click["hit_rate"]),
+        "mean IoU of selections": figure_text(click["iou"]),
+        "collateral of deleting hits: other pixels changed": figure_text(click["collateral"], 4),
+        "residue of deleting hits: weight left in the box": figure_text(click["residue"], 4),
+    }
+    lidar = figures["lidar"]
+    if any(value is not None for value in lidar.values()):
+        rows["LiDAR AP / AP50 / AP25"] = " / ".join(figure_text(lidar[key]) for key in ("ap", "ap50", "ap25"))
+        rows["LiDAR mIoU / V-measure"] = " / ".join(figure_text(lidar[key]) for key in ("miou", "vmeasure"))
+        rows["LiDAR instances per object / objects per instance"] = " / ".join(
+            figure_text(lidar[key]) for key in ("instances_per_object", "objects_per_instance")
+        )
+    return rows | {
         "Gaussians / instances": f"{figures['n_gaussians']:,} / {figures['n_instances']:,}",
         "training": f"{figures['train_seconds']:.0f} s, {figures['peak_rss_mb']:,.0f} MB, {figures['backend']}",
     }
-    for name, value in rows.items():
+
+
+def summary_table(evaluation: Evaluation) -> Table:
+    """The rows of `summary_rows`."""
+    table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    for name, value in summary_rows(evaluation).items():
         table.add_row(name, value)
     return table
 
 
-def _split(evaluation: Evaluation) -> str:
+def split_text(evaluation: Evaluation) -> str:
+    """What was measured on what, in one line."""
     figures = evaluation.figures
     steps = ", ".join(map(str, evaluation.held_out_steps))
     masks = f"{figures['masks']} (privileged)" if evaluation.privileged else figures["masks"]
@@ -82,7 +104,8 @@ def _split(evaluation: Evaluation) -> str:
     )
 
 
-def _text(value: float | int | None, digits: int = 3) -> str:
+def figure_text(value: float | int | None, digits: int = 3) -> str:
+    """A figure as people read it; a dash where it does not apply."""
     if value is None:
         return "–"
     return str(value) if isinstance(value, int) else f"{value:.{digits}f}"
