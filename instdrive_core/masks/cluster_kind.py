@@ -22,6 +22,14 @@ UPRIGHT = 0.5
 """Share of vertical surfaces from which on a cluster is a facade rather than a plant."""
 SCATTERED = 0.4
 """Mean scatter from which on a cluster is a plant."""
+FLAT = 0.4
+"""Metres above the ground: what rises no higher belongs to it."""
+SURFACE = 0.3
+"""Mean scatter below which a cluster is a surface."""
+OVERHEAD = 1.5
+"""Metres above the ground of the lowest twig of a crown."""
+WALL_PIECE = 2.5
+"""Metres along the ground of a piece of a tall facade."""
 SMALLEST_PLANT = 0.8
 """Metres along the ground."""
 
@@ -46,13 +54,16 @@ def kinds_of_clusters(
     counts = np.bincount(clusters, minlength=len(numbers))
     length = _length(points, clusters, counts)
     top = np.asarray(ndimage.maximum(above, clusters, numbers))
+    base = np.asarray(ndimage.minimum(above, clusters, numbers))
     scatter = np.bincount(clusters, shape.scatter, len(numbers)) / counts
     upright = np.bincount(clusters, shape.upright, len(numbers)) / counts
     kinds = np.full(len(numbers), FIRST_THING, np.uint32)
     large = ((length > LONG) & (top > TALL)) | (length > VERY_LONG)
-    kinds[large] = np.where(upright[large] > UPRIGHT, FACADE, VEGETATION)
-    kinds[large & (scatter < 0.3)] = FACADE
+    kinds[large] = np.where((upright[large] > UPRIGHT) | (scatter[large] < SURFACE), FACADE, VEGETATION)
     kinds[(scatter > SCATTERED) & (length > SMALLEST_PLANT) & (top > 1.0)] = VEGETATION
+    kinds[(scatter > SURFACE) & (base > OVERHEAD) & (length > SMALLEST_PLANT)] = VEGETATION
+    kinds[(upright > UPRIGHT) & (top > TALL) & (length > WALL_PIECE) & (scatter < SCATTERED)] = FACADE
+    kinds[top < FLAT] = GROUND
     kinds[counts < MIN_POINTS] = NONE
     return kinds
 

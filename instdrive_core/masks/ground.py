@@ -22,6 +22,9 @@ STEP = 0.12
 """Metres that ground may stand above an opening at any window: curbs."""
 NOISE = 4
 """Points of a cell that may lie below the ground: reflections from wet or glossy surfaces."""
+PIT_BLOCK, PIT_SHARE, PIT_DEPTH = 4, 35, 0.3
+"""Cells along an edge of a block, percentile of the blocks around, and metres below it: deeper lie only mirror images
+in paint and wet ground."""
 SMOOTHING = 1.0
 """Cells; standard deviation of the last smoothing."""
 MARGIN, MARGIN_PER_METRE = 0.13, 0.003
@@ -52,13 +55,14 @@ def find_ground(points: Float32[ndarray, "n 3"]) -> GroundSurface:
     cells = np.rint((points[:, :2] - corner) / CELL).astype(np.int64)
     shape = tuple((cells.max(axis=0) + 1).tolist())
     lowest = _lowest(cells[:, 0] * shape[1] + cells[:, 1], points[:, 2], shape[0] * shape[1]).reshape(shape)
+    lowest[lowest < _around(lowest) - PIT_DEPTH] = np.nan
     ground = _filtered(lowest)
     smooth = _smoothed(np.where(ground, lowest, np.nan), SMOOTHING)
     return GroundSurface(corner, smooth.astype(np.float32))
 
 
 def is_ground(above: Float32[ndarray, " n"], distance: Float32[ndarray, " n"]) -> Bool[ndarray, " n"]:
-    """Whether points belong to the ground, by their height above it and their distance from the sensor in metres."""
+    """Whether points belong to the ground, by their height above it (metres) and their distance from the sensor."""
     return above < MARGIN + MARGIN_PER_METRE * distance
 
 
@@ -73,11 +77,30 @@ def _lowest(cells: Int64[ndarray, " n"], z: Float32[ndarray, " n"], count: int) 
     return lowest
 
 
+def _around(lowest: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
+    """What is low in the wider surroundings of each cell."""
+    padding = [(0, -size % PIT_BLOCK) for size in lowest.shape]
+    padded = np.pad(lowest, padding, constant_values=np.nan)
+    rows, columns = (size // PIT_BLOCK for size in padded.shape)
+    blocks = padded.reshape(rows, PIT_BLOCK, columns, PIT_BLOCK).transpose(0, 2, 1, 3).reshape(rows, columns, -1)
+    blocks = np.sort(blocks, axis=2)  # unknown cells come last
+    counts = np.isfinite(blocks).sum(axis=2)
+    middle = np.take_along_axis(blocks, np.maximum(counts - 1, 0)[..., None] // 2, axis=2)[..., 0]
+    low = ndimage.percentile_filter(_nearest_known(middle), PIT_SHARE, 5, mode="nearest")
+    places = np.indices(lowest.shape) / PIT_BLOCK - 0.5 + 0.5 / PIT_BLOCK
+    return ndimage.map_coordinates(low, places, order=1, mode="nearest")
+
+
+def _nearest_known(heights: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
+    """The heights, unknown ones as the nearest known."""
+    nearest = ndimage.distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)
+    return heights[tuple(np.asarray(nearest))]
+
+
 def _filtered(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"]:
     """Cells whose lowest points are ground."""
     known = np.isfinite(lowest)
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    surface = lowest[tuple(np.asarray(nearest))]
+    surface = _nearest_known(lowest)
     ground = known.copy()
     for window in WINDOWS:
         size = 2 * round(window / CELL / 2) + 1
@@ -95,5 +118,4 @@ def _smoothed(heights: Float64[ndarray, "x y"], sigma: float) -> Float64[ndarray
     enough = weights > 1e-3
     if not enough.any():
         return np.full_like(heights, np.nanmin(heights) if known.any() else 0.0)
-    nearest = ndimage.distance_transform_edt(~enough, return_distances=False, return_indices=True)
-    return (sums / np.maximum(weights, 1e-12))[tuple(np.asarray(nearest))]
+    return _nearest_known(np.where(enough, sums / np.maximum(weights, 1e-12), np.nan))

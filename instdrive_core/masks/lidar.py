@@ -6,7 +6,7 @@ Only points, times, camera poses and photos are used, of training time steps alo
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
+from jaxtyping import Bool, Float32, Int32, UInt32
 from numpy import ndarray
 from scipy import ndimage
 

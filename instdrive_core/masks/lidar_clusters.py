@@ -17,7 +17,8 @@ SMALL = 12
 def cluster(
     points: Float32[ndarray, "n 3"], reach: Float32[ndarray, " n"], groups: Int64[ndarray, " n"] | None = None
 ) -> Int32[ndarray, " n"]:
-    """The cluster of each point, numbered from 0: points within the smaller one of their reaches hang together.
+    """The cluster of each point, numbered from 0: a point hangs together with those of its nearest neighbours that lie
+    within the smaller one of their reaches. Only few neighbours are looked at: dense surfaces keep narrower gaps.
 
     Args:
         points: metres.

@@ -6,19 +6,20 @@ clustered in each sweep by itself and carried to other times by the motion found
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, UInt32
+from jaxtyping import Bool, Float32, Float64, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep
 from instdrive_core.masks.cluster_kind import FACADE, FIRST_THING, GROUND, NONE, VEGETATION, kinds_of_clusters
-from instdrive_core.masks.cluster_motion import MovingCluster, with_velocities
+from instdrive_core.masks.cluster_motion import MovingCluster, completed
+from instdrive_core.masks.cluster_parts import joined_splinters, joined_vehicles
 from instdrive_core.masks.ground import GroundSurface, find_ground, is_ground
 from instdrive_core.masks.lidar_clusters import absorbed, cluster, thinned
+from instdrive_core.masks.moving_points import ClusteredSweep, moving_clusters
 from instdrive_core.masks.point_shape import point_shape
-from instdrive_core.masks.see_through import range_image, seen_through
 
 MAX_DISTANCE = 90.0
 """Metres from the sensor up to which points are used."""
@@ -28,10 +29,8 @@ REACH, REACH_PER_METRE, MAX_REACH = 0.3, 0.01, 0.9
 """Metres within which static points hang together: right at the sensor, per metre of distance, at most."""
 SWEEP_REACH = 0.4
 """The same right at the sensor, for points of a single sweep."""
-WITNESSES = 2
-"""Sweeps that must have looked through a point's place for it to have moved there."""
-MOVED_SHARE = 0.25
-"""Share of a cluster's points that must have moved for all of it to be moving."""
+MIRRORED = 0.3
+"""Metres below the ground from which on points are mirror images."""
 MIN_MOVING_POINTS = 12
 FOLIAGE = 0.42
 """Scatter from which on points are foliage, which nothing else hangs together with."""
@@ -75,6 +74,11 @@ class _Standing:
     distance: Float32[ndarray, " n"]
     position: Float64[ndarray, "3"]
 
+    def above_ground(self, ground: GroundSurface) -> _Standing:
+        """Without what lies below the ground: mirror images."""
+        kept = ground.above(self.points) > -MIRRORED
+        return replace(self, points=self.points[kept], sensor=self.sensor[kept], distance=self.distance[kept])
+
 
 def build_lidar_scene(clip: Clip) -> LidarScene:
     """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at."""
@@ -84,9 +88,13 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
         return LidarScene(np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), {}, None)
     every = np.concatenate([one.points for one in sweeps])
     ground = find_ground(every[thinned(every, VOXEL)])
+    sweeps = [one.above_ground(ground) for one in sweeps]
     low = [is_ground(ground.above(one.points), one.distance) for one in sweeps]
-    moved = _moving_clusters(sweeps, low)
-    still = [~flat & (numbers < 0) for flat, numbers in zip(low, moved, strict=True)]
+    clustered = [_clustered(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
+    moved = moving_clusters(clustered)
+    still = [
+        (one.clusters >= 0) & ~moves[np.maximum(one.clusters, 0)] for one, moves in zip(clustered, moved, strict=True)
+    ]
     points, ids = _static(
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
         np.array([one.position for one in sweeps]),
@@ -98,7 +106,7 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
     return LidarScene(
         np.concatenate([floor, points]),
         np.concatenate([np.full(len(floor), GROUND, np.uint32), ids]),
-        _moving(sweeps, moved, first),
+        _moving(sweeps, clustered, moved, first),
         ground,
     )
 
@@ -118,40 +126,29 @@ def sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
     return np.mean([view.camera.position for view in views if view.time == nearest], axis=0)
 
 
-def _moving_clusters(sweeps: list[_Standing], low: list[Bool[ndarray, " n"]]) -> list[Int32[ndarray, " n"]]:
-    """By sweep, the moving cluster of each point, -1 = ground or standing."""
-    images = [range_image(one.points, one.position) for one in sweeps]
-    witnesses = min(WITNESSES, len(sweeps) - 1)
-    numbers = []
-    for number, (one, flat) in enumerate(zip(sweeps, low, strict=True)):
-        rows = np.flatnonzero(~flat)
-        points = one.points[rows]
-        votes = np.zeros(len(rows), np.int32)
-        for other, image in enumerate(images):
-            if other != number:
-                votes += seen_through(points, image)
-        reach = np.minimum(SWEEP_REACH + REACH_PER_METRE * one.distance[rows], MAX_REACH).astype(np.float32)
-        clusters = cluster(points, reach)
-        moved = (votes >= witnesses) & (witnesses > 0)
-        share = np.bincount(clusters, moved) / np.maximum(np.bincount(clusters), 1)
-        found = np.full(len(one.points), -1, np.int32)
-        found[rows] = np.where((share > MOVED_SHARE)[clusters], clusters, -1)
-        numbers.append(found)
-    return numbers
+def _clustered(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface) -> ClusteredSweep:
+    rows = np.flatnonzero(~flat)
+    points = one.points[rows]
+    reach = np.minimum(SWEEP_REACH + REACH_PER_METRE * one.distance[rows], MAX_REACH).astype(np.float32)
+    clusters = np.full(len(one.points), -1, np.int32)
+    clusters[rows] = joined_vehicles(points, cluster(points, reach), ground.above(points))
+    return ClusteredSweep(one.sweep.time, one.position, one.points, clusters)
 
 
-def _moving(sweeps: list[_Standing], moved: list[Int32[ndarray, " n"]], first: int) -> dict[float, list[MovingCluster]]:
+def _moving(
+    sweeps: list[_Standing], clustered: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], first: int
+) -> dict[float, list[MovingCluster]]:
     """What moves, by sweep; the second LiDAR meets moving objects at another time, its points are left out."""
     by_time: dict[float, list[MovingCluster]] = {}
-    for one, numbers in zip(sweeps, moved, strict=True):
+    for one, hanging, moves in zip(sweeps, clustered, moved, strict=True):
         found = by_time[one.sweep.time] = []
         of_first_sensor = one.sensor == one.sensor.min()
-        for number in np.unique(numbers[numbers >= 0]).tolist():
-            points = one.points[(numbers == number) & of_first_sensor]
+        for number in np.flatnonzero(moves).tolist():
+            points = one.points[(hanging.clusters == number) & of_first_sensor]
             if len(points) >= MIN_MOVING_POINTS:
                 found.append(MovingCluster(first, points, np.zeros(3)))
                 first += 1
-    return with_velocities(by_time)
+    return completed(by_time)
 
 
 def _static(
@@ -163,11 +160,16 @@ def _static(
     distance = np.linalg.norm(points[:, None, :2] - sensors[None, :, :2], axis=2).min(axis=1)
     reach = np.minimum(REACH + REACH_PER_METRE * distance, MAX_REACH).astype(np.float32)
     foliage = (shape.scatter > FOLIAGE).astype(np.int64)
-    clusters = absorbed(points, cluster(points, reach, foliage), reach)
-    kinds = kinds_of_clusters(points, clusters, shape, ground.above(points))
+    above = ground.above(points)
+    clusters = joined_splinters(points, absorbed(points, cluster(points, reach, foliage), reach), reach)
+    kinds = kinds_of_clusters(points, clusters, shape, above)
+    things = kinds[clusters] == FIRST_THING
+    whole = joined_vehicles(points, np.where(things, clusters, -1).astype(np.int32), above)
+    clusters = np.where(things, len(kinds) + whole, clusters)
+    kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, FIRST_THING, np.uint32))
     ids = np.zeros(len(kinds), np.uint32)
     things = kinds == FIRST_THING
     ids[things] = FIRST_THING + np.arange(int(things.sum()))
-    for kind in (FACADE, VEGETATION, NONE):
+    for kind in (GROUND, FACADE, VEGETATION, NONE):
         ids[kinds == kind] = kind
     return points, ids[clusters]

@@ -1,0 +1,149 @@
+"""Clusters that are parts of one object: glass and dark paint return no points, and so cut a car in pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
+from numpy import ndarray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_TOP = 5.6, 2.3, 2.6
+"""Metres that parts joined to one vehicle may measure."""
+GAP = 0.6
+"""Metres along the ground between parts of one vehicle."""
+STANDING_HEIGHT, STANDING_LENGTH = 1.2, 1.0
+"""What reaches at least so high on no more than so long a ground, is a person or a post by itself."""
+INSIDE = 0.7
+"""Share of a cluster's points above the footprint of another from which on they are one object."""
+SURROUNDED = 0.3
+"""Share of a small cluster's points that lie within reach of a larger one for it to be a part of it."""
+SPLINTER = 1.2
+"""Metres: longer clusters are not joined to others for being surrounded."""
+
+
+def joined_vehicles(
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], above: Float32[ndarray, " n"]
+) -> Int32[ndarray, " n"]:
+    """The clusters renumbered from 0, with parts joined that together fit one vehicle.
+
+    Args:
+        points: metres.
+        clusters: number by point; -1 = none, stays so.
+        above: metres above the ground.
+    """
+    rows = np.flatnonzero(clusters >= 0)
+    numbers, compact = np.unique(clusters[rows], return_inverse=True)
+    order = np.argsort(compact, kind="stable")
+    parts = np.split(rows[order], np.flatnonzero(np.diff(compact[order])) + 1) if len(rows) else []
+    low = [number for number, part in enumerate(parts) if len(part) >= 3 and above[part].max() < VEHICLE_TOP]
+    hulls = {number: _hull(points[parts[number], :2].astype(float)) for number in low}
+    low = [number for number in low if _size(hulls[number])[0] < VEHICLE_LENGTH]
+    low.sort(key=lambda number: (-len(parts[number]), number))
+    owner = np.arange(len(numbers))
+    middles = {number: hulls[number].mean(axis=0) for number in low}
+    taken: set[int] = set()
+    for first in low:
+        if first in taken or _stands(parts[first], hulls[first], above):
+            continue
+        for second in low:
+            if second == first or second in taken or owner[second] != second or len(parts[second]) > len(parts[first]):
+                continue
+            if np.abs(middles[first] - middles[second]).max() > VEHICLE_LENGTH:
+                continue
+            if _one_vehicle(points, parts[first], parts[second], hulls[first], hulls[second], above):
+                owner[second] = first
+                taken.add(second)
+                hulls[first] = _hull(np.concatenate([hulls[first], hulls[second]]))
+                middles[first] = hulls[first].mean(axis=0)
+    joined = np.full(len(clusters), -1, np.int32)
+    joined[rows] = np.unique(owner[compact], return_inverse=True)[1]
+    return joined
+
+
+def joined_splinters(
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], reach: Float32[ndarray, " n"]
+) -> Int32[ndarray, " n"]:
+    """The clusters renumbered from 0, with small ones joined to the larger neighbour that surrounds them most."""
+    if len(points) < 2:
+        return clusters
+    count = int(clusters.max()) + 1
+    sizes = np.bincount(clusters, minlength=count)
+    low, high = (_per_cluster(points[:, :2], clusters, count, how) for how in (np.minimum, np.maximum))
+    small = (high - low).max(axis=1) < SPLINTER
+    rows = np.flatnonzero(small[clusters])
+    neighbours = min(16, len(points))
+    distances, near = cKDTree(points).query(points[rows], neighbours)
+    touching = (distances < reach[rows, None]) & (clusters[near] != clusters[rows, None])
+    touching &= sizes[clusters[near]] > sizes[clusters[rows]][:, None]
+    row, column = np.nonzero(touching)
+    pairs = np.unique(np.stack([rows[row], clusters[near[row, column]]]), axis=1)
+    contacts = coo_matrix((np.ones(pairs.shape[1]), (clusters[pairs[0]], pairs[1])), shape=(count, count)).tocsr()
+    best = np.asarray(contacts.argmax(axis=1)).ravel()
+    share = np.asarray(contacts.max(axis=1).todense()).ravel() / np.maximum(sizes, 1)
+    joins = np.flatnonzero(share > SURROUNDED)
+    graph = coo_matrix((np.ones(len(joins), bool), (joins, best[joins])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int32)[clusters]
+
+
+def _one_vehicle(
+    points: Float32[ndarray, "n 3"],
+    first: Int64[ndarray, " a"],
+    second: Int64[ndarray, " b"],
+    hull: Float64[ndarray, "h 2"],
+    other: Float64[ndarray, "g 2"],
+    above: Float32[ndarray, " n"],
+) -> bool:
+    """Whether a part belongs to the larger part `first`."""
+    length, width = _size(_hull(np.concatenate([hull, other])))
+    if length > VEHICLE_LENGTH or width > VEHICLE_WIDTH:
+        return False
+    if _within(points[second, :2].astype(float), hull).mean() > INSIDE:
+        return True
+    if _stands(second, other, above):
+        return False
+    distance, _ = cKDTree(points[first, :2]).query(points[second, :2], distance_upper_bound=GAP)
+    return bool(np.isfinite(distance).any())
+
+
+def _stands(part: Int64[ndarray, " a"], hull: Float64[ndarray, "h 2"], above: Float32[ndarray, " n"]) -> bool:
+    heights = above[part]
+    tall = heights.max() > STANDING_HEIGHT and heights.max() - heights.min() > 0.6 * STANDING_HEIGHT
+    return bool(tall and _size(hull)[0] < STANDING_LENGTH)
+
+
+def _hull(places: Float64[ndarray, "n 2"]) -> Float64[ndarray, "h 2"]:
+    """Corners of the convex hull, counterclockwise; the places themselves where they lie on a line."""
+    if len(places) < 3:
+        return places
+    try:
+        return places[ConvexHull(places).vertices]
+    except QhullError:
+        return places
+
+
+def _size(hull: Float64[ndarray, "h 2"]) -> tuple[float, float]:
+    """Length and width of the smallest of some rectangles around a hull."""
+    angles = np.radians(np.arange(0, 90, 5.0))
+    axes = np.stack([np.cos(angles), np.sin(angles)])
+    along = np.ptp(hull @ axes, axis=0)
+    across = np.ptp(hull @ np.stack([-axes[1], axes[0]]), axis=0)
+    best = int(np.argmin((along + 0.1) * (across + 0.1)))
+    return float(max(along[best], across[best])), float(min(along[best], across[best]))
+
+
+def _within(places: Float64[ndarray, "n 2"], hull: Float64[ndarray, "h 2"]) -> Bool[ndarray, " n"]:
+    """Whether places lie in a convex hull with its corners in counterclockwise order."""
+    edges = np.roll(hull, -1, axis=0) - hull
+    offsets = places[:, None] - hull[None]
+    return (edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0] >= -1e-9).all(axis=1)
+
+
+def _per_cluster(
+    values: Float32[ndarray, "n k"], clusters: Int32[ndarray, " n"], count: int, how: np.ufunc
+) -> Float32[ndarray, "c k"]:
+    """The least or largest values of each cluster."""
+    found = np.full((count, values.shape[1]), np.inf if how is np.minimum else -np.inf, np.float32)
+    how.at(found, clusters, values)
+    return found
