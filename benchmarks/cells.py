@@ -1,0 +1,264 @@
+"""What the paper's tables are made of: cells, each one step of work with a name, needs and a cost.
+
+A method's cell is (clip, cameras, masks, method, variant), written ``street-7/6/sam-v1/opengaussian``. All methods of a
+clip and camera set learn on the Gaussians of one geometry cell, from the masks of one masks cell.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Literal
+
+from instdrive_core.errors import OptionError
+from instdrive_core.training.config import InstanceConfig, Method, TrainConfig, on_frozen_geometry, train_config
+
+Kind = Literal["clip", "masks", "geometry", "method", "figure"]
+
+TUNED_ON = (7, 11)
+"""Seeds of synthetic streets on which settings were chosen."""
+HEADLINE_SEEDS = (7, 23, 29)
+"""Streets of the headline rows. Nothing was chosen on those that are not in `TUNED_ON`."""
+STREET = f"street-{HEADLINE_SEEDS[0]}"
+"""The standard synthetic clip."""
+PANDASET = "pandaset-002"
+CAMERA_SETS = ("1", "3", "6")
+METHODS: tuple[Method, ...] = ("gaussian-grouping", "opengaussian", "mask-graph", "paper", "instdrive")
+PUBLISHED_TOO = ("gaussian-grouping", "opengaussian", "mask-graph", "paper")
+"""Methods with two rows: as published, and with the actor nodes and spatial components of ours."""
+SCALED = "scaled"
+"""Variant of `paper` whose feature rate grows as its schedule shrinks."""
+ABLATIONS = ("no-voxel", "no-pseudo", "d6", "d8", "d10")
+PRINTED_DIM, PRINTED_ITERATIONS = 8, 30_000
+FIGURES = ("cameras", "lidar", "cutouts")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How large everything is. The miniature shows in minutes that all of it works; its figures mean nothing."""
+
+    name: str = "full"
+    steps: int = 20
+    """Time steps of a synthetic clip."""
+    width: int = 480
+    """Pixels of its photos."""
+    height: int = 270
+    lidar_azimuths: int = 1000
+    first_frame: int | None = None
+    """Part of the PandaSet clip."""
+    last_frame: int | None = None
+    image_scale: float | None = None
+    """Of the PandaSet clip's photos."""
+    geometry_iterations: int | None = None
+    """None = those of the preset."""
+    instance_iterations: int | None = None
+    max_gaussians: int | None = None
+
+
+FULL = Scale()
+MINIATURE = Scale(
+    name="miniature",
+    steps=6,
+    width=96,
+    height=54,
+    lidar_azimuths=120,
+    first_frame=42,
+    last_frame=46,
+    image_scale=0.05,
+    geometry_iterations=60,
+    instance_iterations=40,
+    max_gaussians=4_000,
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One step of work, done by a process of its own."""
+
+    name: str
+    kind: Kind
+    clip: str
+    cameras: str = "6"
+    masks: str = ""
+    method: Method = "instdrive"
+    variant: str = ""
+    """Changes of the configuration joined by ``+``; empty = as the method's default."""
+    needs: tuple[str, ...] = ()
+    """Names of the cells whose outcome it takes, nearest first."""
+    seconds: float = 0.0
+    """What it is expected to take on 2 cores."""
+
+    @property
+    def published_too(self) -> bool:
+        """Whether it has the row `as published`: competitors as they are, not the ablations of them."""
+        return self.method in PUBLISHED_TOO and self.variant in ("", SCALED)
+
+    @property
+    def slug(self) -> str:
+        """Its name as a file name."""
+        return self.name.replace("/", "_")
+
+
+def street_seed(clip: str) -> int | None:
+    """The seed of a synthetic street; None for recorded clips."""
+    return int(clip.removeprefix("street-")) if clip.startswith("street-") else None
+
+
+def method_name(clip: str, cameras: str, masks: str, method: str, variant: str = "") -> str:
+    """The name of a method's cell."""
+    return f"{clip}/{cameras}/{masks}/{method}" + (f"+{variant}" if variant else "")
+
+
+def plan() -> tuple[Cell, ...]:
+    """All cells; each comes after those that it needs."""
+    cells = [cell for seed in HEADLINE_SEEDS for cell in _prepared(f"street-{seed}", ("sam-v1",))]
+    cells += _prepared(PANDASET, ("annotations", "lidar"))
+    compared = [(STREET, cameras, "sam-v1") for cameras in reversed(CAMERA_SETS)]
+    compared += [(f"street-{seed}", "6", "sam-v1") for seed in HEADLINE_SEEDS[1:]]
+    compared += [(PANDASET, "6", "annotations")]
+    for clip, cameras, masks in compared:
+        cells.append(_geometry(clip, cameras, masks))
+        cells += [_method(clip, cameras, masks, method) for method in reversed(METHODS)]
+        cells.append(_method(clip, cameras, masks, "paper", SCALED))
+    cells += [_method(PANDASET, "6", "lidar", method) for method in ("instdrive", "opengaussian")]
+    for change in ABLATIONS:
+        cells.append(_method(STREET, "6", "sam-v1", "instdrive", change))
+        if change != f"d{PRINTED_DIM}":
+            cells.append(_method(STREET, "6", "sam-v1", "paper", f"{SCALED}+{change}"))
+    return (*cells, *_figures())
+
+
+def _prepared(clip: str, masks: Sequence[str]) -> list[Cell]:
+    made = [
+        Cell(f"{clip}/{each}", "masks", clip, masks=each, needs=(clip,), seconds=_MASKS.get(each, 10)) for each in masks
+    ]
+    return [Cell(clip, "clip", clip, seconds=60 if street_seed(clip) is not None else 1), *made]
+
+
+def _geometry(clip: str, cameras: str, masks: str) -> Cell:
+    needs = (f"{clip}/{masks}", clip)
+    return Cell(f"{clip}/{cameras}/geometry", "geometry", clip, cameras, masks, needs=needs, seconds=300)
+
+
+def _method(clip: str, cameras: str, masks: str, method: Method, variant: str = "") -> Cell:
+    needs = (f"{clip}/{cameras}/geometry", f"{clip}/{masks}", clip)
+    name = method_name(clip, cameras, masks, method, variant)
+    cell = Cell(name, "method", clip, cameras, masks, method, variant, needs)
+    in_geometry = method == "instdrive" and not variant and masks != "lidar"
+    seconds = (0 if in_geometry else _INSTANCES[method]) + _EVALUATION * (2 if cell.published_too else 1)
+    return replace(cell, seconds=seconds * _SHARE_OF_CAMERAS[cameras])
+
+
+def _figures() -> list[Cell]:
+    def runs(clip: str, masks: str, *methods: tuple[Method, str]) -> tuple[str, ...]:
+        return tuple(method_name(clip, "6", masks, *each) for each in methods)
+
+    ours: tuple[Method, str] = ("instdrive", "")
+    grouping: tuple[Method, str] = ("gaussian-grouping", "")
+    opengaussian: tuple[Method, str] = ("opengaussian", "")
+    without_voxel: tuple[Method, str] = ("instdrive", "no-voxel")
+    of_lidar = runs(STREET, "sam-v1", grouping, opengaussian, without_voxel, ours)
+    return [
+        _figure("cameras", PANDASET, runs(PANDASET, "annotations", grouping, opengaussian, ours)),
+        _figure("cameras", STREET, runs(STREET, "sam-v1", grouping, opengaussian, ours)),
+        _figure("lidar", STREET, of_lidar),
+        _figure("cutouts", STREET, runs(STREET, "sam-v1", ours)),
+    ]
+
+
+def _figure(figure: str, clip: str, needs: tuple[str, ...]) -> Cell:
+    return Cell(f"figure/{figure}/{clip}", "figure", clip, variant=figure, needs=(*needs, clip), seconds=15)
+
+
+_EVALUATION = 30.0
+_MASKS = {"annotations": 40.0, "lidar": 60.0}
+_INSTANCES = {"gaussian-grouping": 150.0, "opengaussian": 150.0, "mask-graph": 15.0, "paper": 70.0, "instdrive": 60.0}
+_SHARE_OF_CAMERAS = {"1": 0.6, "3": 0.75, "6": 1.0}
+"""Of a method's cost with six cameras."""
+
+
+def config_of(cell: Cell, scale: Scale) -> TrainConfig:
+    """What a geometry's or method's cell trains with: the `quick` preset, changed as its variant says.
+
+    Raises OptionError for an unknown variant.
+    """
+    config = train_config(cell.method, "quick")
+    if scale.geometry_iterations is not None:
+        config = replace(config, geometry=replace(config.geometry, iterations=scale.geometry_iterations))
+    if scale.instance_iterations is not None:
+        config = replace(config, instances=replace(config.instances, iterations=scale.instance_iterations))
+    if scale.max_gaussians is not None:
+        config = replace(
+            config,
+            init=replace(config.init, lidar_points=scale.max_gaussians // 2, near_points=200, far_points=200),
+            densify=replace(config.densify, max_gaussians=scale.max_gaussians),
+        )
+    if cell.kind == "geometry":
+        return config
+    config = on_frozen_geometry(config)
+    instances = config.instances
+    for change in filter(None, cell.variant.split("+")):
+        instances = _changed(instances, change)
+    # The second row of every method has our actor nodes; what is published of it is read from its codewords alone.
+    return replace(config, instances=replace(instances, whole_actors=True))
+
+
+def _changed(instances: InstanceConfig, change: str) -> InstanceConfig:
+    if change == SCALED:
+        return replace(instances, feature_lr=instances.feature_lr * PRINTED_ITERATIONS / instances.iterations)
+    if change == "no-voxel":
+        return replace(instances, voxel_weight=0.0)
+    if change == "no-pseudo":
+        return replace(instances, pseudo_weight=0.0)
+    if change.startswith("d") and change[1:].isdecimal():
+        return replace(instances, feature_dim=int(change[1:]))
+    raise OptionError(f"unknown variant {change!r}; there are {', '.join((SCALED, *ABLATIONS))}")
+
+
+def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, str]:
+    """The key of each cell's outcome: a hash of its own settings and of the keys of what it needs.
+
+    `recorded` is the folder of the recorded clip. A geometry's key leaves out how instances are learned: other
+    settings of these do not make other Gaussians.
+    """
+    keys: dict[str, str] = {}
+    for cell in cells:
+        facts: dict[str, object] = {
+            "kind": cell.kind,
+            "scale": scale.name,
+            "needs": [keys[name] for name in cell.needs],
+        }
+        if cell.kind == "clip":
+            facts |= asdict(scale) | {"clip": cell.clip if street_seed(cell.clip) is not None else recorded}
+        elif cell.kind in ("geometry", "method"):
+            settings = config_of(cell, scale).to_json()
+            if cell.kind == "geometry":
+                del settings["instances"]
+            facts |= {"cameras": cell.cameras, "train": settings}
+        else:
+            facts |= {"masks": cell.masks, "figure": cell.variant}
+        text = json.dumps(facts, sort_keys=True)
+        keys[cell.name] = hashlib.sha256(text.encode()).hexdigest()[:12]
+    return keys
+
+
+def chosen(cells: Sequence[Cell], patterns: Sequence[str]) -> tuple[Cell, ...]:
+    """The cells whose name contains one of the patterns (``*`` matches anything), and all that they need.
+
+    All where there is no pattern. Raises OptionError for a pattern without a cell.
+    """
+    if not patterns:
+        return tuple(cells)
+    wanted: set[str] = set()
+    for pattern in patterns:
+        found = {cell.name for cell in cells if fnmatchcase(cell.name, f"*{pattern}*")}
+        if not found:
+            raise OptionError(f"no cell's name contains {pattern!r}; --list shows them all")
+        wanted |= found
+    for cell in reversed(cells):
+        if cell.name in wanted:
+            wanted |= set(cell.needs)
+    return tuple(cell for cell in cells if cell.name in wanted)
