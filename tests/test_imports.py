@@ -108,11 +108,14 @@ def test_only_window_and_render_touch_gl():
     assert touching <= {"window", "render"}
 
 
-def test_torch_is_imported_in_training_only():
+def test_torch_is_imported_in_training_and_for_segment_anything_only():
     seen = {
         part for part, name in parts_and_imports("instdrive_core", "instdrive_core") if name.split(".")[0] == "torch"
     }
-    assert seen <= {"training", "baselines", "cli"}
+    assert seen <= {"training", "baselines", "cli", "masks"}
+    for path in (ROOT / "instdrive_core" / "masks").glob("*.py"):
+        names = {name.split(".")[0] for name in imported_names(path, "instdrive_core.masks")}
+        assert path.stem.startswith("sam") or "torch" not in names, path.name
     assert not [name for _, name in parts_and_imports("app", "instdrive_app") if name.split(".")[0] == "torch"]
 
 
@@ -130,6 +133,7 @@ def modules_after(code):
         "instdrive_core.edits.serialize",
         "instdrive_core.edits.bake",
         "instdrive_core.rasterize.scene_view",
+        "instdrive_core.masks.sam",
         "instdrive_core.cli.apply",
         "instdrive_core.cli.render",
         "instdrive_core.cli.info",
