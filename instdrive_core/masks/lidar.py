@@ -15,7 +15,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.annotations import OPEN, without_borders
 from instdrive_core.masks.cluster_kind import FACADE, FIRST_THING, GROUND, VEGETATION
 from instdrive_core.masks.lidar_scene import LidarScene, build_lidar_scene
-from instdrive_core.masks.regions import draw_things, superpixel_vote
+from instdrive_core.masks.regions import draw_things, superpixel_vote, without_holes
 from instdrive_core.masks.sky import SkyColors, sky_seeds, surely_sky
 from instdrive_core.masks.splatting import splat
 from instdrive_core.masks.spreading import spread
@@ -77,25 +77,26 @@ class LidarLabels:
 
     def _made(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         image, camera = frame.load_image(), frame.view.camera
-        drawn = self._drawn(camera, frame.view.time)
+        drawn, depths = self._drawn(camera, frame.view.time)
         seeds, originals = _compact(drawn)
         sky = len(originals)
         things = range(int(np.searchsorted(originals, FIRST_THING)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
         seeds[sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
-        voted = superpixel_vote(without_borders(seeds, BORDER), image, ~reachable & False)
+        voted = superpixel_vote(without_borders(seeds, BORDER), image, reachable, things)
         limits = self._limits(originals, camera.width)
         filled = spread(voted, image, limits, reachable, things)
         filled = spread(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
+        filled = without_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
         back = np.append(originals, 0).astype(np.int32)
         return np.where(filled == OPEN, OPEN, back[filled]), filled == sky
 
-    def _drawn(self, camera: Camera, time: float) -> Int32[ndarray, "h w"]:
-        """IDs where points were drawn, else `OPEN`."""
+    def _drawn(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
+        """IDs where points were drawn, else `OPEN`, and depths."""
         wide = self._scene.ids < FIRST_THING
         labels, depths = splat(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
         draw_things(self._things | self._scene.moving_at(time), camera, labels, depths)
-        return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN)
+        return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
     def _limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
         shares = [REACHES.get(number, REACH) for number in originals.tolist()] + [SKY_REACH]
@@ -109,7 +110,7 @@ class LidarLabels:
         for frame in clip.training_frames():
             if frame.view.index in chosen:
                 image, camera = frame.load_image(), frame.view.camera
-                surface = self._drawn(camera, frame.view.time) != OPEN
+                surface = self._drawn(camera, frame.view.time)[0] != OPEN
                 colors.add(image, surely_sky(surface, image, camera), surface)
         return colors
 

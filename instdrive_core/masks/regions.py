@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
+from jaxtyping import Bool, Float32, Int, Int32, UInt8, UInt32
 from numpy import ndarray
 from scipy import ndimage
+from skimage.measure import label
 from skimage.morphology import disk
 from skimage.segmentation import slic
 
@@ -29,6 +30,14 @@ BEHIND = 0.3
 SUPERPIXEL = 10.0
 """Pixels along an edge of a superpixel."""
 COMPACTNESS = 8.0
+MAX_HOLE = 0.012
+"""Share of the photo up to which a part of a region is a hole in another one."""
+ENCLOSED = 0.85
+"""Share of a hole's rim that must be of one other label."""
+RIM = 4
+"""Pixels around a hole within which depths are compared."""
+IN_FRONT = 0.7
+"""Metres by which a part must be nearer than what surrounds it to be in front of it rather than a hole."""
 MAJORITY = 0.6
 """Share of a superpixel's labelled pixels that the most frequent label must have to take the others."""
 
@@ -87,14 +96,18 @@ def _silhouette(
 
 
 def superpixel_vote(
-    labels: Int32[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], fixed: Bool[ndarray, "h w"]
+    labels: Int32[ndarray, "h w"],
+    image: UInt8[ndarray, "h w 3"],
+    open_to_things: Bool[ndarray, "h w"],
+    things: range,
 ) -> Int32[ndarray, "h w"]:
     """The labels with `OPEN` pixels given the label that prevails in their superpixel, if one does.
 
     Args:
         labels: seeds; `OPEN` where nothing is known.
         image: the photo.
-        fixed: open pixels that stay open.
+        open_to_things: where labels in `things` may be given.
+        things: see there.
     """
     height, width = labels.shape
     count = round(height * width / SUPERPIXEL**2)
@@ -103,11 +116,60 @@ def superpixel_vote(
     size = int(labels.max(initial=0)) + 1
     pairs = parts[known].astype(np.int64) * size + labels[known]
     found, counts = np.unique(pairs, return_counts=True)
-    part, label = found // size, found % size
+    part, name = found // size, found % size
     totals = np.bincount(parts[known].ravel(), minlength=int(parts.max()) + 1)
-    order = np.lexsort((label, -counts, part))
+    order = np.lexsort((name, -counts, part))
     first = order[np.flatnonzero(np.diff(part[order], prepend=-1))]
     winner = np.full(int(parts.max()) + 1, OPEN, np.int32)
     prevails = counts[first] > MAJORITY * totals[part[first]]
-    winner[part[first[prevails]]] = label[first[prevails]]
-    return np.where(known | fixed, labels, winner[parts]).astype(np.int32)
+    winner[part[first[prevails]]] = name[first[prevails]]
+    voted = winner[parts]
+    allowed = open_to_things | (voted < things.start) | (voted >= things.stop)
+    return np.where(known | ~allowed, labels, voted).astype(np.int32)
+
+
+def without_holes(
+    labels: Int32[ndarray, "h w"], depths: Float32[ndarray, "h w"], floor: int, things: range
+) -> Int32[ndarray, "h w"]:
+    """The labels with small parts that lie within one other label, and not in front of it, given to that one: what
+    LiDAR saw through a window, and pixels left open. Things on the floor are no holes in it.
+
+    Args:
+        labels: a number per pixel, `OPEN` where nothing is known.
+        depths: metres along the optical axis, infinity where no point was drawn.
+        floor: the ground's label.
+        things: labels of things.
+    """
+    parts = label(labels - OPEN, background=-1, connectivity=1) - 1
+    count = int(parts.max()) + 1
+    of_part = np.zeros(count, np.int32)
+    of_part[parts.ravel()] = labels.ravel()
+    pairs = np.concatenate([_touching(parts), _touching(parts.T)])
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    total = np.bincount(pairs[:, 0], minlength=count)
+    found, sides = np.unique(np.column_stack([pairs[:, 0], of_part[pairs[:, 1]]]), axis=0, return_counts=True)
+    small = np.bincount(parts.ravel(), minlength=count) < MAX_HOLE * labels.size
+    small[np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])] = False
+    enclosed = (sides > ENCLOSED * total[found[:, 0]]) & small[found[:, 0]] & (found[:, 1] != OPEN)
+    filled, boxes = labels.copy(), ndimage.find_objects(parts + 1)
+    for part, outer in found[enclosed].tolist():
+        if outer == floor and of_part[part] in things:
+            continue
+        box = tuple(slice(max(0, side.start - RIM), side.stop + RIM) for side in boxes[part])
+        inside = parts[box] == part
+        rim = np.asarray(ndimage.binary_dilation(inside, iterations=RIM)) & (labels[box] == outer)
+        if not _middle(depths[box][inside]) < _middle(depths[box][rim]) - IN_FRONT:
+            filled[box][inside] = outer
+    return filled
+
+
+def _middle(depths: Float32[ndarray, " n"]) -> float:
+    """The median of the known depths; NaN where none is."""
+    known = depths[np.isfinite(depths)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _touching(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
+    """Pairs of different parts in pixels side by side in a row."""
+    different = parts[:, 1:] != parts[:, :-1]
+    return np.column_stack([parts[:, :-1][different], parts[:, 1:][different]])
