@@ -29,6 +29,7 @@ COMMANDS = {
     "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
     "train": Command("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
     "eval": Command("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
+    "compare": Command("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
     "apply": Command("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),

@@ -53,10 +53,15 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[Content]], **attribute
     return element("div", shown, class_="scroll")
 
 
-def number_cell(text: str, value: float | None = None, **attributes: str) -> Markup:
-    """A right-aligned cell that is sorted by `value`; unknown values sort below all others."""
-    classes = " ".join(["number", *attributes.pop("class_", "").split()])
-    return element("td", text, class_=classes, data_value=-1e9 if value is None else value, **attributes)
+def number_cell(text: str, value: float | None = None, below: str = "", class_: str = "") -> Markup:
+    """A right-aligned cell that is sorted by `value`; unknown values sort below all others.
+
+    Args:
+        below: a smaller line under the number.
+    """
+    small = element("span", below, class_="delta") if below else None
+    order = -1e9 if value is None else value
+    return element("td", text, small, class_=f"number {class_}".rstrip(), data_value=order)
 
 
 def section(title: str, *content: Content) -> Markup:

@@ -1,0 +1,72 @@
+"""`instdrive compare`: measured runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from instdrive_core.evaluation.comparison import MeasuredRun
+
+BEST = "★"
+
+
+def compare(
+    runs: tyro.conf.Positional[tuple[Path, ...]],
+    html: Path | None = None,
+    fresh: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+) -> None:
+    """Put measured runs side by side.
+
+    Args:
+        runs: Folders of runs, or files that `eval --json` wrote. A folder's eval.json is used where it is newer than
+            the scene; else the run is evaluated first.
+        html: File to write a page into, with the same held-out views of each run and its training curves.
+        fresh: Evaluate every folder again.
+    """
+    from rich.console import Console
+
+    from instdrive_core.cli.eval_progress import eval_progress
+    from instdrive_core.errors import OptionError
+    from instdrive_core.evaluation.comparison import differences, measured_runs
+    from instdrive_core.evaluation.html_compare import write_comparison
+
+    if not runs:
+        raise OptionError("no run to compare. Give one or more folders that `train` wrote.")
+    console = Console()
+    with eval_progress(console) as show:
+        measured = measured_runs(runs, fresh, show)
+    console.print(comparison_table(measured))
+    for text in differences(measured):
+        console.print(f"Note: {text}", markup=False, highlight=False, soft_wrap=True)
+    if html is not None:
+        write_comparison(html, measured)
+        console.print(f"comparison written to {html}", markup=False, highlight=False)
+
+
+def comparison_table(runs: Sequence[MeasuredRun]) -> Table:
+    """A row per figure, a column per run; the best value has a star, differences are to the first run."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from instdrive_core.evaluation.comparison import compared_rows
+
+    title = f"{BEST} best value; differences to the first run" if len(runs) > 1 else None
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("figure")
+    for run in runs:
+        table.add_column(Text(run.name), justify="right")
+    for figure, cells in compared_rows(runs):
+        texts = []
+        for cell in cells:
+            text = Text(f"{cell.text} {BEST if cell.best else ' '}" if len(runs) > 1 else cell.text)
+            text.stylize("bold green" if cell.best else "")
+            texts.append(text.append(f" {cell.delta}", style="dim") if cell.delta else text)
+        table.add_row(figure.title, *texts)
+    return table
