@@ -2,41 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import UInt32, UInt64
+from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, load_clip
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.clicks import clicks_on_things, selection_scores
-from instdrive_core.evaluation.deletion import deletion_scores
 from instdrive_core.evaluation.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.id_measure import (
+    CLICK_KEYS,
+    SEED,
+    IdMeasure,
+    Progress,
+    codes_of,
+    id_measure,
+    nothing_measured,
+)
+from instdrive_core.evaluation.lidar_components import component_ids
+from instdrive_core.evaluation.lidar_scores import LIDAR_KEYS
 from instdrive_core.evaluation.map_scores import per_view_scores, scene_scores
-from instdrive_core.evaluation.object_rows import ObjectRow, object_rows
+from instdrive_core.evaluation.object_rows import ObjectRow
 from instdrive_core.evaluation.oracle import true_instance_ids
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
-from instdrive_core.evaluation.segmentation import LabelledView
 from instdrive_core.evaluation.sharing import shared_ids
 from instdrive_core.formats.scene_folder import read_scene_folder
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance, open_ground_truth
 from instdrive_core.scene.scene import Scene
 
-SEED = 0
-"""Of clicks, samples and random IDs: the same for every run, so that runs are compared on the same clicks."""
 MAX_ORACLE_VIEWS = 120
 """The oracle's votes come from at most this many training views, evenly spread."""
 
-PER_VIEW_KEYS = ("miou", "macc", "miou_majority")
-SCENE_KEYS = ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff")
-LIDAR_KEYS = ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance")
+ORACLE_KEYS = {
+    "scene": ("miou", "pq"),
+    "lidar": tuple(key for key in LIDAR_KEYS if "code" not in key),
+    "click": CLICK_KEYS,
+}
+"""Figures that are also given of true IDs on the same Gaussians, as `oracle_*`."""
 FACT_KEYS = ("train_seconds", "peak_rss_mb", "iterations", "seed", "clip", "cameras", "masks", "backend")
-CLICK_KEYS = ("hit_rate", "iou", "collateral", "residue")
-
-Progress = Callable[[str, int, int], None]
-"""Called with the stage's name, steps done and steps in all."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,7 @@ class Evaluation:
     figures: dict[str, Any]
     """The keys of the protocol."""
     controls: dict[str, dict[str, dict[str, Any]]]
-    """By name of the control: `per_view` and `scene`."""
+    """By name of the control: `per_view`, `scene` and `lidar`."""
     held_out_steps: tuple[int, ...]
     privileged: bool
     """The run trained on the same annotations that it is measured with."""
@@ -95,48 +102,49 @@ def evaluate_scene(
     facts: dict[str, Any],
     progress: Progress = lambda stage, done, total: None,
 ) -> Evaluation:
-    """Measure a scene on a clip's held-out views; `facts` as in `read_run_facts`."""
+    """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`."""
     views = _held_out_views(scene, clip, ground_truth, progress)
-    instances = ground_truth.instances.values()
-    things = {instance.id for instance in instances if instance.kind == "thing"}
-    stuff = {instance.id for instance in instances if instance.kind == "stuff"}
-
-    def scored(predicted: Sequence[LabelledView]) -> dict[str, dict[str, Any]]:
-        return {"per_view": per_view_scores(predicted), "scene": scene_scores(predicted, things, stuff)}
-
-    objects: tuple[ObjectRow, ...] = ()
-    maps: dict[str, dict[str, Any]] = {"per_view": dict.fromkeys(PER_VIEW_KEYS), "scene": dict.fromkeys(SCENE_KEYS)}
-    click: dict[str, Any] = dict.fromkeys(CLICK_KEYS)
+    measure = id_measure(scene, views, clip, ground_truth, progress)
+    learned, objects = nothing_measured(), ()
     if scene.instance_ids.any():
-        shown = [view.with_ids(scene.instance_ids) for view in views]
-        maps, click = scored(shown), _click_scores(scene, clip, ground_truth, views, shown, things, progress)
-        objects = object_rows(shown, _coded(scene, views), ground_truth.instances)
-    oracle: dict[str, Any] = dict.fromkeys(SCENE_KEYS)
+        learned = _measured(measure, scene.instance_ids, codes_of(scene), "deletions", progress)
+        objects = measure.objects(scene.instance_ids, codes_of(scene))
+    oracle = nothing_measured()
     if ground_truth.source == "exact":
         true_ids = _true_ids(scene, clip, ground_truth, progress)
-        oracle = scored([view.with_ids(true_ids) for view in views])["scene"]
+        oracle = _measured(measure, true_ids, None, "deletions, true IDs", progress)
+    bounds = {part: {f"oracle_{key}": oracle[part][key] for key in keys} for part, keys in ORACLE_KEYS.items()}
     figures = {
         **_image_scores(views),
         "codeword": _codeword_scores(views),
-        "per_view": maps["per_view"],
-        "scene": {**maps["scene"], "oracle_miou": oracle["miou"], "oracle_pq": oracle["pq"]},
-        "lidar": dict.fromkeys(LIDAR_KEYS),
-        "click": click,
+        "per_view": learned["per_view"],
+        **{part: learned[part] | bounds[part] for part in ("scene", "lidar", "click")},
         "n_gaussians": len(scene),
         "n_instances": len(scene.table),
         **{key: facts[key] for key in FACT_KEYS},
     }
-    controls = _controls(views, len(scene), len(things | stuff))
     return Evaluation(
         figures=figures,
-        controls={name: scored(predicted) for name, predicted in controls.items()},
+        controls={name: measure.scores(ids) for name, ids in _controls(scene, clip, ground_truth).items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
         scene=scene,
-        views=tuple(views),
+        views=measure.views,
         truth_instances=ground_truth.instances,
         objects=objects,
     )
+
+
+def _measured(
+    measure: IdMeasure,
+    ids: UInt32[ndarray, " n"],
+    codes: UInt64[ndarray, " n"] | None,
+    stage: str,
+    progress: Progress,
+) -> dict[str, Any]:
+    """`per_view`, `scene`, `lidar` and `click`."""
+    clicked = measure.click_scores(ids, lambda done, total: progress(stage, done, total))
+    return measure.scores(ids, codes) | {"click": clicked}
 
 
 def _held_out_views(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> list[HeldOutView]:
@@ -168,32 +176,6 @@ def _codeword_scores(views: Sequence[HeldOutView]) -> dict[str, dict[str, float 
     }
 
 
-def _click_scores(
-    scene: Scene,
-    clip: Clip,
-    ground_truth: GroundTruth,
-    views: Sequence[HeldOutView],
-    shown: Sequence[LabelledView],
-    things: set[int],
-    progress: Progress,
-) -> dict[str, float | None]:
-    tracks = {track.id: track for track in clip.tracks}
-    boxes = {
-        instance.id: tracks[instance.track_id]
-        for instance in ground_truth.instances.values()
-        if instance.track_id in tracks
-    }
-    clicks = clicks_on_things(shown, things, SEED)
-    return selection_scores(clicks) | deletion_scores(scene, views, clicks, boxes, SEED, progress)
-
-
-def _coded(scene: Scene, views: Sequence[HeldOutView]) -> list[LabelledView] | None:
-    """Codeword + 1 of the Gaussian that each pixel stands for; blended features invent codes along borders."""
-    if not scene.code_bits:
-        return None
-    return [view.with_ids(scene.codewords.astype(np.uint64) + np.uint64(1)) for view in views]
-
-
 def _true_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
     frames = clip.training_frames()
     spread = frames[:: -(-len(frames) // MAX_ORACLE_VIEWS)] if frames else frames
@@ -202,10 +184,13 @@ def _true_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Pro
     )
 
 
-def _controls(views: Sequence[HeldOutView], rows: int, objects: int) -> dict[str, list[LabelledView]]:
+def _controls(scene: Scene, clip: Clip, ground_truth: GroundTruth) -> dict[str, UInt32[ndarray, " n"]]:
+    """IDs of the scene's Gaussians that nobody learned."""
+    rows, objects = len(scene), len(ground_truth.instances)
     random_ids = np.random.default_rng(SEED).integers(1, objects + 1, rows).astype(np.uint32)
     controls = {"one ID for all": np.ones(rows, np.uint32), "random IDs": random_ids}
-    return {name: [view.with_ids(ids) for view in views] for name, ids in controls.items()}
+    components = component_ids(scene, clip)
+    return controls if components is None else controls | {"LiDAR components": components}
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -13,8 +13,9 @@ import numpy as np
 
 from instdrive_core.evaluation.segmentation import Confusion
 
-MIN_SHARE = 0.1
-"""An ID that holds a smaller share of an object than this does not count for it."""
+MIN_SHARE = 0.15
+"""An ID that holds a smaller share of an object than this does not count for it. The smallest with which true IDs, on
+trained geometry, count once for every object: at 0.10 fringes make 1.045 of it, at 0.05 1.13."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +29,17 @@ class Holding:
 
 def holdings(counts: Confusion, min_share: float = MIN_SHARE) -> dict[int, tuple[Holding, ...]]:
     """By ground-truth ID: the predicted IDs that hold at least `min_share` of it, the largest first (ties: the lower
-    ID). Pixels without a predicted ID belong to the whole but to none of the parts, so shares may sum to less than 1.
+    ID). Of a shattered object, which has IDs but none that holds so much, all count.
+
+    Pixels without a predicted ID belong to the whole but to none of the parts: shares may sum to less than 1, and an
+    object with less than `min_share` under any ID has none.
     """
     found = {}
     shares = counts.shared / np.maximum(counts.truth_areas, 1)[:, None]
     for truth_id, share in zip(counts.truth_ids.tolist(), shares, strict=True):
         order = np.argsort(-share, kind="stable")
-        kept = order[share[order] >= min_share]
+        order = order[share[order] > 0] if share.sum() >= min_share else order[:0]
+        kept = order[share[order] >= min_share] if share.max(initial=0) >= min_share else order
         found[truth_id] = tuple(Holding(int(counts.predicted_ids[column]), float(share[column])) for column in kept)
     return found
 
@@ -51,6 +56,15 @@ def objects_by_id(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, 
 def shared_ids(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
     """As `objects_by_id`, those with more than one object: the collisions."""
     return {key: objects for key, objects in objects_by_id(held).items() if len(objects) > 1}
+
+
+def covering_counts(counts: Confusion, covered: float = 1 - MIN_SHARE) -> list[int]:
+    """For each object that has IDs: the fewest of them that hold `covered` of all that has one. Crumbs, each too small
+    to count for the object, are found by this."""
+    shared = np.sort(counts.shared, axis=1)[:, ::-1]
+    shared = shared[shared.any(axis=1)]
+    reached = np.cumsum(shared, axis=1) >= covered * shared.sum(axis=1, keepdims=True)
+    return (np.argmax(reached, axis=1) + 1).tolist()
 
 
 def mean_count(groups: Sequence[Sequence[object]]) -> float | None:

@@ -82,8 +82,8 @@ def build_cloud(clip: Clip, held_out: bool) -> LabelledCloud:
     stuff = sorted({ONE_SURFACE.get(name, name) for name in clip.class_names.values()} - MOVABLE - NO_SURFACE)
     stuff_ids = {name: number + 1 for number, name in enumerate(stuff)}
     tracks = {len(stuff) + 1 + number: track for number, track in enumerate(clip.tracks)}
-    id_of_class = _ids_of_classes(clip.class_names, stuff_ids)
-    fits = np.array([_classes_that_fit(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
+    id_of_class = ids_of_classes(clip.class_names, stuff_ids)
+    fits = np.array([classes_that_fit(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
     static: list[tuple[ndarray, ndarray]] = []
     models: dict[int, list[ndarray]] = {number: [] for number in tracks}
     for sweep in clip.sweeps if held_out else clip.training_sweeps():
@@ -111,12 +111,13 @@ def _instances(stuff_ids: dict[str, int], tracks: dict[int, Track]) -> dict[int,
     return instances
 
 
-_NOTHING = np.iinfo(np.int64).max
+NOTHING = np.iinfo(np.int64).max
 """Stands for points to be left out: they are no surface, or nothing is known about them."""
 
 
-def _ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
-    ids = np.full(256, _NOTHING, np.int64)
+def ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
+    """What a point of each semantic class is outside of all boxes: an ID, `UNKNOWN`, or `NOTHING`."""
+    ids = np.full(256, NOTHING, np.int64)
     for number, name in class_names.items():
         if name in MOVABLE:
             ids[number] = UNKNOWN
@@ -125,7 +126,7 @@ def _ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> I
     return ids
 
 
-def _classes_that_fit(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
+def classes_that_fit(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
     """Semantic classes that points of an object with this label have; 0 is given to points that were left out."""
     fits = np.zeros(256, bool)
     fits[0] = True
@@ -154,7 +155,7 @@ def _split_sweep(
             local = (members - poses[position, :3, 3]) @ poses[position, :3, :3]
             on_objects[int(number)] = local.astype(np.float32)
     ids = id_of_class[classes]
-    kept = (box == -1) & (ids != _NOTHING) & ~(near_moving & (ids == UNKNOWN))
+    kept = (box == -1) & (ids != NOTHING) & ~(near_moving & (ids == UNKNOWN))
     return found.points[kept], ids[kept].astype(np.uint32), on_objects
 
 

@@ -38,9 +38,14 @@ NESTED_KEYS = {
     "lidar.": ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance"),
     "click.": ("hit_rate", "iou", "collateral", "residue"),
 }
-KEYS = {prefix + key for prefix, keys in NESTED_KEYS.items() for key in keys}
-KEYS |= {"seed", "clip", "cameras", "masks", "backend"}
 """As EVALUATION writes them."""
+EXTRA_KEYS = {
+    "lidar.": ("instances_to_cover", "codes_per_object", "objects_per_code"),
+    "lidar.oracle_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
+    "click.oracle_": NESTED_KEYS["click."],
+}
+KEYS = {prefix + key for nested in (NESTED_KEYS, EXTRA_KEYS) for prefix, keys in nested.items() for key in keys}
+KEYS |= {"seed", "clip", "cameras", "masks", "backend"}
 
 
 def flat(figures: dict, prefix: str = "") -> dict:
