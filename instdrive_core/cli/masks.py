@@ -2,44 +2,86 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.errors import OptionError
+from instdrive_core.masks.sam import SamOptions
+
+if TYPE_CHECKING:
+    from instdrive_core.masks.labelmap import MaskFolder
 
 
 def masks(
     clip: Positional[Path],
-    source: Literal["exact", "annotations"] = "exact",
+    source: Literal["exact", "annotations", "lidar", "sam", "import"] = "exact",
     out: Annotated[Path | None, arg(aliases=["-o"])] = None,
     seed: int = 0,
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
     faults: Literal["sam-v1"] | None = None,
+    imported: Annotated[Path | None, arg(name="from")] = None,
+    sheet: Path | None = None,
+    sam: SamOptions = SamOptions(),  # noqa: B008 (frozen)
 ) -> None:
     """Write instance masks for the training photos of a clip.
 
+    What was interrupted goes on where it stopped when the same command is given again.
+
     Args:
         clip: Folder of the clip, in PandaSet's layout.
-        source: `exact`: a synthetic clip's labels; `annotations`: made from cuboids, semantic classes and LiDAR.
+        source: `exact`: a synthetic clip's labels; `annotations`: made from cuboids, semantic classes and LiDAR;
+            `lidar`: from LiDAR and photos alone; `sam`: by Segment Anything; `import`: made elsewhere, see --from.
         out: Folder of the masks; default: the clip's own `masks/`, where training looks for them.
         seed: Of the labels' order in each photo, and of the faults.
         options: Which part of the clip to use, and the masks' size.
         faults: Get masks wrong on purpose, as a segmenter would: `sam-v1` splits 25 % of the objects, merges 10 % of
             touching pairs, misses 10 % of the objects and makes borders ragged by up to 2 px.
+        imported: Folder to import, a file per photo: CAMERA/NN as .png (label map), .npz (boolean masks) or .json (COCO
+            run lengths).
+        sheet: Picture to write for each camera: masks over some of its photos. A .jpg or .png file, or a folder.
+        sam: How Segment Anything makes masks.
     """
-    from rich.progress import Progress
-
     from instdrive_core.datasets.clip import load_clip
-    from instdrive_core.masks.sources import make_masks
+    from instdrive_core.masks.contact_sheet import check_sheet, write_sheets
+    from instdrive_core.masks.sources import SourceOptions, make_masks
 
+    if sheet is not None:
+        check_sheet(sheet)
+    if imported is not None and source != "import":
+        raise OptionError(f"--from {imported} is read by --source import only; the source is {source!r}")
     loaded = load_clip(str(clip), options)
     folder = out if out is not None else clip / "masks"
-    with Progress(transient=True) as progress:
-        task = progress.add_task(f"masks ({source})", total=len(loaded.training_frames()))
-        written = make_masks(loaded, source, folder, seed, lambda done: progress.update(task, completed=done), faults)
+    total = len(loaded.training_frames())
+
+    def make(on_frame: Callable[[int], None]) -> MaskFolder:
+        return make_masks(loaded, source, folder, seed, on_frame, faults, SourceOptions(imported, sam))
+
+    written = _with_progress(make, f"masks ({source})", total)
     count = sum(written.counts.values())
     with_faults = f" with the faults {faults}" if faults else ""
     print(f"{count} masks in {len(written.counts)} photos, from {source}{with_faults}: {folder}")
+    if sheet is not None:
+        print("Contact sheets:", *map(str, write_sheets(loaded, written, sheet)))
+
+
+def _with_progress(make: Callable[[Callable[[int], None]], MaskFolder], title: str, total: int) -> MaskFolder:
+    """Run what makes masks under a bar; say so where it goes on with what was done before."""
+    from rich.progress import MofNCompleteColumn, Progress
+
+    with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), transient=True) as progress:
+        task = progress.add_task(title, total=total)
+        told = False
+
+        def show(done: int) -> None:
+            nonlocal told
+            if done and not told:
+                progress.console.print(f"Going on where it stopped: {done} of {total} photos are done")
+            told = True
+            progress.update(task, completed=done)
+
+        return make(show)

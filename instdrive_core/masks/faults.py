@@ -115,7 +115,10 @@ def _merged(
     _, first = np.unique(owners[longest_first], axis=0, return_index=True)
     joint = pairs[longest_first[first]]
     root = np.arange(len(owner))
-    for one, other in joint[rng.random(len(joint)) < share]:
+    wanted = int(share * len(joint) + rng.random())  # the share on average, also of a few pairs
+    for one, other in rng.permutation(joint):
+        if np.count_nonzero(root[joint[:, 0]] == root[joint[:, 1]]) >= wanted:  # chains merge pairs of their own
+            break
         root[root == root[other]] = root[one]
     return _numbered(root[masks])
 

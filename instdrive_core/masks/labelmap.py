@@ -166,6 +166,8 @@ def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[
 
 def nearest(raster: ndarray, width: int, height: int) -> ndarray:
     """The raster (h, w) sampled at the pixel centres of a raster of another size."""
+    if raster.shape == (height, width):
+        return raster
     rows = ((np.arange(height) + 0.5) * raster.shape[0] / height).astype(int)
     columns = ((np.arange(width) + 0.5) * raster.shape[1] / width).astype(int)
     return raster[rows[:, None], columns[None, :]]

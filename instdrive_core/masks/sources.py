@@ -3,16 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from instdrive_core.datasets.clip import Clip, Frame
+from instdrive_core.errors import OptionError
 from instdrive_core.masks.annotations import AnnotationLabels, has_annotations
 from instdrive_core.masks.exact import ExactLabels
 from instdrive_core.masks.faults import FAULT_MODELS, FaultModel, with_faults
-from instdrive_core.masks.labelmap import SIDECAR, FrameMasks, MaskFolder, open_masks, shuffled, write_masks
+from instdrive_core.masks.journal import Journal
+from instdrive_core.masks.label_source import LabelSource
+from instdrive_core.masks.labelmap import (
+    SIDECAR,
+    FrameMasks,
+    MaskFolder,
+    label_path,
+    open_masks,
+    shuffled,
+    sky_path,
+    write_masks,
+)
+from instdrive_core.masks.sam import SamOptions
 
-Source = Literal["exact", "annotations"]
+Source = Literal["exact", "annotations", "lidar", "sam", "import"]
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """What some sources need to know besides the clip."""
+
+    imported: Path | None = None
+    """`import`: the folder to read."""
+    sam: SamOptions = SamOptions()  # noqa: RUF009 (frozen)
+    """`sam`: how."""
+
+
+def open_source(clip: Clip, source: Source, options: SourceOptions = SourceOptions()) -> LabelSource:
+    """What makes a clip's masks; modules and packages that only one source needs are loaded for it alone.
+
+    Raises DataError where the clip lacks what the source needs, OptionError where an option does.
+    """
+    if source == "exact":
+        return ExactLabels(clip.path)
+    if source == "annotations":
+        return AnnotationLabels(clip, held_out=False)
+    if source == "lidar":
+        from instdrive_core.masks.lidar import LidarLabels
+
+        return LidarLabels(clip)
+    if source == "sam":
+        from instdrive_core.masks.sam import SamLabels
+
+        return SamLabels(clip, options.sam)
+    if options.imported is None:
+        raise OptionError("The source 'import' reads a folder of masks: name it with --from")
+    from instdrive_core.masks.importing import ImportedLabels
+
+    return ImportedLabels(clip, options.imported)
 
 
 def make_masks(
@@ -22,29 +70,38 @@ def make_masks(
     seed: int = 0,
     on_frame: Callable[[int], None] = lambda done: None,
     faults: FaultModel | None = None,
+    options: SourceOptions = SourceOptions(),
 ) -> MaskFolder:
     """Write masks of a clip's training frames. Nothing of held-out time steps is written or used.
+
+    A folder that was left unfinished by the same call goes on where it stopped.
 
     Args:
         clip: the clip, with the cameras and at the image scale that are wanted.
         source: how to make them.
         folder: where to.
         seed: of the labels' order and of the faults.
-        on_frame: is told the number of frames done.
+        on_frame: is told the number of frames done, first of all that of frames done before.
         faults: what to get wrong on purpose.
+        options: what some sources need.
 
-    Raises DataError where the clip lacks what the source needs or the folder cannot be written.
+    Raises DataError where the clip lacks what the source needs or the folder cannot be written, OptionError where an
+    option is missing.
     """
-    labels = ExactLabels(clip.path) if source == "exact" else AnnotationLabels(clip, held_out=False)
-    frames = clip.training_frames()
+    folder, frames = Path(folder), clip.training_frames()
+    journal = Journal(folder, _recipe(clip, source, seed, faults, options))
+    sizes = {frame.key: (frame.view.camera.width, frame.view.camera.height) for frame in frames}
+    journal.keep(lambda key, entry: sizes.get(key) == (entry["width"], entry["height"]) and _has_files(folder, key))
+    left = [frame for frame in frames if frame.key not in journal.entries]
+    labels = open_source(clip, source, options)
 
     def masks() -> Iterator[tuple[str, FrameMasks]]:
-        for done, frame in enumerate(frames):
+        for done, frame in enumerate(left, len(frames) - len(left)):
             on_frame(done)
             yield frame.key, _frame_masks(labels, frame, seed, faults)
         on_frame(len(frames))
 
-    return write_masks(folder, masks(), source, seed, faults)
+    return write_masks(folder, masks(), source, seed, faults, journal)
 
 
 def ensure_masks(
@@ -70,11 +127,23 @@ def ensure_masks(
     return make_masks(clip, "annotations", Path(run_dir) / "masks", on_frame=on_frame)
 
 
-def _frame_masks(
-    labels: ExactLabels | AnnotationLabels, frame: Frame, seed: int, faults: FaultModel | None
-) -> FrameMasks:
+def _frame_masks(labels: LabelSource, frame: Frame, seed: int, faults: FaultModel | None) -> FrameMasks:
     found, sky = labels.load(frame), labels.sky(frame)
     if faults is not None:
         closed = sky if frame.valid is None else sky | ~frame.valid
         found = with_faults(found, closed, FAULT_MODELS[faults], frame.key, seed)
     return FrameMasks(shuffled(found, frame.key, seed), sky)
+
+
+def _recipe(clip: Clip, source: Source, seed: int, faults: FaultModel | None, options: SourceOptions) -> dict[str, Any]:
+    """All that the masks of a frame depend on, but for its size."""
+    recipe: dict[str, Any] = {"clip": str(Path(clip.path).resolve()), "source": source, "seed": seed, "faults": faults}
+    if source == "sam":
+        return recipe | {"sam": asdict(options.sam)}
+    if source == "import" and options.imported is not None:
+        return recipe | {"from": str(options.imported.resolve())}
+    return recipe
+
+
+def _has_files(folder: Path, key: str) -> bool:
+    return label_path(folder, key).is_file() and sky_path(folder, key).is_file()

@@ -68,7 +68,7 @@ def test_a_tenth_of_the_touching_pairs_is_merged():
         for ones, others in ((grid[:, 1:], grid[:, :-1]), (grid[1:], grid[:-1])):
             together, pairs = together + (ones == others).sum(), pairs + ones.size
     assert pairs == 40 * 104
-    assert together / pairs == pytest.approx(0.1, abs=0.02)  # standard deviation 0.005
+    assert together / pairs == pytest.approx(0.1, abs=0.012), "those that a chain of others merges included"
 
 
 def test_objects_that_do_not_touch_are_never_merged():

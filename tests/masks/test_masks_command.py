@@ -7,9 +7,11 @@ import pytest
 from PIL import Image
 from small_clip import HEIGHT, STEPS, WIDTH, write_small_clip
 
+from instdrive_app.main import main
 from instdrive_core.cli.masks import masks
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import DataError
+from instdrive_core.masks import sources
 from instdrive_core.masks.labelmap import open_masks
 
 
@@ -60,3 +62,45 @@ def test_faults_are_put_in_and_told(root, capsys):
     masks(root, faults="sam-v1")
     assert open_masks(root / "masks").faults == "sam-v1"
     assert "from exact with the faults sam-v1" in capsys.readouterr().out
+
+
+def test_imported_masks_and_a_sheet_from_the_command_line(root, tmp_path, capsys):
+    masks(root)
+    source = tmp_path / "elsewhere"
+    (root / "masks").rename(source)
+    arguments = ["masks", str(root), "--source", "import", "--from", str(source), "--sheet", str(tmp_path / "sheets")]
+    assert main(arguments) == 0
+    found = open_masks(root / "masks")
+    assert (found.source, len(found.counts)) == ("import", 8)
+    assert (found.load("front_camera/02").labels == 1).all()
+    assert "front_camera.jpg" in capsys.readouterr().out
+    assert {file.name for file in (tmp_path / "sheets").iterdir()} == {"front_camera.jpg", "back_camera.jpg"}
+
+
+def test_an_interrupted_command_says_that_it_goes_on(root, capsys, monkeypatch):
+    real = sources._frame_masks
+
+    def stopped(labels, frame, *others):
+        if frame.key == "front_camera/03":
+            raise KeyboardInterrupt
+        return real(labels, frame, *others)
+
+    monkeypatch.setattr(sources, "_frame_masks", stopped)
+    assert main(["masks", str(root)]) == 130
+    monkeypatch.setattr(sources, "_frame_masks", real)
+    capsys.readouterr()
+    assert main(["masks", str(root)]) == 0
+    output = capsys.readouterr().out
+    assert "Going on where it stopped: 2 of 8 photos are done" in output
+    assert "8 masks in 8 photos" in output
+
+
+def test_options_that_do_not_fit_are_named(root, capsys):
+    for arguments, message in (
+        (["--from", "x"], "--from x is read by --source import only; the source is 'exact'"),
+        (["--source", "import"], "name it with --from"),
+        (["--sheet", "x.gif"], "a picture is .jpg or .png"),
+    ):
+        assert main(["masks", str(root), *arguments]) == 2
+        assert message in capsys.readouterr().err
+    assert not (root / "masks").exists()
