@@ -9,13 +9,15 @@ Within an actor nothing is split: its box already says that it is one thing.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import no_type_check
 
+import numba
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int, Int64, UInt16, UInt32
+from jaxtyping import Bool, Float, Float64, Int64, UInt16, UInt32
 from numpy import ndarray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
+
+from instdrive_core.instances.cells import Cells, gathered
+from instdrive_core.instances.neighbors import NeighborForest, grown_forest
 
 
 @dataclass(frozen=True)
@@ -50,21 +52,6 @@ class ComponentConfig:
 DEFAULT_CONFIG = ComponentConfig()
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """Gaussians gathered by group and place."""
-
-    of_gaussian: Int64[ndarray, " n"]
-    positions: Float64[ndarray, "m 3"]
-    groups: Int64[ndarray, " m"]
-    """Number of the (node, codeword) pair."""
-    nodes: Int64[ndarray, " m"]
-    extents: Float64[ndarray, " m"]
-    support: Float64[ndarray, " m"]
-    scene_spacing: Float64[ndarray, " m"]
-    """`spacing_factor` times the local spacing among the node's cells of all codewords, metres."""
-
-
 def split_components(
     means: Float[ndarray, "n 3"],
     scales: Float[ndarray, "n 3"],
@@ -87,154 +74,151 @@ def split_components(
     to, else none. Gaussians without a finite position get none.
     """
     labels = np.zeros(len(means), np.uint32)
-    rows = np.flatnonzero(np.isfinite(means).all(axis=1) & np.isfinite(scales).all(axis=1))
-    if not len(rows):
+    finite = np.isfinite(means).all(axis=1) & np.isfinite(scales).all(axis=1)
+    if not finite.any():
         return labels
-    cells = _gathered(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config)
-    components = _connected(cells, config)
+    rows = slice(None) if finite.all() else np.flatnonzero(finite)
+    cells = gathered(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config.cell_size)
+    by_node, by_group = grown_forest(cells.positions, cells.nodes), grown_forest(cells.positions, cells.groups)
+    spacing = _scene_spacing(by_node, config)
+    components = _connected(cells, by_group, spacing, config)
     support = np.bincount(components, weights=cells.support)
-    kept = support >= config.min_support
-    owners = np.where(kept, np.arange(len(support)), -1)
-    _absorb_by_codeword(owners, components, kept, cells, config)
-    _absorb_by_vote(owners, components, kept, cells, config)
-    labels[rows] = _numbered_by_size(owners[components][cells.of_gaussian])
+    solid = support >= config.min_support
+    owners = np.where(solid, np.arange(len(support)), -1)
+    _absorb_by_codeword(owners, components, solid, cells, by_group, spacing, config)
+    _absorb_by_vote(owners, components, solid, cells, by_node, spacing, config)
+    labels[rows] = _numbered_by_size(owners[components], cells.counts)[cells.of_gaussian]
     return labels
 
 
-def _gathered(
-    means: ndarray, scales: ndarray, nodes: ndarray, codewords: ndarray, opacities: ndarray, config: ComponentConfig
-) -> _Cells:
-    pairs, groups = np.unique((nodes.astype(np.int64) << 32) | codewords, return_inverse=True)
-    center = np.median(means, axis=0)
-    cell_of = _cell_numbers((means - center) / config.cell_size, groups.astype(np.int64))
-    # A second grid, half a cell aside, joins what a border of the first cuts: clones in one place, above all.
-    firsts = np.stack([_means_of(means[:, axis], cell_of) for axis in range(3)], axis=1)
-    group_of_first = np.zeros(len(firsts), np.int64)
-    group_of_first[cell_of] = groups
-    cell_of = _cell_numbers((firsts - center) / config.cell_size + 0.5, group_of_first)[cell_of]
-    group_of_cell = np.zeros(cell_of.max() + 1, np.int64)
-    group_of_cell[cell_of] = groups
-    positions = np.stack([_means_of(means[:, axis], cell_of) for axis in range(3)], axis=1)
-    nodes_of_cell = pairs[group_of_cell] >> 32
-    return _Cells(
-        of_gaussian=cell_of,
-        positions=positions,
-        groups=group_of_cell,
-        nodes=nodes_of_cell,
-        scene_spacing=_scene_spacing(positions, nodes_of_cell, config),
-        extents=np.minimum(_means_of(np.median(scales, axis=1), cell_of), config.max_extent),
-        support=np.bincount(cell_of, weights=opacities),
-    )
-
-
-def _scene_spacing(
-    positions: Float64[ndarray, "m 3"], nodes: Int64[ndarray, " m"], config: ComponentConfig
-) -> Float64[ndarray, " m"]:
-    rank = min(config.spacing_neighbor + 1, len(positions))
-    places, _ = _set_apart(positions, nodes)
-    distances, _ = _nearest(places, places, rank)
+def _scene_spacing(by_node: NeighborForest, config: ComponentConfig) -> Float64[ndarray, " m"]:
+    """`spacing_factor` times the local spacing among the node's cells of all codewords, metres."""
+    count = len(by_node.rows)
+    rank = min(config.spacing_neighbor + 1, count)
+    distances, _ = by_node.nearest_to_each(rank, np.full(count, config.sparse_limit / config.spacing_factor))
     return np.minimum(config.spacing_factor * distances[:, -1], config.sparse_limit)
 
 
-def _cell_numbers(places: Float[ndarray, "n 3"], groups: Int64[ndarray, " n"]) -> Int64[ndarray, " n"]:
-    """A number 0 … m - 1 for each different (group, whole part of the place)."""
-    # 14 bits an axis: stray Gaussians beyond 8,192 cells share the outermost ones.
-    steps = np.clip(np.floor(places), -8192, 8191).astype(np.int64) + 8192
-    keys = (groups << 42) | (steps[:, 0] << 28) | (steps[:, 1] << 14) | steps[:, 2]
-    return np.unique(keys, return_inverse=True)[1].astype(np.int64)
-
-
-def _means_of(values: Float[ndarray, " n"], cell_of: Int64[ndarray, " n"]) -> Float64[ndarray, " m"]:
-    return np.bincount(cell_of, weights=values) / np.bincount(cell_of)
-
-
-def _connected(cells: _Cells, config: ComponentConfig) -> Int64[ndarray, " m"]:
-    """The component of each cell, by the graph of near cells of one group."""
-    count = len(cells.positions)
-    places, apart = _set_apart(cells.positions, cells.groups)
-    neighbors = min(config.neighbors + 1, count)
-    distances, targets = _nearest(places, places, neighbors)
-    inside = distances < apart
+def _connected(
+    cells: Cells, by_group: NeighborForest, scene_spacing: Float64[ndarray, " m"], config: ComponentConfig
+) -> Int64[ndarray, " m"]:
+    """The component of each cell, by the graph of near cells of one group; an actor's groups stay whole."""
+    gaps = np.maximum(config.max_gap, scene_spacing)
+    reach = gaps + config.extent_factor * (cells.extents + cells.extents.max())
+    neighbors = min(config.neighbors + 1, len(gaps))
+    distances, targets = by_group.nearest_to_each(neighbors, reach)
     rank = min(config.spacing_neighbor, neighbors - 1)
-    gaps = np.maximum(config.max_gap, cells.scene_spacing)
-    spacing = np.clip(np.where(inside, distances, np.inf)[:, rank], config.cell_size, gaps)
-    limits = config.spacing_factor * np.sqrt(spacing[:, None] * spacing[targets])
-    limits = np.minimum(limits, np.minimum(gaps[:, None], gaps[targets]))
-    extents = cells.extents[:, None] + cells.extents[targets]
-    near = inside & (distances <= limits + config.extent_factor * extents)
-    # Cells are in order of their groups: a chain through an actor's cells keeps them together.
-    chained = np.flatnonzero((cells.groups[1:] == cells.groups[:-1]) & (cells.nodes[1:] > 0))
-    sources = np.concatenate([np.broadcast_to(np.arange(count)[:, None], targets.shape)[near], chained])
-    targets = np.concatenate([targets[near], chained + 1])
-    graph = coo_array((np.ones(len(sources), np.uint8), (sources, targets)), shape=(count, count))
-    return connected_components(graph.tocsr(), directed=False)[1].astype(np.int64)
+    spacing = np.clip(distances[:, rank], config.cell_size, gaps)
+    parents = _joined(distances, targets, spacing, gaps, cells.extents, config.spacing_factor, config.extent_factor)
+    whole = np.where(cells.nodes > 0, cells.groups, -1)
+    return _component_numbers(parents, whole, cells.groups)
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _joined(distances, targets, spacing, gaps, extents, spacing_factor, extent_factor):
+    """Union-find over the near pairs: each cell's parent, at last the lowest cell of its component."""
+    parents = np.arange(len(targets))
+    for cell in range(len(targets)):
+        for k in range(targets.shape[1]):
+            other = targets[cell, k]
+            if other < 0 or other == cell:
+                continue
+            limit = spacing_factor * np.sqrt(spacing[cell] * spacing[other])
+            limit = min(limit, gaps[cell], gaps[other]) + extent_factor * (extents[cell] + extents[other])
+            if distances[cell, k] <= limit:
+                _unite(parents, cell, other)
+    return parents
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _unite(parents, one, other):
+    one, other = _root(parents, one), _root(parents, other)
+    parents[max(one, other)] = min(one, other)
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _root(parents, cell):
+    while parents[cell] != cell:
+        parents[cell] = parents[parents[cell]]
+        cell = parents[cell]
+    return cell
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _component_numbers(parents, whole, groups):
+    """A number for each cell's tree, in the order of the groups; cells with one number ≥ 0 in `whole` are one tree."""
+    firsts = np.full(groups.max() + 1, -1, np.int64)
+    for cell in range(len(parents)):
+        if whole[cell] >= 0:
+            if firsts[whole[cell]] < 0:
+                firsts[whole[cell]] = cell
+            _unite(parents, firsts[whole[cell]], cell)
+    starts = np.zeros(len(firsts) + 1, np.int64)
+    for cell in range(len(parents)):
+        starts[groups[cell] + 1] += _root(parents, cell) == cell
+    starts = np.cumsum(starts)
+    numbers = np.empty(len(parents), np.int64)
+    for cell in range(len(parents)):
+        root = _root(parents, cell)  # never after the cell itself
+        if root == cell:
+            numbers[cell] = starts[groups[cell]]
+            starts[groups[cell]] += 1
+        else:
+            numbers[cell] = numbers[root]
+    return numbers
 
 
 def _absorb_by_codeword(
     owners: Int64[ndarray, " c"],
     components: Int64[ndarray, " m"],
-    kept: Bool[ndarray, " c"],
-    cells: _Cells,
+    solid: Bool[ndarray, " c"],
+    cells: Cells,
+    by_group: NeighborForest,
+    spacing: Float64[ndarray, " m"],
     config: ComponentConfig,
 ) -> None:
     """Fragments join the component of their own group that comes nearest to any of their cells."""
-    solid, loose = np.flatnonzero(kept[components]), np.flatnonzero(~kept[components])
-    if not len(solid) or not len(loose):
-        return
-    places, apart = _set_apart(cells.positions, cells.groups)
-    distances, found = (part[:, 0] for part in _nearest(places[solid], places[loose], 1))
-    reach = np.maximum(config.absorb_distance, cells.scene_spacing[loose])
-    hit = distances <= np.minimum(reach, apart / 2)
-    fragments, targets = components[loose[hit]], components[solid[found[hit]]]
+    loose = np.flatnonzero(~solid[components])
+    reach = np.maximum(config.absorb_distance, spacing[loose])
+    distances, found = by_group.nearest(cells.positions[loose], cells.groups[loose], 1, reach, solid[components])
+    hit = found[:, 0] >= 0
+    fragments, targets = components[loose[hit]], components[found[hit, 0]]
     # Writing the farthest first leaves the nearest.
-    order = np.argsort(-distances[hit], kind="stable")
+    order = np.argsort(-distances[hit, 0], kind="stable")
     owners[fragments[order]] = targets[order]
 
 
 def _absorb_by_vote(
     owners: Int64[ndarray, " c"],
     components: Int64[ndarray, " m"],
-    kept: Bool[ndarray, " c"],
-    cells: _Cells,
+    solid: Bool[ndarray, " c"],
+    cells: Cells,
+    by_node: NeighborForest,
+    spacing: Float64[ndarray, " m"],
     config: ComponentConfig,
 ) -> None:
     """Fragments still without an owner join the component that holds most of the cells around them."""
-    solid, loose = np.flatnonzero(kept[components]), np.flatnonzero(owners[components] < 0)
-    if not len(solid) or not len(loose):
-        return
-    places, apart = _set_apart(cells.positions, cells.nodes)
-    neighbors = min(config.neighbors, len(solid))
-    distances, found = _nearest(places[solid], places[loose], neighbors)
-    reach = np.maximum(config.vote_distance, cells.scene_spacing[loose])
-    hit = distances <= np.minimum(reach, apart / 2)[:, None]
+    loose = np.flatnonzero(owners[components] < 0)
+    reach = np.maximum(config.vote_distance, spacing[loose])
+    places, labels = cells.positions[loose], cells.nodes[loose]
+    _, found = by_node.nearest(places, labels, config.neighbors, reach, solid[components])
+    hit = found >= 0
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
-    ballots, votes = np.unique(np.stack([voters, components[solid[found[hit]]]]), axis=1, return_counts=True)
+    ballots, votes = np.unique(voters * len(owners) + components[found[hit]], return_counts=True)
+    voters, chosen = np.divmod(ballots, len(owners))
     # Fewest votes first, so that the winner is written last; a tie goes to the lower component.
-    order = np.lexsort((-ballots[1], votes))
-    owners[ballots[0][order]] = ballots[1][order]
+    order = np.lexsort((-chosen, votes))
+    owners[voters[order]] = chosen[order]
 
 
-def _nearest(
-    points: Float64[ndarray, "m 4"], queries: Float64[ndarray, "q 4"], count: int
-) -> tuple[Float64[ndarray, "q k"], Int64[ndarray, "q k"]]:
-    """Distances to and indices of the `count` points nearest to each query."""
-    distances, indices = KDTree(points).query(queries, k=count, workers=-1)
-    return np.reshape(distances, (len(queries), count)), np.reshape(indices, (len(queries), count))
-
-
-def _set_apart(
-    positions: Float64[ndarray, "m 3"], labels: Int64[ndarray, " m"]
-) -> tuple[Float64[ndarray, "m 4"], float]:
-    """Positions with a fourth axis that keeps different labels farther apart than any two of the same are."""
-    apart = 2 * float(np.linalg.norm(np.ptp(positions, axis=0))) + 1
-    return np.column_stack([positions, labels * apart]), apart
-
-
-def _numbered_by_size(owners: Int[ndarray, " n"]) -> UInt32[ndarray, " n"]:
-    """Owners (-1 = none) as 1, 2, … from most to fewest Gaussians, ties by the lower owner; none becomes 0."""
-    different, inverse, counts = np.unique(owners, return_inverse=True, return_counts=True)
-    real = different >= 0
-    order = np.lexsort((different[real], -counts[real]))
-    numbers = np.zeros(len(different), np.uint32)
-    numbers[np.flatnonzero(real)[order]] = np.arange(1, real.sum() + 1)
-    return numbers[inverse]
+def _numbered_by_size(owners: Int64[ndarray, " m"], counts: Int64[ndarray, " m"]) -> UInt32[ndarray, " m"]:
+    """Owners (-1 = none) of cells as 1, 2, … from most to fewest Gaussians, ties by the lower owner; none becomes 0."""
+    sizes = np.bincount(owners + 1, weights=counts)[1:].astype(np.int64)
+    numbers = np.zeros(len(sizes) + 1, np.uint32)
+    real = np.flatnonzero(sizes)
+    numbers[real[np.argsort(-sizes[real], kind="stable")] + 1] = np.arange(1, len(real) + 1)
+    return numbers[owners + 1]

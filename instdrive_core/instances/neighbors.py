@@ -1,0 +1,239 @@
+"""Nearest neighbours among points of the same label: one k-d tree per label, side by side in one array.
+
+Every node halves its points at the median of its box's longest side, so a tree is nothing but an order of the points
+and a box per node. The order depends on the points alone, not on the number of threads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int32, Int64
+from numpy import ndarray
+
+_LEAF = 12
+"""Points that are not halved any further."""
+_PIECE = 1 << 14
+"""Points of a branch that one thread grows by itself."""
+_CHUNK = 256
+"""Queries that one thread answers at a time."""
+_DEPTH = 64
+"""Nodes that a search may have left to look at: more than a tree of 2³² points has levels."""
+
+
+@dataclass(frozen=True)
+class NeighborForest:
+    """Points in the order of their trees."""
+
+    points: Float64[ndarray, "m 3"]
+    rows: Int64[ndarray, " m"]
+    """What number each point had where it came from."""
+    starts: Int64[ndarray, " l1"]
+    """The points of label l are `starts[l]:starts[l + 1]`."""
+    boxes: Float64[ndarray, "m 6"]
+    """Lowest and highest corner of the node whose middle point stands there."""
+
+    def nearest(
+        self,
+        queries: Float[ndarray, "q 3"],
+        labels: Int64[ndarray, " q"],
+        count: int,
+        reach: Float[ndarray, " q"],
+        wanted: Bool[ndarray, " m"] | None = None,
+    ) -> tuple[Float64[ndarray, "q k"], Int32[ndarray, "q k"]]:
+        """Distances to the `count` nearest points of each query's own label, rising, and those points' numbers.
+
+        Args:
+            queries: any places.
+            labels: 0 … l - 1.
+            count: how many neighbours; where there are fewer, the rest has distance inf and number -1.
+            reach: points farther than this from the query are no neighbours.
+            wanted: of each point, by its number, whether it may be one.
+        """
+        allowed = np.ones(len(self.rows), np.bool_) if wanted is None else wanted
+        distances, found = np.empty((len(queries), count)), np.empty((len(queries), count), np.int32)
+        places = np.arange(len(queries))
+        _answer(self.points, self.rows, self.starts, self.boxes, allowed,
+                np.ascontiguousarray(queries, np.float64), labels, places,
+                np.ascontiguousarray(reach, np.float64), distances, found)  # fmt: skip
+        return distances, found
+
+    def nearest_to_each(
+        self, count: int, reach: Float[ndarray, " m"]
+    ) -> tuple[Float64[ndarray, "m k"], Int32[ndarray, "m k"]]:
+        """As `nearest` with the forest's own points as queries, by their numbers; each is its own first neighbour."""
+        distances, found = np.empty((len(self.rows), count)), np.empty((len(self.rows), count), np.int32)
+        labels = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+        # In the order of the trees one query looks at the points that the last one has just read.
+        _answer(self.points, self.rows, self.starts, self.boxes, np.ones(len(self.rows), np.bool_),
+                self.points, labels, self.rows, reach[self.rows].astype(np.float64), distances, found)  # fmt: skip
+        return distances, found
+
+
+def grown_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) -> NeighborForest:
+    """Trees for finite points with labels from 0 on."""
+    count = len(points)
+    sizes = np.bincount(labels)
+    starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    rows = _by_label(labels, starts)
+    placed = np.asarray(points, np.float64)[rows]
+    boxes = np.empty((count, 6))
+    pieces = np.stack([starts[:-1], starts[1:]], axis=1)[sizes > 0]
+    while len(pieces) and np.max(pieces[:, 1] - pieces[:, 0]) > _PIECE:
+        large = pieces[:, 1] - pieces[:, 0] > _PIECE
+        _halve(placed, rows, boxes, pieces[large])
+        middles = pieces[large].sum(axis=1) // 2
+        halves = [np.stack([pieces[large, 0], middles], axis=1), np.stack([middles, pieces[large, 1]], axis=1)]
+        pieces = np.concatenate([pieces[~large], *halves])
+    _grow(placed, rows, boxes, pieces)
+    return NeighborForest(placed, rows, starts, boxes)
+
+
+@numba.njit(cache=True)
+@no_type_check
+def _by_label(labels, starts):
+    """Numbers of the points, label by label, rising."""
+    places, rows = starts.copy(), np.empty(len(labels), np.int64)
+    for row in range(len(labels)):
+        rows[places[labels[row]]] = row
+        places[labels[row]] += 1
+    return rows
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+@no_type_check
+def _halve(points, rows, boxes, pieces):
+    for k in numba.prange(len(pieces)):
+        _split(points, rows, boxes, pieces[k, 0], pieces[k, 1])
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+@no_type_check
+def _grow(points, rows, boxes, pieces):
+    for k in numba.prange(len(pieces)):
+        left = np.empty((_DEPTH, 2), np.int64)
+        left[0, 0], left[0, 1] = pieces[k, 0], pieces[k, 1]
+        waiting = 1
+        while waiting:
+            waiting -= 1
+            start, stop = left[waiting, 0], left[waiting, 1]
+            if _split(points, rows, boxes, start, stop):
+                middle = (start + stop) // 2
+                left[waiting, 0], left[waiting, 1] = start, middle
+                left[waiting + 1, 0], left[waiting + 1, 1] = middle, stop
+                waiting += 2
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _split(points, rows, boxes, start, stop):
+    """Box a node and put the lower half of its points first; False for a leaf, which stays as it is."""
+    middle = (start + stop) // 2
+    axis, longest = 0, -1.0
+    for a in range(3):
+        low = high = points[start, a]
+        for k in range(start + 1, stop):
+            low, high = min(low, points[k, a]), max(high, points[k, a])
+        boxes[middle, a], boxes[middle, 3 + a] = low, high
+        if high - low > longest:
+            axis, longest = a, high - low
+    if stop - start <= _LEAF:
+        return False
+    _select(points, rows, axis, start, stop - 1, middle)
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _select(points, rows, axis, first, last, middle):
+    """Hoare's selection: nothing before `middle` is greater, nothing after it smaller."""
+    while first < last:
+        a, b, c = points[first, axis], points[(first + last) // 2, axis], points[last, axis]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = first, last
+        while i <= j:
+            while points[i, axis] < pivot:
+                i += 1
+            while points[j, axis] > pivot:
+                j -= 1
+            if i <= j:
+                for a in range(3):
+                    x = points[i, a]
+                    points[i, a] = points[j, a]
+                    points[j, a] = x
+                row = rows[i]
+                rows[i] = rows[j]
+                rows[j] = row
+                i += 1
+                j -= 1
+        if middle <= j:
+            last = j
+        elif middle >= i:
+            first = i
+        else:
+            return
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+@no_type_check
+def _answer(points, rows, starts, boxes, allowed, queries, labels, places, reach, distances, found):
+    """Query q's neighbours go to row `places[q]` of the results."""
+    for chunk in numba.prange((len(queries) + _CHUNK - 1) // _CHUNK):
+        left, away = np.empty((_DEPTH, 2), np.int64), np.empty(_DEPTH)
+        for q in range(chunk * _CHUNK, min(len(queries), (chunk + 1) * _CHUNK)):
+            squares, numbers = distances[places[q]], found[places[q]]
+            squares[:] = np.inf
+            numbers[:] = -1
+            start, stop = starts[labels[q]], starts[labels[q] + 1]
+            if start < stop:
+                _search(points, rows, boxes, allowed, start, stop, queries[q], reach[q], left, away, squares, numbers)
+            for k in range(len(squares)):
+                squares[k] = np.sqrt(squares[k])
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _search(points, rows, boxes, allowed, start, stop, query, reach, left, away, squares, numbers):
+    """Nearer child first; what cannot hold a point nearer than the worst kept one is passed over."""
+    x, y, z = query[0], query[1], query[2]
+    last, limit = len(squares) - 1, reach * reach
+    left[0, 0], left[0, 1], away[0] = start, stop, _square_to_box(boxes, (start + stop) // 2, x, y, z)
+    waiting = 1
+    while waiting:
+        waiting -= 1
+        if away[waiting] > limit:
+            continue
+        start, stop = left[waiting, 0], left[waiting, 1]
+        while stop - start > _LEAF:
+            middle = (start + stop) // 2
+            lower = _square_to_box(boxes, (start + middle) // 2, x, y, z)
+            upper = _square_to_box(boxes, (middle + stop) // 2, x, y, z)
+            if lower <= upper:
+                left[waiting, 0], left[waiting, 1], away[waiting] = middle, stop, upper
+                stop = middle
+            else:
+                left[waiting, 0], left[waiting, 1], away[waiting] = start, middle, lower
+                start = middle
+            waiting += away[waiting] <= limit
+        for k in range(start, stop):
+            dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
+            square = dx * dx + dy * dy + dz * dz
+            if square <= limit and square < squares[last] and allowed[rows[k]]:
+                place = last
+                while place > 0 and squares[place - 1] > square:
+                    squares[place], numbers[place] = squares[place - 1], numbers[place - 1]
+                    place -= 1
+                squares[place], numbers[place] = square, rows[k]
+                limit = min(limit, squares[last])
+
+
+@numba.njit(cache=True, error_model="numpy")
+@no_type_check
+def _square_to_box(boxes, node, x, y, z):
+    dx = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
+    dy = max(boxes[node, 1] - y, y - boxes[node, 4], 0.0)
+    dz = max(boxes[node, 2] - z, z - boxes[node, 5], 0.0)
+    return dx * dx + dy * dy + dz * dz
