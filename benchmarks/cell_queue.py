@@ -12,6 +12,7 @@ from typing import IO
 
 from benchmarks.cells import Cell
 
+ROOT = Path(__file__).resolve().parents[1]
 THREADS = 2
 """Of each process."""
 _POLL = 0.1
@@ -104,7 +105,8 @@ class _Running:
         log_file.parent.mkdir(parents=True, exist_ok=True)
         log = log_file.open("ab")
         threads = {"NUMBA_NUM_THREADS": str(THREADS), "OMP_NUM_THREADS": str(THREADS)}
-        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env={**os.environ, **threads})
+        environment = {**os.environ, **threads}
+        process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment, cwd=ROOT)
         return _Running(cell, process, log, time.monotonic())
 
     def stop(self) -> None:

@@ -39,7 +39,7 @@ class Workplace:
     @cached_property
     def cells(self) -> dict[str, Cell]:
         """All cells by name, in the order of the plan."""
-        return {cell.name: cell for cell in plan()}
+        return {cell.name: cell for cell in plan(self.scale)}
 
     @cached_property
     def keys(self) -> dict[str, str]:

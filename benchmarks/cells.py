@@ -56,6 +56,8 @@ class Scale:
     """None = those of the preset."""
     instance_iterations: int | None = None
     max_gaussians: int | None = None
+    cost: float = 1.0
+    """Expected seconds of a cell ÷ those at full scale."""
 
 
 FULL = Scale()
@@ -71,6 +73,7 @@ MINIATURE = Scale(
     geometry_iterations=60,
     instance_iterations=40,
     max_gaussians=4_000,
+    cost=0.2,
 )
 
 
@@ -112,7 +115,7 @@ def method_name(clip: str, cameras: str, masks: str, method: str, variant: str =
     return f"{clip}/{cameras}/{masks}/{method}" + (f"+{variant}" if variant else "")
 
 
-def plan() -> tuple[Cell, ...]:
+def plan(scale: Scale = FULL) -> tuple[Cell, ...]:
     """All cells; each comes after those that it needs."""
     cells = [cell for seed in HEADLINE_SEEDS for cell in _prepared(f"street-{seed}", ("sam-v1",))]
     cells += _prepared(PANDASET, ("annotations", "lidar"))
@@ -128,7 +131,7 @@ def plan() -> tuple[Cell, ...]:
         cells.append(_method(STREET, "6", "sam-v1", "instdrive", change))
         if change != f"d{PRINTED_DIM}":
             cells.append(_method(STREET, "6", "sam-v1", "paper", f"{SCALED}+{change}"))
-    return (*cells, *_figures())
+    return tuple(replace(cell, seconds=scale.cost * cell.seconds) for cell in (*cells, *_figures()))
 
 
 def _prepared(clip: str, masks: Sequence[str]) -> list[Cell]:
@@ -173,7 +176,7 @@ def _figure(figure: str, clip: str, needs: tuple[str, ...]) -> Cell:
     return Cell(f"figure/{figure}/{clip}", "figure", clip, variant=figure, needs=(*needs, clip), seconds=15)
 
 
-_EVALUATION = 30.0
+_EVALUATION = 40.0
 _MASKS = {"annotations": 40.0, "lidar": 60.0}
 _INSTANCES = {"gaussian-grouping": 150.0, "opengaussian": 150.0, "mask-graph": 15.0, "paper": 70.0, "instdrive": 60.0}
 _SHARE_OF_CAMERAS = {"1": 0.6, "3": 0.75, "6": 1.0}
@@ -232,7 +235,10 @@ def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, s
             "needs": [keys[name] for name in cell.needs],
         }
         if cell.kind == "clip":
-            facts |= asdict(scale) | {"clip": cell.clip if street_seed(cell.clip) is not None else recorded}
+            facts |= asdict(scale) | {
+                "cost": None,
+                "clip": cell.clip if street_seed(cell.clip) is not None else recorded,
+            }
         elif cell.kind in ("geometry", "method"):
             settings = config_of(cell, scale).to_json()
             if cell.kind == "geometry":

@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8, UInt32
+from jaxtyping import Bool, Float32, UInt8, UInt32
 from numpy import ndarray
 from scipy.ndimage import binary_dilation
-from scipy.spatial import KDTree
 
 from benchmarks.picture_layout import banner, beside, fitted, save_jpeg
 from instdrive_core.baselines.as_published import as_published
 from instdrive_core.datasets.clip import Clip, Frame, Sweep, is_held_out
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.world import world_gaussians
+from instdrive_core.evaluation.point_ids import point_ids, point_support
 from instdrive_core.formats.scene_folder import read_scene_folder
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance, open_ground_truth
@@ -35,8 +34,6 @@ _TITLES = {
     "instdrive+no-voxel": "ours without voxel loss",
 }
 _NO_INSTANCE = np.uint8(205)
-_NEAREST = 8
-"""Gaussians that vote on a LiDAR point's ID."""
 
 
 @dataclass(frozen=True)
@@ -141,21 +138,14 @@ def _bird(clip: Clip, sweep: Sweep, width: int = 960, height: int = 640) -> Came
     return Camera(0.8 * width, 0.8 * width, width / 2, height / 2, width, height, pose)
 
 
-def ids_of_points(scene: Scene, time: float, points: Float[ndarray, "n 3"]) -> UInt32[ndarray, " n"]:
-    """The ID with the largest opacity among the nearest Gaussians of each point; 0 where none is within a metre."""
-    world = world_gaussians(scene, time)
-    there = np.flatnonzero((world.opacities > 0) & np.isfinite(world.means).all(axis=1))
-    distances, found = KDTree(world.means[there]).query(points, k=_NEAREST, distance_upper_bound=1.0, workers=-1)
-    near = np.isfinite(distances)
-    rows = np.append(there, 0)[np.minimum(found, len(there))]
-    ids = np.where(near, scene.instance_ids[rows], 0)
-    weights = np.where(near & (ids > 0), world.opacities[rows], 0)
-    support = ((ids[:, :, None] == ids[:, None]) * weights[:, None]).sum(axis=-1)
-    best = np.take_along_axis(ids, support.argmax(axis=1)[:, None], axis=1)[:, 0]
-    return np.where(weights.any(axis=1), best, 0).astype(np.uint32)
+def ids_of_points(scene: Scene, time: float, points: Float32[ndarray, "n 3"]) -> UInt32[ndarray, " n"]:
+    """The ID that each point has, as the evaluation sees it; 0 = none."""
+    return point_ids(point_support(scene, points, time), scene.instance_ids).ids.astype(np.uint32)
 
 
-def point_picture(points: Float[ndarray, "n 3"], ids: UInt32[ndarray, " n"], camera: Camera) -> UInt8[ndarray, "h w 3"]:
+def point_picture(
+    points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], camera: Camera
+) -> UInt8[ndarray, "h w 3"]:
     """Points as squares of 2 pixels in the colours of their IDs, near ones in front."""
     picture = np.full((camera.height, camera.width, 3), 255, np.uint8)
     pixels, depths = camera.project(points)

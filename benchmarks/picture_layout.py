@@ -37,10 +37,8 @@ def fitted(picture: UInt8[ndarray, "h w 3"], width: int, height: int) -> UInt8[n
     scale = min(width / picture.shape[1], height / picture.shape[0])
     size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
     frame = Image.new("RGB", (width, height), "white")
-    frame.paste(
-        Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS),
-        ((width - size[0]) // 2, (height - size[1]) // 2),
-    )
+    sized = Image.fromarray(picture).resize(size, Image.Resampling.LANCZOS)
+    frame.paste(sized, ((width - size[0]) // 2, (height - size[1]) // 2))
     return np.asarray(frame)
 
 

@@ -249,9 +249,21 @@ def _lidar_and_selection(results: Results) -> str:
             [title, *(shown(value(results.figures(*place, method, variant, row), key)) for key in keys.values())]
             for title, method, variant, row in METHOD_ROWS
         ]
+        controls = results.outcomes.get("/".join([*place, "instdrive"]), {}).get("controls", {})
+        rows += [
+            [f"*{title}*", *(shown(value(each, key)) for key in keys.values())] for title, each in controls.items()
+        ]
+        ours = results.figures(*place, "instdrive")
+        rows.append(["*oracle*", *(shown(value(ours, oracle_key(key))) for key in keys.values())])
         parts.append(table([name, *keys], rows))
     parts.append("Things, stuff: scene mIoU of each. Shared codes: codes that count for several objects.")
     return "\n\n".join(parts)
+
+
+def oracle_key(key: str) -> str:
+    """The key of what true IDs reach: ``lidar.ap`` → ``lidar.oracle_ap``."""
+    part, _, name = key.rpartition(".")
+    return f"{part}.oracle_{name}" if part else f"oracle_{name}"
 
 
 def _cost(results: Results) -> str:
