@@ -32,7 +32,8 @@ def train(
     Args:
         clip: Folder of the clip, in PandaSet's layout.
         out: Folder of the run; `instdrive edit` opens it.
-        method: Losses: `instdrive` (ours) or `paper` (the printed forms).
+        method: How instances are learned: `instdrive` (ours), `paper` (the printed losses), `mask-graph` (no training)
+            or a baseline, `gaussian-grouping` or `opengaussian`.
         preset: Length: `demo` (≤ 5 minutes on 2 cores), `quick` (≤ 20 minutes) or `paper` (30,000 iterations).
         seed: Of everything random.
         masks: Folder of masks; default: the clip's own `masks/`, else masks made from its annotations.
@@ -43,6 +44,7 @@ def train(
         device: `cuda` trains on an NVIDIA GPU with gsplat; `auto` does where both are there.
         options: Which part of the clip to use.
     """
+    from instdrive_core.baselines.registry import learner_for
     from instdrive_core.cli.train_progress import train_with_progress
     from instdrive_core.training.run import RunRequest
 
@@ -51,5 +53,7 @@ def train(
         config = replace(config, init=replace(config.init, moving_actors=False))
     if freeze_geometry:
         config = on_frozen_geometry(config)
-    train_with_progress(RunRequest(clip, out, options, config, masks, resume, init, device))
+    train_with_progress(
+        RunRequest(clip, out, options, config, masks, resume, init, device, learner_for(method, preset))
+    )
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

@@ -1,0 +1,54 @@
+"""Per-Gaussian features that a baseline learns on cached blending weights; the geometry is never touched."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from instdrive_core.training.gather import gathered
+from instdrive_core.training.schedule import step_rng
+from instdrive_core.training.visible_adam import VisibleAdam
+
+FIRST_VALUES, SAMPLED_ROWS, CLUSTERS = 10, 11, 12
+"""Streams of random numbers."""
+
+
+class LearnableFeatures:
+    """A feature of d numbers for each of n Gaussians, and its optimiser.
+
+    Args:
+        count: n.
+        dim: d.
+        std: of the first values, normally distributed.
+        rate: Adam's step; only rows that a step saw move (3DGS's sparse Adam).
+        seed: of the first values.
+    """
+
+    def __init__(self, count: int, dim: int, std: float, rate: float, seed: int) -> None:
+        first = step_rng(seed, FIRST_VALUES, 0).normal(0, std, (count, dim))
+        self.values: Float[Tensor, "n d"] = torch.from_numpy(first.astype(np.float32))
+        self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
+
+    def restart(self, rate: float) -> None:
+        """Another stage: a new rate, moments from zero."""
+        self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
+
+    def leaf(self, rows: Int64[Tensor, " v"]) -> Float[Tensor, "v d"]:
+        """A copy of some rows that a loss can be differentiated by."""
+        return gathered(self.values, rows).requires_grad_(True)
+
+    def descend(self, *parts: tuple[Int64[Tensor, " v"], Float[Tensor, "v d"]]) -> None:
+        """One step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""
+        parts = tuple((rows, leaf) for rows, leaf in parts if leaf.grad is not None)
+        if not parts:
+            return
+        rows, gradient = parts[0][0], parts[0][1].grad
+        if len(parts) > 1:
+            rows = torch.unique(torch.cat([rows for rows, _ in parts]))
+            gradient = torch.zeros(len(rows), self.values.shape[1])
+            for some, leaf in parts:
+                assert leaf.grad is not None
+                gradient.index_add_(0, torch.searchsorted(rows, some), leaf.grad)
+        self._optimizer.step(rows, {"features": gradient})

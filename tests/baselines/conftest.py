@@ -1,0 +1,74 @@
+"""A toy drive with perfect geometry, exact masks and no instance knowledge: what baselines learn on in tests."""
+
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "evaluation"))
+
+from evaluation_scene import ToyDrive, toy_drive
+
+from instdrive_core.evaluation.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.map_scores import scene_scores
+from instdrive_core.masks.labelmap import shuffled
+from instdrive_core.training.config import TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.training.model import SceneModel, model_from_gaussians
+from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.views import TrainingView
+
+
+@dataclass(frozen=True)
+class ToyTraining:
+    """What a learner is given, and what measures it."""
+
+    model: SceneModel
+    store: ViewStore
+    config: TrainConfig
+    drive: ToyDrive
+    held_out: list[HeldOutView]
+
+    def scene_miou(self, instance_ids: np.ndarray) -> float:
+        """Of the given ID of each Gaussian, in the held-out views."""
+        predicted = [view.with_ids(instance_ids.astype(np.uint32)) for view in self.held_out]
+        return scene_scores(predicted, (), ())["miou"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_torch_thread():
+    """As in a run (`run_training`): torch's threads would fight for the cores with those of the kernels."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="session")
+def toy() -> ToyTraining:
+    """Six time steps of two cameras train, two are held out; labels are shuffled in every photo."""
+    drive = toy_drive()
+    config = on_frozen_geometry(train_config("instdrive", "quick", seed=3))
+    config = replace(config, instances=replace(config.instances, pixels_per_view=1000))
+    nothing = np.zeros(0)
+    views = [
+        TrainingView(
+            frame.key,
+            frame.view.camera,
+            frame.view.time,
+            frame.load_image(),
+            frame.valid,
+            shuffled(drive.truth.load(frame), frame.key, 0),
+            None,
+            nothing.astype(np.int32),
+            nothing.astype(np.float32),
+        )
+        for frame in drive.clip.training_frames()
+    ]
+    scene = drive.scene
+    times = [view.time for view in views]
+    model = model_from_gaussians(scene.gaussians, scene.nodes, scene.actors, scene.sky.faces, times)
+    held_out = [held_out_view(scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames()]
+    return ToyTraining(model, ViewStore.of(views), config, drive, held_out)
