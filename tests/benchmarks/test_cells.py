@@ -1,0 +1,119 @@
+"""The plan of the tables' cells: names, needs, keys, configurations."""
+
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.cells import (
+    ABLATIONS,
+    FULL,
+    HEADLINE_SEEDS,
+    MINIATURE,
+    PANDASET,
+    STREET,
+    TUNED_ON,
+    Cell,
+    cell_keys,
+    chosen,
+    config_of,
+    plan,
+)
+from instdrive_core.errors import OptionError
+from instdrive_core.training.config import on_frozen_geometry, train_config
+
+CELLS = plan()
+BY_NAME = {cell.name: cell for cell in CELLS}
+
+
+def keys(cells=CELLS, scale=FULL, recorded="clip"):
+    return cell_keys(cells, scale, recorded)
+
+
+def test_names_are_unique_and_needs_come_first():
+    assert len(BY_NAME) == len(CELLS)
+    seen = set()
+    for cell in CELLS:
+        assert set(cell.needs) <= seen
+        seen.add(cell.name)
+
+
+def test_the_whole_is_expected_to_take_two_and_a_half_hours_at_most():
+    assert 3_600 < sum(cell.seconds for cell in CELLS) <= 9_000
+    assert sum(cell.seconds for cell in plan(MINIATURE)) < 2_400
+
+
+def test_all_comparisons_are_there():
+    for cameras in "136":
+        for method in ("gaussian-grouping", "opengaussian", "mask-graph", "paper", "instdrive"):
+            assert f"{STREET}/{cameras}/sam-v1/{method}" in BY_NAME
+    for method in ("gaussian-grouping", "opengaussian", "mask-graph", "paper", "instdrive"):
+        assert f"{PANDASET}/6/annotations/{method}" in BY_NAME
+    assert {f"{PANDASET}/6/lidar/instdrive", f"{PANDASET}/6/lidar/opengaussian"} <= set(BY_NAME)
+
+
+def test_headline_has_three_streets_two_of_which_nothing_was_chosen_on():
+    assert len(HEADLINE_SEEDS) == 3
+    assert len(set(HEADLINE_SEEDS) - set(TUNED_ON)) == 2
+
+
+def test_all_methods_of_a_place_learn_on_the_same_geometry_and_masks():
+    for cell in CELLS:
+        if cell.kind == "method":
+            assert cell.needs == (f"{cell.clip}/{cell.cameras}/geometry", f"{cell.clip}/{cell.masks}", cell.clip)
+
+
+def test_a_method_trains_on_frozen_geometry_and_the_geometry_as_the_command_line_does():
+    assert config_of(BY_NAME[f"{STREET}/6/geometry"], FULL) == train_config("instdrive", "quick")
+    ours = config_of(BY_NAME[f"{STREET}/6/sam-v1/instdrive"], FULL)
+    assert ours.instances == train_config("instdrive", "quick").instances
+    assert ours.freeze_geometry
+    printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL)
+    expected = on_frozen_geometry(train_config("paper", "quick"))
+    assert printed == replace(expected, instances=replace(expected.instances, whole_actors=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "expected"),
+    [
+        ("no-voxel", "voxel_weight", 0.0),
+        ("no-pseudo", "pseudo_weight", 0.0),
+        ("d6", "feature_dim", 6),
+        ("d10", "feature_dim", 10),
+    ],
+)
+def test_an_ablation_changes_one_thing(change, field, expected):
+    base = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL)
+    changed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled+{change}"], FULL)
+    assert getattr(changed.instances, field) == expected != getattr(base.instances, field)
+    assert changed == replace(base, instances=replace(base.instances, **{field: expected}))
+
+
+def test_the_scaled_rate_keeps_rate_times_steps():
+    printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL).instances
+    scaled = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL).instances
+    assert scaled.feature_lr * scaled.iterations == pytest.approx(printed.feature_lr * 30_000)
+
+
+def test_an_unknown_variant_is_refused():
+    with pytest.raises(OptionError, match=ABLATIONS[0]):
+        config_of(Cell("x", "method", STREET, variant="no-such"), FULL)
+
+
+def test_keys_differ_by_settings_and_follow_what_a_cell_needs():
+    at_full, at_miniature = keys(), keys(scale=MINIATURE)
+    assert len(set(at_full.values())) == len(CELLS)
+    assert not set(at_full.values()) & set(at_miniature.values())
+    elsewhere = keys(recorded="other clip")
+    changed = {name for name in at_full if at_full[name] != elsewhere[name]}
+    assert changed == {cell.name for cell in CELLS if cell.clip == PANDASET}
+
+
+def test_only_what_a_pattern_names_and_needs_is_chosen():
+    names = [cell.name for cell in chosen(CELLS, ["3/sam-v1/opengaussian"])]
+    street = [STREET, f"{STREET}/sam-v1", f"{STREET}/3/geometry"]
+    assert names == [*street, f"{STREET}/3/sam-v1/opengaussian"]
+    assert chosen(CELLS, []) == CELLS
+    figures = {cell.name for cell in chosen(CELLS, ["figure/lidar*"])}
+    assert f"{STREET}/6/sam-v1/instdrive+no-voxel" in figures
+    with pytest.raises(OptionError, match="--list"):
+        chosen(CELLS, ["no such cell"])
