@@ -29,12 +29,15 @@ def evaluate(
     from instdrive_core.cli.eval_progress import eval_progress
     from instdrive_core.evaluation.html_report import write_report
     from instdrive_core.evaluation.protocol import evaluation_of_run
-    from instdrive_core.evaluation.report import instance_table, summary_table, write_figures
+    from instdrive_core.evaluation.report import instance_table, point_table, summary_table, write_figures
 
     console = Console()
     with eval_progress(console) as show:
         evaluation = evaluation_of_run(run, show)
     console.print(instance_table(evaluation))
+    points = point_table(evaluation)
+    if points is not None:
+        console.print(points)
     console.print(summary_table(evaluation))
     if json is not None:
         write_figures(json, evaluation.figures)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 
 _VOID = {"br", "img", "input", "meta"}
+_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]")
 
 
 class Markup(str):
@@ -45,5 +47,4 @@ def _attribute(name: str, value: str | int | float | bool | None) -> str:
 
 def _printable(text: str) -> str:
     """Control characters and lone surrogates, which no HTML page may hold, are replaced."""
-    kept = (letter if letter in "\t\n" or letter.isprintable() or letter.isspace() else "\ufffd" for letter in text)
-    return "".join(kept)
+    return _UNPRINTABLE.sub("\ufffd", text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,17 @@ from instdrive_core.evaluation.html_training import training_charts
 from instdrive_core.evaluation.html_views import PICTURE_BUDGET, error_legend, view_rows
 from instdrive_core.evaluation.object_rows import ObjectRow
 from instdrive_core.evaluation.protocol import Evaluation
-from instdrive_core.evaluation.report import MAP_COLUMNS, figure_text, map_rows, split_text, summary_rows
+from instdrive_core.evaluation.report import (
+    MAP_COLUMNS,
+    POINT_COLUMNS,
+    figure_text,
+    map_rows,
+    point_rows,
+    split_text,
+    summary_rows,
+)
 from instdrive_core.evaluation.run_facts import read_run_facts
-from instdrive_core.evaluation.sharing import Holding
+from instdrive_core.evaluation.sharing import MIN_SHARE, Holding
 from instdrive_core.evaluation.training_log import read_log
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.instances.table import InstanceTable
@@ -37,7 +45,8 @@ def write_report(path: Path, run: Path, evaluation: Evaluation) -> None:
         _privileged_note(evaluation),
         _headline(evaluation),
         section("Predicted maps, oracle and controls", _map_table(evaluation)),
-        section("Images, clicks, points, cost", _pairs(summary_rows(evaluation))),
+        _points(evaluation),
+        section("Images, clicks, cost", _pairs(summary_rows(evaluation))),
         _views(evaluation),
         _objects(evaluation),
         _confusions(evaluation),
@@ -79,6 +88,14 @@ def _map_table(evaluation: Evaluation) -> Markup:
     return joined(table(("predicted map", *MAP_COLUMNS), rows), element("p", note, class_="dim small"))
 
 
+def _points(evaluation: Evaluation) -> Markup | None:
+    rows = [
+        [name, *(number_cell(figure_text(value)) for value in values)]
+        for name, values in point_rows(evaluation).items()
+    ]
+    return section("LiDAR points of held-out sweeps", table(("IDs", *POINT_COLUMNS), rows)) if rows else None
+
+
 def _views(evaluation: Evaluation) -> Markup:
     truth_of = {row.predicted_id: row.id for row in evaluation.objects if row.predicted_id is not None}
     rows = view_rows(evaluation.scene, evaluation.views, truth_of, PICTURE_BUDGET)
@@ -107,7 +124,7 @@ def _objects(evaluation: Evaluation) -> Markup:
     lines = [_object_line(row, pictures.get(row.id), evaluation.scene.table) for row in evaluation.objects]
     note = (
         "Cut-outs: bright is what object and matched instance share, blue is missed, vermilion is too much. An "
-        "instance counts for an object if it holds a tenth of its pixels. Click a heading to sort."
+        f"instance counts for an object if it holds {MIN_SHARE:.0%} of its pixels. Click a heading to sort."
     )
     field = element(
         "input", class_="filter", type="search", placeholder="filter", data_table="objects", aria_label="Filter objects"
@@ -152,11 +169,11 @@ def _confusions(evaluation: Evaluation) -> Markup:
     }
     parts = [
         element("h3", "Objects that share an instance"),
-        _shared(evaluation.shared_instances, in_instances, names, instance),
+        _shared("instance", evaluation.shared_instances, in_instances, names, instance),
         element("h3", "Objects in several instances"),
         _spread(in_instances, names, instance),
         element("h3", "Objects that share a codeword"),
-        _shared(evaluation.shared_codes, in_codes, names, code),
+        _shared("codeword", evaluation.shared_codes, in_codes, names, code),
         element("h3", "Objects in several codewords"),
         _spread(in_codes, names, code),
     ]
@@ -164,26 +181,29 @@ def _confusions(evaluation: Evaluation) -> Markup:
 
 
 def _shared(
+    kind: str,
     shared: Mapping[int, Sequence[int]],
     held: Mapping[int, Sequence[Holding]],
     names: Mapping[int, ObjectRow],
-    title: Any,
+    title: Callable[[int], str],
 ) -> Markup:
     lines = []
     for number, objects in sorted(shared.items(), key=lambda entry: -len(entry[1])):
         share = {key: next(each.share for each in held[key] if each.predicted_id == number) for key in objects}
         texts = [f"{names[key].name} ({share[key]:.0%} of it)" for key in objects]
         lines.append([title(number), number_cell(str(len(objects)), len(objects)), ", ".join(texts)])
-    return _table_or_none(("shared", "objects", "which"), lines)
+    return _table_or_none((kind, "shared by", "objects"), lines)
 
 
-def _spread(held: Mapping[int, Sequence[Holding]], names: Mapping[int, ObjectRow], title: Any) -> Markup:
+def _spread(
+    held: Mapping[int, Sequence[Holding]], names: Mapping[int, ObjectRow], title: Callable[[int], str]
+) -> Markup:
     lines = []
     for key, holdings in sorted(held.items(), key=lambda entry: -len(entry[1])):
         if len(holdings) > 1:
             texts = [f"{title(each.predicted_id)} ({each.share:.0%})" for each in holdings]
             lines.append([names[key].name, number_cell(str(len(holdings)), len(holdings)), ", ".join(texts)])
-    return _table_or_none(("object", "in", "which"), lines)
+    return _table_or_none(("object", "in", "share of its pixels"), lines)
 
 
 def _table_or_none(columns: Sequence[str], lines: Sequence[Sequence[Content]]) -> Markup:

@@ -15,6 +15,17 @@ from instdrive_core.formats.atomic import write_bytes
 
 MAP_COLUMNS = ("view mIoU", "view mAcc", "scene mIoU", "scene mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
 """Of `map_rows`."""
+POINT_COLUMNS = {
+    "AP": "ap",
+    "AP50": "ap50",
+    "AP25": "ap25",
+    "mIoU": "miou",
+    "V-meas.": "vmeasure",
+    "inst. per object": "instances_per_object",
+    "inst. to cover": "instances_to_cover",
+    "objects per inst.": "objects_per_instance",
+}
+"""Of `point_rows`, with the protocol's keys."""
 
 
 def write_figures(path: Path, figures: Mapping[str, Any]) -> None:
@@ -56,8 +67,37 @@ def instance_table(evaluation: Evaluation) -> Table:
     return table
 
 
+def point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
+    """How well IDs agree with the objects of LiDAR points, rows as in `map_rows`; columns as `POINT_COLUMNS`.
+
+    Empty where nothing could be measured.
+    """
+    lidar = evaluation.figures["lidar"]
+    scores = {
+        "oracle": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
+        "instance": lidar,
+        **{name: control.get("lidar", {}) for name, control in evaluation.controls.items()},
+    }
+    rows = {name: [values.get(key) for key in POINT_COLUMNS.values()] for name, values in scores.items()}
+    return rows if any(value is not None for values in rows.values() for value in values) else {}
+
+
+def point_table(evaluation: Evaluation) -> Table | None:
+    """The rows of `point_rows`, in 80 columns; None where there are none."""
+    rows = point_rows(evaluation)
+    if not rows:
+        return None
+    table = Table(title="LiDAR points of held-out sweeps", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    table.add_column("IDs", no_wrap=True)
+    for name in POINT_COLUMNS:
+        table.add_column(name.replace(" ", "\n"), justify="right", no_wrap=True)
+    for name, values in rows.items():
+        table.add_row(name, *(figure_text(value) for value in values))
+    return table
+
+
 def summary_rows(evaluation: Evaluation) -> dict[str, str]:
-    """Images, clicks, points, size and cost of a run."""
+    """Images, clicks, size and cost of a run."""
     figures = evaluation.figures
     click, scene = figures["click"], figures["scene"]
     rows = {
@@ -65,18 +105,11 @@ def summary_rows(evaluation: Evaluation) -> dict[str, str]:
         "PSNR in the boxes of moving objects (dB)": figure_text(figures["psnr_actors"], 2),
         "SSIM": figure_text(figures["ssim"]),
         "scene mIoU of things / stuff": f"{figure_text(scene['miou_things'])} / {figure_text(scene['miou_stuff'])}",
-        "clicks that hit the object (IoU of the selection > 0.5)": figure_text(click["hit_rate"]),
-        "mean IoU of selections": figure_text(click["iou"]),
-        "collateral of deleting hits: other pixels changed": figure_text(click["collateral"], 4),
-        "residue of deleting hits: weight left in the box": figure_text(click["residue"], 4),
+        "clicks that hit the object (IoU of the selection > 0.5)": _with_oracle(click, "hit_rate"),
+        "mean IoU of selections": _with_oracle(click, "iou"),
+        "collateral of deleting hits: other pixels changed": _with_oracle(click, "collateral", 4),
+        "residue of deleting hits: weight left in the box": _with_oracle(click, "residue", 4),
     }
-    lidar = figures["lidar"]
-    if any(value is not None for value in lidar.values()):
-        rows["LiDAR AP / AP50 / AP25"] = " / ".join(figure_text(lidar[key]) for key in ("ap", "ap50", "ap25"))
-        rows["LiDAR mIoU / V-measure"] = " / ".join(figure_text(lidar[key]) for key in ("miou", "vmeasure"))
-        rows["LiDAR instances per object / objects per instance"] = " / ".join(
-            figure_text(lidar[key]) for key in ("instances_per_object", "objects_per_instance")
-        )
     return rows | {
         "Gaussians / instances": f"{figures['n_gaussians']:,} / {figures['n_instances']:,}",
         "training": f"{figures['train_seconds']:.0f} s, {figures['peak_rss_mb']:,.0f} MB, {figures['backend']}",
@@ -109,3 +142,10 @@ def figure_text(value: float | int | None, digits: int = 3) -> str:
     if value is None:
         return "–"
     return str(value) if isinstance(value, int) else f"{value:.{digits}f}"
+
+
+def _with_oracle(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
+    """A figure, and what true IDs reach on the same Gaussians where that is known."""
+    oracle = scores.get(f"oracle_{key}")
+    text = figure_text(scores[key], digits)
+    return text if oracle is None else f"{text} (oracle {figure_text(oracle, digits)})"
