@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
+import numba
 import numpy as np
-from jaxtyping import Float32, UInt16, UInt32
+from jaxtyping import Float32, UInt8, UInt16, UInt32
 from numpy import ndarray
-from scipy.spatial import KDTree
 
-from instdrive_core.datasets.clip import Clip
-from instdrive_core.scene.track import points_inside
+from instdrive_core.datasets.clip import Clip, Sweep
+from instdrive_core.instances.neighbors import grown_forest
+from instdrive_core.scene.box_search import box_of_points
 
 _POINTS_PER_SWEEP = 10_000
 _MAX_DISTANCE = 0.3
 """Metres between a LiDAR point and the Gaussian whose instance it votes for."""
 _MIN_VOTES = 3
+_BOX_MARGINS = 0.2, -0.1
+"""Metres by which a parked object's box is grown, and its lower face: a negative one cuts the road off."""
 
 
 def instance_classes(
@@ -48,39 +51,59 @@ def display_names(instance_ids: UInt32[ndarray, " n"], classes: dict[int, str]) 
 def _classes_by_lidar(
     clip: Clip, instance_ids: UInt32[ndarray, " n"], means: Float32[ndarray, "n 3"], nodes: UInt16[ndarray, " n"]
 ) -> dict[int, str]:
-    background = np.flatnonzero(nodes == 0)
-    if not len(background):
+    """The class of most LiDAR points that are nearest to one of the ID's Gaussians; the lowest of equals."""
+    background = np.flatnonzero((nodes == 0) & np.isfinite(means).all(axis=1))
+    points, labels = _labelled_points(clip)
+    if not len(background) or not len(points):
         return {}
-    tree = KDTree(means[background])
-    votes: dict[int, Counter[int]] = {}
-    for sweep in clip.training_sweeps():
-        points = sweep.load()
-        if points.classes is None:
-            continue
-        step = max(1, len(points.points) // _POINTS_PER_SWEEP)
-        distances, nearest = tree.query(points.points[::step], distance_upper_bound=_MAX_DISTANCE, workers=-1)
-        near = np.isfinite(distances)
-        ids, labels = instance_ids[background[np.asarray(nearest)[near]]], points.classes[::step][near]
-        pairs, counts = np.unique(np.stack([ids, labels.astype(np.uint32)]), axis=1, return_counts=True)
-        for instance_id, label, count in zip(*pairs.tolist(), counts.tolist(), strict=True):
-            if instance_id and label in clip.class_names:
-                votes.setdefault(instance_id, Counter())[label] += count
-    winners = {instance_id: counter.most_common(1)[0] for instance_id, counter in votes.items()}
-    return {i: clip.class_names[label] for i, (label, count) in winners.items() if count >= _MIN_VOTES}
+    forest = grown_forest(means[background], np.zeros(len(background), np.int64))
+    one_tree, reach = np.zeros(len(points), np.int64), np.full(len(points), _MAX_DISTANCE)
+    nearest = forest.nearest(points, one_tree, 1, reach)[1][:, 0]
+    near = nearest >= 0
+    ids = instance_ids[background[nearest[near]]].astype(np.int64)
+    pairs, counts = np.unique((ids << 8) | labels[near], return_counts=True)
+    winners: dict[int, tuple[int, str]] = {}
+    for pair, count in zip(pairs.tolist(), counts.tolist(), strict=True):
+        instance_id, label = pair >> 8, pair & 0xFF
+        if instance_id and label in clip.class_names and count > winners.get(instance_id, (0, ""))[0]:
+            winners[instance_id] = count, clip.class_names[label]
+    return {instance_id: name for instance_id, (count, name) in winners.items() if count >= _MIN_VOTES}
+
+
+def _labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
+    """Some points of each training sweep that has classes, and those."""
+    with ThreadPoolExecutor(max_workers=numba.get_num_threads()) as readers:
+        parts = [part for part in readers.map(_thinned, clip.training_sweeps()) if part is not None]
+    if not parts:
+        return np.zeros((0, 3), np.float32), np.zeros(0, np.uint8)
+    return np.concatenate([points for points, _ in parts]), np.concatenate([labels for _, labels in parts])
+
+
+def _thinned(sweep: Sweep) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]] | None:
+    loaded = sweep.load()
+    if loaded.classes is None:
+        return None
+    step = max(1, len(loaded.points) // _POINTS_PER_SWEEP)
+    return loaded.points[::step], loaded.classes[::step]
 
 
 def _classes_by_parked_boxes(
     clip: Clip, instance_ids: UInt32[ndarray, " n"], means: Float32[ndarray, "n 3"], nodes: UInt16[ndarray, " n"]
 ) -> dict[int, str]:
-    background = nodes == 0
+    parked = [track for track in clip.tracks if not track.moving]
+    if not parked:
+        return {}
     sizes = np.bincount(instance_ids)
+    poses = np.stack([track.world_from_box[len(track.times) // 2] for track in parked])
+    dimensions = np.stack([track.dimensions for track in parked])
+    # Most Gaussians lie in no box at all: one quick pass leaves few for the boxes one by one, which may overlap.
+    boxed = np.flatnonzero((nodes == 0) & (box_of_points(means, poses, dimensions, *_BOX_MARGINS) >= 0))
+    near, ids = means[boxed], instance_ids[boxed]
     classes: dict[int, str] = {}
-    for track in clip.tracks:
-        if track.moving:
-            continue
-        middle = track.world_from_box[len(track.times) // 2]
-        inside = points_inside(means, middle, track.dimensions, margin=0.2, bottom=-0.1) & background
-        counts = np.bincount(instance_ids[inside], minlength=len(sizes))
+    for number, track in enumerate(parked):
+        alone = slice(number, number + 1)
+        inside = box_of_points(near, poses[alone], dimensions[alone], *_BOX_MARGINS) >= 0
+        counts = np.bincount(ids[inside], minlength=len(sizes))
         for instance_id in np.flatnonzero(counts * 2 > sizes).tolist():
             if instance_id:
                 classes[instance_id] = track.label
