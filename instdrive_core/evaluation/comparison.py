@@ -118,7 +118,7 @@ def measured_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> lis
 def compared_rows(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
     """The figures that any run knows; last those of oracles, and those that have no row of their own in `COMPARED`.
 
-    Values that read the same are equally good; of one run none is best.
+    Values that read the same are equally good; where all do, none is best.
     """
     rows = []
     for figure in (*COMPARED, *_further_figures(runs)):
@@ -215,7 +215,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 def _best(values: Sequence[float | None], figure: ComparedFigure) -> set[int]:
     known = {number: round(value, figure.digits) for number, value in enumerate(values) if value is not None}
-    if figure.better is None or len(known) < 2:
+    if figure.better is None or len(set(known.values())) < 2:
         return set()
     best = max(known.values()) if figure.better == "higher" else min(known.values())
     return {number for number, value in known.items() if value == best}

@@ -39,7 +39,7 @@ def line_chart(title: str, unit: str, curves: Sequence[Curve], logarithmic: bool
     if not curves:
         return None
     y = [np.log10(curve.y) if logarithmic else curve.y for curve in curves]
-    x_ticks, y_ticks = _ticks(_range([curve.x for curve in curves])), _ticks(_value_range(y))
+    x_ticks, y_ticks = _ticks(_range([curve.x for curve in curves])), _ticks(_value_range(y), whole=logarithmic)
     across = _scale((x_ticks[0], x_ticks[-1]), (_LEFT, WIDTH - _RIGHT))
     up = _scale((y_ticks[0], y_ticks[-1]), (HEIGHT - _BOTTOM, _TOP))
     parts = [element("text", title, x=_LEFT, y=14, class_="title")]
@@ -89,11 +89,12 @@ def _value_range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float
     return _range([np.quantile(pooled, [0.005, 0.995])])
 
 
-def _ticks(bounds: tuple[float, float]) -> Float64[ndarray, " t"]:
-    """About five round numbers that enclose the bounds."""
+def _ticks(bounds: tuple[float, float], whole: bool = False) -> Float64[ndarray, " t"]:
+    """About five round numbers that enclose the bounds; `whole` ones for exponents."""
     rough = (bounds[1] - bounds[0]) / 5
     power = 10.0 ** np.floor(np.log10(rough))
     step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough)
+    step = max(1.0, np.ceil(rough)) if whole else step
     return np.arange(np.floor(bounds[0] / step), np.ceil(bounds[1] / step) + 1) * step
 
 

@@ -53,7 +53,7 @@ def write_comparison(path: Path, runs: Sequence[MeasuredRun]) -> None:
 
 def _figure_table(runs: Sequence[MeasuredRun]) -> Markup:
     rows = [[figure.title, *(_cell(cell) for cell in cells)] for figure, cells in compared_rows(runs)]
-    note = "Best values are marked (equal as written: all of them); below each value its difference to the first run."
+    note = "Best values are marked unless all are equal; below each value its difference to the first run."
     shown = table(("figure", *(run.name for run in runs)), rows)
     return joined(shown, element("p", note, class_="dim small"))
 

@@ -17,8 +17,8 @@ from instdrive_core.evaluation.object_rows import ObjectRow
 from instdrive_core.scene.scene import Scene
 
 MISSED_COLOR, EXTRA_COLOR = ERROR_COLORS[NOTHING], ERROR_COLORS[OTHER]
-_HEIGHT, _MAX_WIDTH = 84, 150
-"""Pixels."""
+_HEIGHT, _MAX_WIDTH, _MAX_ENLARGED = 72, 150, 3.0
+"""Pixels; small objects are enlarged at most so much."""
 _MARGIN = 0.15
 """Of the object's box, on every side."""
 _DIMMED, _TINT = 0.35, 0.6
@@ -85,8 +85,8 @@ def _box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
 
 
 def _fitted(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """Shrunk to the size of a table's row; small ones stay."""
+    """At the size of a table's row."""
     height, width = image.shape[:2]
-    factor = min(1.0, _HEIGHT / height, _MAX_WIDTH / width)
+    factor = min(_MAX_ENLARGED, _HEIGHT / height, _MAX_WIDTH / width)
     size = max(1, round(width * factor)), max(1, round(height * factor))
     return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.LANCZOS))

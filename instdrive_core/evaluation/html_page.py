@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 from instdrive_core.evaluation.html_elements import Content, Markup, element, joined
 from instdrive_core.evaluation.html_style import SCRIPT, STYLE
 from instdrive_core.formats.atomic import write_bytes
+
+_NUMBER = '<td class="number'
 
 
 def write_page(path: Path, title: str, *content: Content) -> None:
@@ -47,7 +50,9 @@ def card(value: str, name: str) -> Markup:
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[Content]], **attributes: str) -> Markup:
     """A table of text cells; a cell that is a ``td`` or ``th`` element already is taken as it is."""
-    head = element("tr", *(element("th", name) for name in columns)) if columns else None
+    aligned = [isinstance(cell, Markup) and cell.startswith(_NUMBER) for cell in rows[0]] if rows and columns else []
+    heads = [element("th", name, class_="number" if number else None) for name, number in zip_longest(columns, aligned)]
+    head = element("tr", *heads) if columns else None
     lines = [element("tr", *(_cell(cell) for cell in row)) for row in rows]
     shown = element("table", element("thead", head) if head else None, element("tbody", *lines), **attributes)
     return element("div", shown, class_="scroll")

@@ -88,7 +88,8 @@ def test_the_best_is_the_highest_or_the_lowest():
     assert "ssim" not in {figure.key for figure, _ in compared_rows(runs)}
 
 
-def test_nothing_is_best_alone():
+def test_nothing_is_best_alone_or_where_all_are_equal():
+    assert not any(cell.best for cell in cells("psnr", [measured("a", psnr=30.0), measured("b", psnr=30.001)]))
     assert not any(cell.best for _, row in compared_rows([measured("a", psnr=30.0)]) for cell in row)
     assert not any(cell.best for cell in cells("psnr", [measured("a", psnr=30.0), measured("b", psnr=None)]))
 
