@@ -9,8 +9,8 @@ from scipy import ndimage
 
 from instdrive_core.masks.point_shape import PointShape
 
-NONE, GROUND, FACADE, VEGETATION, FIRST_THING = range(5)
-"""IDs in a LidarScene; things count from the last."""
+NONE, GROUND, FACADE, VEGETATION, THING = range(5)
+"""What a cluster can be, the wide ones before things."""
 
 MIN_POINTS = 8
 """Smaller clusters are nothing."""
@@ -40,7 +40,7 @@ def kinds_of_clusters(
     shape: PointShape,
     above: Float32[ndarray, " n"],
 ) -> UInt32[ndarray, " c"]:
-    """`NONE`, `FACADE`, `VEGETATION` or `FIRST_THING` of each cluster.
+    """`NONE`, `FACADE`, `VEGETATION` or `THING` of each cluster.
 
     Args:
         points: metres.
@@ -57,7 +57,7 @@ def kinds_of_clusters(
     base = np.asarray(ndimage.minimum(above, clusters, numbers))
     scatter = np.bincount(clusters, shape.scatter, len(numbers)) / counts
     upright = np.bincount(clusters, shape.upright, len(numbers)) / counts
-    kinds = np.full(len(numbers), FIRST_THING, np.uint32)
+    kinds = np.full(len(numbers), THING, np.uint32)
     large = ((length > LONG) & (top > TALL)) | (length > VERY_LONG)
     kinds[large] = np.where((upright[large] > UPRIGHT) | (scatter[large] < SURFACE), FACADE, VEGETATION)
     kinds[(scatter > SCATTERED) & (length > SMALLEST_PLANT) & (top > 1.0)] = VEGETATION

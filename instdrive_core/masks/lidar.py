@@ -13,7 +13,7 @@ from scipy import ndimage
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotations import OPEN, without_borders
-from instdrive_core.masks.cluster_kind import FACADE, FIRST_THING, GROUND, VEGETATION
+from instdrive_core.masks.cluster_kind import FACADE, GROUND, THING, VEGETATION
 from instdrive_core.masks.lidar_scene import LidarScene, build_lidar_scene
 from instdrive_core.masks.regions import draw_things, superpixel_vote, without_holes
 from instdrive_core.masks.sky import SkyColors, sky_seeds, surely_sky
@@ -27,7 +27,7 @@ BORDER = 1
 """Pixels on either side of a border that are settled by the photo."""
 THING_REACH = 2
 """Pixels by which a thing may grow beyond its silhouette."""
-MIN_PIXELS = 20
+MIN_PIXELS = 40
 """Smaller masks are left out."""
 SEAM = 2.0
 """Pixels: gaps this wide along edges too strong to spread into are closed without looking at the photo."""
@@ -80,7 +80,7 @@ class LidarLabels:
         drawn, depths = self._drawn(camera, frame.view.time)
         seeds, originals = _compact(drawn)
         sky = len(originals)
-        things = range(int(np.searchsorted(originals, FIRST_THING)), sky)
+        things = range(int(np.searchsorted(originals, self._scene.first_thing)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
         seeds[sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
         voted = superpixel_vote(without_borders(seeds, BORDER), image, reachable, things)
@@ -93,13 +93,14 @@ class LidarLabels:
 
     def _drawn(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
         """IDs where points were drawn, else `OPEN`, and depths."""
-        wide = self._scene.ids < FIRST_THING
+        wide = self._scene.ids < self._scene.first_thing
         labels, depths = splat(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
         draw_things(self._things | self._scene.moving_at(time), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
     def _limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
-        shares = [REACHES.get(number, REACH) for number in originals.tolist()] + [SKY_REACH]
+        kinds = np.append(self._scene.kinds, THING)[np.minimum(originals, len(self._scene.kinds))]
+        shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [SKY_REACH]
         return np.array(shares, np.float32) * np.float32(width)
 
     def _gathered_colors(self, clip: Clip) -> SkyColors:

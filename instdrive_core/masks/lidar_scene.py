@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, UInt32
+from jaxtyping import Bool, Float32, Float64, Int32, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep
-from instdrive_core.masks.cluster_kind import FACADE, FIRST_THING, GROUND, NONE, VEGETATION, kinds_of_clusters
+from instdrive_core.masks.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, kinds_of_clusters
 from instdrive_core.masks.cluster_motion import MovingCluster, completed
 from instdrive_core.masks.cluster_parts import joined_splinters, joined_vehicles
 from instdrive_core.masks.ground import GroundSurface, find_ground, is_ground
@@ -31,26 +31,36 @@ SWEEP_REACH = 0.4
 """The same right at the sensor, for points of a single sweep."""
 MIRRORED = 0.3
 """Metres below the ground from which on points are mirror images."""
+MIN_WIDE_POINTS = 300
+"""Facades and plants of fewer points, far away mostly, share an ID."""
 MIN_MOVING_POINTS = 12
+LOWEST_FOLIAGE = 1.0
+"""Metres above the ground: what lies lower is as likely part of a car."""
 FOLIAGE = 0.42
 """Scatter from which on points are foliage, which nothing else hangs together with."""
 
 
 @dataclass(frozen=True)
 class LidarScene:
-    """Points with IDs: `GROUND`, `FACADE`, `VEGETATION`, and a number from `FIRST_THING` on for each thing."""
+    """Points with IDs: 1 for the ground, then one for each facade, plant and thing."""
 
     points: Float32[ndarray, "n 3"]
     """What stands still, in the world."""
     ids: UInt32[ndarray, " n"]
+    kinds: UInt32[ndarray, " i"]
+    """`GROUND`, `FACADE`, `VEGETATION` or `THING` by ID of what stands still, ascending; the first ID is nothing."""
     moving: dict[float, list[MovingCluster]]
     """What moves, by time of the sweep that saw it."""
-    ground: GroundSurface | None
+
+    @property
+    def first_thing(self) -> int:
+        """The lowest ID of a thing."""
+        return int(np.searchsorted(self.kinds, THING))
 
     def things(self) -> dict[int, Float32[ndarray, "k 3"]]:
         """Points of each thing that stands still."""
         order = np.argsort(self.ids, kind="stable")
-        order = order[np.searchsorted(self.ids[order], FIRST_THING) :]
+        order = order[np.searchsorted(self.ids[order], self.first_thing) :]
         starts = np.flatnonzero(np.diff(self.ids[order].astype(np.int64), prepend=0))
         parts = np.split(order, starts[1:])
         return {int(self.ids[rows[0]]): self.points[rows] for rows in parts if len(rows)}
@@ -85,7 +95,7 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
     sweeps = [_near_points(clip, sweep) for sweep in clip.training_sweeps()]
     sweeps = [one for one in sweeps if len(one.points)]
     if not sweeps:
-        return LidarScene(np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), {}, None)
+        return LidarScene(np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), np.arange(2, dtype=np.uint32), {})
     every = np.concatenate([one.points for one in sweeps])
     ground = find_ground(every[thinned(every, VOXEL)])
     sweeps = [one.above_ground(ground) for one in sweeps]
@@ -95,19 +105,18 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
     still = [
         (one.clusters >= 0) & ~moves[np.maximum(one.clusters, 0)] for one, moves in zip(clustered, moved, strict=True)
     ]
-    points, ids = _static(
+    points, ids, kinds = _static(
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
         np.array([one.position for one in sweeps]),
         ground,
     )
     floor = np.concatenate([one.points[flat] for one, flat in zip(sweeps, low, strict=True)])
     floor = floor[thinned(floor, VOXEL)]
-    first = max(FIRST_THING, int(ids.max(initial=0)) + 1)
     return LidarScene(
         np.concatenate([floor, points]),
         np.concatenate([np.full(len(floor), GROUND, np.uint32), ids]),
-        _moving(sweeps, clustered, moved, first),
-        ground,
+        kinds,
+        _moving(sweeps, clustered, moved, len(kinds)),
     )
 
 
@@ -153,23 +162,43 @@ def _moving(
 
 def _static(
     points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface
-) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"]]:
-    """What stands still, thinned, and its IDs."""
+) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
+    """What stands still, thinned, its IDs, and the kind of each ID."""
     points = points[thinned(points, VOXEL)]
     shape = point_shape(points)
     distance = np.linalg.norm(points[:, None, :2] - sensors[None, :, :2], axis=2).min(axis=1)
     reach = np.minimum(REACH + REACH_PER_METRE * distance, MAX_REACH).astype(np.float32)
-    foliage = (shape.scatter > FOLIAGE).astype(np.int64)
     above = ground.above(points)
+    foliage = ((shape.scatter > FOLIAGE) & (above > LOWEST_FOLIAGE)).astype(np.int64)
     clusters = joined_splinters(points, absorbed(points, cluster(points, reach, foliage), reach), reach)
     kinds = kinds_of_clusters(points, clusters, shape, above)
-    things = kinds[clusters] == FIRST_THING
+    things = kinds[clusters] == THING
     whole = joined_vehicles(points, np.where(things, clusters, -1).astype(np.int32), above)
     clusters = np.where(things, len(kinds) + whole, clusters)
-    kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, FIRST_THING, np.uint32))
-    ids = np.zeros(len(kinds), np.uint32)
-    things = kinds == FIRST_THING
-    ids[things] = FIRST_THING + np.arange(int(things.sum()))
-    for kind in (GROUND, FACADE, VEGETATION, NONE):
-        ids[kinds == kind] = kind
-    return points, ids[clusters]
+    kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, THING, np.uint32))
+    return points, *_numbered(*_with_scraps(kinds, clusters))
+
+
+def _with_scraps(
+    kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
+) -> tuple[UInt32[ndarray, " c"], Int32[ndarray, " n"]]:
+    """Kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
+    small = np.bincount(clusters, minlength=len(kinds)) < MIN_WIDE_POINTS
+    joined = np.arange(len(kinds), dtype=np.int32)
+    for kind in (FACADE, VEGETATION):
+        scraps = np.flatnonzero(small & (kinds == kind))
+        joined[scraps] = scraps[:1]
+    return kinds, joined[clusters]
+
+
+def _numbered(
+    kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
+) -> tuple[UInt32[ndarray, " n"], UInt32[ndarray, " i"]]:
+    """IDs of points, wide clusters before things, and the kind of each ID."""
+    order = np.argsort(kinds, kind="stable")
+    order = order[
+        (kinds[order] != NONE) & (kinds[order] != GROUND) & (np.bincount(clusters, minlength=len(kinds))[order] > 0)
+    ]
+    ids = np.where(kinds == GROUND, GROUND, NONE).astype(np.uint32)
+    ids[order] = np.arange(GROUND + 1, GROUND + 1 + len(order))
+    return ids[clusters], np.concatenate([np.array([NONE, GROUND], np.uint32), kinds[order]])
