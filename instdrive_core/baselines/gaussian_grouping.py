@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.nn.functional import cross_entropy, log_softmax
 
 from instdrive_core.baselines.iou_tracker import MaskTracks, TrackerConfig, tracked_masks
-from instdrive_core.baselines.learnable_features import SAMPLED_ROWS, LearnableFeatures
+from instdrive_core.baselines.learnable_features import CLASSIFIER, NO_MASKS, SAMPLED_ROWS, LearnableFeatures
 from instdrive_core.training.config import TrainConfig
 from instdrive_core.training.feature_weights import CachedView, weighted_features
 from instdrive_core.training.instance_stage import LearnedInstances, cached_views
@@ -69,6 +69,9 @@ def learn_gaussian_grouping(
 ) -> LearnedInstances:
     """Track masks, learn encodings and classifier, and give each Gaussian its most probable class."""
     cached = cached_views(model, store, config)
+    if not cached:
+        on_note(NO_MASKS)
+        return LearnedInstances(np.zeros(len(model), np.uint32), np.zeros((len(model), 1), np.float32), 0)
     tracks = tracked_masks(model, store, cached, settings.tracker)
     masks = sum(view.segments.count for view in cached)
     on_note(f"IoU tracker: {masks:,} masks of {len(cached)} views are {tracks.count} things")
@@ -165,6 +168,6 @@ class _Neighbors:
 
 def _first_classifier(dim: int, classes: int, seed: int) -> list[Tensor]:
     """Weight (dim, classes) and bias, uniform within ±1/√dim."""
-    rng, bound = step_rng(seed, SAMPLED_ROWS + 100, 0), 1 / math.sqrt(dim)
+    rng, bound = step_rng(seed, CLASSIFIER, 0), 1 / math.sqrt(dim)
     weight, bias = rng.uniform(-bound, bound, (dim, classes)), rng.uniform(-bound, bound, classes)
     return [torch.from_numpy(values.astype(np.float32)).requires_grad_(True) for values in (weight, bias)]

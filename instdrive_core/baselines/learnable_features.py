@@ -11,7 +11,8 @@ from instdrive_core.training.gather import gathered
 from instdrive_core.training.schedule import step_rng
 from instdrive_core.training.visible_adam import VisibleAdam
 
-FIRST_VALUES, SAMPLED_ROWS, CLUSTERS = 10, 11, 12
+NO_MASKS = "no view shows a mask on the scene: nothing to learn instances from"
+FIRST_VALUES, SAMPLED_ROWS, CLUSTERS, CLASSIFIER = 10, 11, 12, 13
 """Streams of random numbers."""
 
 

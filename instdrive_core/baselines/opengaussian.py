@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from instdrive_core.baselines.kmeans import lloyd, seeded_centers
-from instdrive_core.baselines.learnable_features import CLUSTERS, LearnableFeatures
+from instdrive_core.baselines.learnable_features import CLUSTERS, NO_MASKS, LearnableFeatures
 from instdrive_core.scene.scene import placed
 from instdrive_core.training.config import TrainConfig
 from instdrive_core.training.feature_weights import CachedView, weighted_features
@@ -77,6 +77,9 @@ def learn_opengaussian(
 ) -> LearnedInstances:
     """Learn features from the masks, quantise them in two levels, and take the pair of clusters as the ID."""
     cached = cached_views(model, store, config)
+    if not cached:
+        on_note(NO_MASKS)
+        return LearnedInstances(np.zeros(len(model), np.uint32), np.zeros((len(model), 1), np.float32), 0)
     features = LearnableFeatures(len(model), settings.feature_dim, settings.init_std, settings.feature_lr, config.seed)
     for iteration in range(settings.feature_iterations):
         view = cached[view_of_step(config.seed, _FEATURE_VIEWS, iteration, len(cached))]

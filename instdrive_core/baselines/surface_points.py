@@ -64,6 +64,8 @@ def surface_points(model: SceneModel, cached: CachedView, camera: Camera, time: 
 def _strongest(weights: BlendWeights) -> Int[ndarray, " p"]:
     """The row with the largest weight in each pixel; every pixel has at least one."""
     starts = weights.indptr[:-1]
+    if not len(starts):
+        return np.zeros(0, np.int64)
     largest = np.repeat(np.maximum.reduceat(weights.weights, starts), np.diff(weights.indptr))
     places = np.where(weights.weights == largest, np.arange(len(largest)), len(largest))
     return weights.rows[np.minimum.reduceat(places, starts)]

@@ -11,6 +11,8 @@ from instdrive_core.baselines.gaussian_grouping import learn_gaussian_grouping
 from instdrive_core.baselines.opengaussian import SHORT as OPEN
 from instdrive_core.baselines.opengaussian import learn_opengaussian
 from instdrive_core.baselines.registry import learner_for
+from instdrive_core.cli.train import train
+from instdrive_core.training.view_store import ViewStore
 
 LEARNERS = {
     "gaussian-grouping": (learn_gaussian_grouping, replace(GROUPING, iterations=120)),
@@ -60,6 +62,24 @@ def test_without_a_3d_term_hidden_gaussians_keep_their_first_encoding(toy):
     still = (plain == first).all(axis=1)
     assert 0 < still.sum() < len(first)
     assert not (with_term[still] == first[still]).all()
+
+
+@pytest.mark.parametrize("method", LEARNERS)
+def test_where_no_view_shows_a_mask_there_is_one_code_and_a_note(toy, method):
+    views = [replace(toy.store.get(number), labels=None) for number in range(len(toy.store))]
+    result = learned(replace(toy, store=ViewStore.of(views)), method)
+    assert (result.codewords == 0).all()
+
+
+def test_the_command_passes_the_method_s_learner_on(monkeypatch, tmp_path):
+    requests = []
+    monkeypatch.setattr("instdrive_core.cli.train_progress.train_with_progress", requests.append)
+    for method in ("instdrive", *LEARNERS):
+        train(tmp_path, tmp_path / "run", method=method)
+    assert [request.config.method for request in requests] == ["instdrive", *LEARNERS]
+    assert requests[0].learner is None
+    assert requests[1].learner.func is learn_gaussian_grouping
+    assert requests[2].learner.func is learn_opengaussian
 
 
 def test_methods_of_the_trainer_have_no_learner():
