@@ -18,7 +18,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.evaluation.point_ids import point_ids, point_support
 from instdrive_core.formats.scene_folder import read_scene_folder
 from instdrive_core.instances.colormap import colors_from_ids
-from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance, open_ground_truth
+from instdrive_core.masks.ground_truth import GroundTruth, open_ground_truth
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import Scene
@@ -33,6 +33,8 @@ _TITLES = {
     "instdrive": "ours",
     "instdrive+no-voxel": "ours without voxel loss",
 }
+_LAMP_HEIGHT, _LAMP_SLENDER = 5.0, 2.0
+"""Metres, and height ÷ width in a photo, of a lamp post at least."""
 _NO_INSTANCE = np.uint8(205)
 
 
@@ -175,7 +177,7 @@ class Subject:
 def cutouts(clip: Clip, shown: Sequence[Shown]) -> tuple[UInt8[ndarray, "h w 3"], str]:
     """What a click on a lamp, a sign, a building and the road selects, alone; above it the photo, object outlined."""
     scene = shown[0].scene()
-    subjects = list(_subjects(clip, open_ground_truth(clip)))
+    subjects = list(_subjects(scene, clip, open_ground_truth(clip)))
     if not subjects:
         raise DataError(clip.path, "no held-out view shows a lamp, sign, building or road", "Use a longer clip.")
     columns = []
@@ -192,29 +194,30 @@ def cutouts(clip: Clip, shown: Sequence[Shown]) -> tuple[UInt8[ndarray, "h w 3"]
     return beside(columns), caption
 
 
-def _subjects(clip: Clip, truth: GroundTruth) -> Iterator[Subject]:
-    """For each kind the object with the largest mask; masks that the photo's border cuts count a tenth."""
-    kinds: dict[str, Callable[[GroundTruthInstance, ndarray], bool]] = {
-        "lamp": lambda each, mask: each.class_name == "Other Static Object" and _slender(mask),
-        "sign": lambda each, mask: each.class_name == "Signs",
-        "building": lambda each, mask: each.class_name == "Building",
-        "road": lambda each, mask: each.class_name == "Road",
-    }
+def _subjects(scene: Scene, clip: Clip, truth: GroundTruth) -> Iterator[Subject]:
+    """For each kind the object with the largest mask; masks that the photo's border cuts count a tenth.
+
+    No class tells lamps from bins: a lamp is a slender static object as tall as one.
+    """
+    classes = {"lamp": "Other Static Object", "sign": "Signs", "building": "Building", "road": "Road"}
     best: dict[str, tuple[float, Subject]] = {}
     for frame in clip.held_out_frames():
         labels = truth.load(frame)
         for label in np.unique(labels[labels > 0]).tolist():
             mask = labels == label
             score = float(mask.sum()) * (0.1 if _is_cut(mask) else 1.0)
-            for title, fits in kinds.items():
-                if score > best.get(title, (0.0, None))[0] and fits(truth.instances[label], mask):
+            for title, class_name in classes.items():
+                fits = truth.instances[label].class_name == class_name and score > best.get(title, (0.0, None))[0]
+                if fits and (title != "lamp" or _is_lamp(scene, frame, mask)):
                     best[title] = score, Subject(title, frame, mask)
-    yield from (best[title][1] for title in kinds if title in best)
+    yield from (best[title][1] for title in classes if title in best)
 
 
-def _slender(mask: Bool[ndarray, "h w"]) -> bool:
+def _is_lamp(scene: Scene, frame: Frame, mask: Bool[ndarray, "h w"]) -> bool:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return bool(np.ptp(rows) + 1 >= 2.5 * (np.ptp(columns) + 1))
+    depth = float(np.median(view_scene(scene, frame.view.camera, frame.view.time).depth[mask]))
+    metres = len(rows) * depth / frame.view.camera.fy
+    return len(rows) >= _LAMP_SLENDER * len(columns) and metres >= _LAMP_HEIGHT
 
 
 def _is_cut(mask: Bool[ndarray, "h w"]) -> bool:
