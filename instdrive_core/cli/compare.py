@@ -46,7 +46,7 @@ def compare(
         console.print(f"Note: {text}", markup=False, highlight=False, soft_wrap=True)
     if html is not None:
         write_comparison(html, measured)
-        console.print(f"comparison written to {html}", markup=False, highlight=False)
+        console.print(f"comparison written to {html}", markup=False, highlight=False, soft_wrap=True)
 
 
 def comparison_table(runs: Sequence[MeasuredRun]) -> Table:

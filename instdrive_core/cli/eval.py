@@ -41,8 +41,8 @@ def evaluate(
     console.print(summary_table(evaluation))
     if json is not None:
         write_figures(json, evaluation.figures)
-        console.print(f"figures written to {json}", markup=False, highlight=False)
+        console.print(f"figures written to {json}", markup=False, highlight=False, soft_wrap=True)
     if not no_html:
         page = html or run / REPORT
         write_report(page, run, evaluation)
-        console.print(f"report with pictures written to {page}", markup=False, highlight=False)
+        console.print(f"report with pictures written to {page}", markup=False, highlight=False, soft_wrap=True)

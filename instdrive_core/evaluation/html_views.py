@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from jaxtyping import UInt8, UInt32
@@ -28,6 +29,8 @@ from instdrive_core.scene.scene import Scene
 
 PICTURE_BUDGET = 4_500_000
 """Bytes of a page that views may take: it is to be sent by mail."""
+MAX_VIEWS = 18
+"""More are not drawn: each takes some 0.3 s."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,13 @@ def view_title(frame: Frame) -> str:
 
 
 def view_rows(scene: Scene, views: Sequence[HeldOutView], truth_of: Mapping[int, int], budget: int) -> list[Markup]:
-    """As many views as fit into `budget` bytes, spread over the time steps, in the order given.
+    """As many views as fit into `budget` bytes, at most `MAX_VIEWS`, spread over the time steps, in the order given.
 
     Args:
         truth_of: the ground-truth ID that each matched predicted ID stands for.
     """
     rows: dict[int, Markup] = {}
-    for number in spread_over_steps([view.frame.view.index for view in views]):
+    for number in islice(spread_over_steps([view.frame.view.index for view in views]), MAX_VIEWS):
         row = _view_row(drawn_view(scene, views[number]), truth_of)
         budget -= len(row)
         if budget < 0:

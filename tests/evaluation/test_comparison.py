@@ -128,6 +128,18 @@ def test_page_shows_the_same_views_of_each_run(runs, capsys):
     assert (page.pictures("good, instance")[0] != page.pictures("merged, instance")[0]).any()
 
 
+def test_eval_writes_its_report_where_it_is_told_to(runs, capsys):
+    good, report = runs / "good", runs / "good" / "report.html"
+    assert main(["eval", str(good), "--no-html"]) == 0
+    assert not report.exists()
+    assert main(["eval", str(good), "--html", str(runs / "there.html")]) == 0
+    assert not report.exists()
+    assert "good: evaluation" in ReadPage((runs / "there.html").read_text()).text
+    assert main(["eval", str(good)]) == 0
+    assert report.exists()
+    assert "there.html" in capsys.readouterr().out
+
+
 def test_stale_figures_are_measured_again(runs, figures):
     [old] = comparison.measured_runs([runs / "merged"], False, NO_PROGRESS)
     assert old.figures["scene"]["miou"] == figures["scene"]["miou"] - 0.25
