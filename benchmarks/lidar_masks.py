@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, UInt8, UInt32
 from numpy import ndarray
+from PIL import Image
 from tyro.conf import Positional
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, load_clip
@@ -29,6 +30,8 @@ from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.masks.label_source import LabelSource
 from instdrive_core.masks.lidar import LidarLabels
 
+PICTURE_WIDTH = 960
+
 
 @dataclass(frozen=True)
 class Options:
@@ -37,6 +40,8 @@ class Options:
     clip: Positional[Path]
     every: int = 1
     """Only every so many-th training photo."""
+    picture: Path | None = None
+    """Also write a picture: photos, masks and ground truth of a step in the middle of the clip."""
     options: ClipOptions = field(default_factory=ClipOptions)
 
 
@@ -92,6 +97,31 @@ def figures(photos: Sequence[PhotoScores]) -> dict[str, float]:
     }
 
 
+def picture(truth: GroundTruth, masks: LabelSource, frames: Sequence[Frame]) -> UInt8[ndarray, "h w 3"]:
+    """A row for each photo: the photo, the masks, the ground truth."""
+    rows = []
+    for frame in frames:
+        image, sky = frame.load_image(), truth.sky(frame)
+        own = _painted(image, masks.load(frame), masks.sky(frame))
+        known = _painted(image, truth.load(frame), np.zeros(image.shape[:2], bool) if sky is None else sky)
+        rows.append(np.hstack([image, own, known]))
+    return np.vstack(rows)
+
+
+def _painted(
+    image: UInt8[ndarray, "h w 3"], labels: UInt32[ndarray, "h w"], sky: Bool[ndarray, "h w"]
+) -> UInt8[ndarray, "h w 3"]:
+    """A photo under its masks, with white borders."""
+    palette = np.random.default_rng(1).integers(40, 256, (int(labels.max(initial=0)) + 1, 3))
+    shown = np.where((labels > 0)[..., None], 0.4 * image + 0.6 * palette[labels], image)
+    shown[sky] = 0.4 * image[sky] + 0.6 * np.array([100, 200, 255])
+    border = np.zeros(labels.shape, bool)
+    border[:, 1:] |= labels[:, 1:] != labels[:, :-1]
+    border[1:] |= labels[1:] != labels[:-1]
+    shown[border] = 255
+    return shown.astype(np.uint8)
+
+
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
     clip = load_clip(str(options.clip), options.options)
@@ -109,6 +139,12 @@ def main(options: Options) -> dict[str, object]:
         scores = score_photo(truth, masks, frame)
         if scores is not None:
             photos.append(scores)
+    if options.picture is not None:
+        middle = frames[len(frames) // 2].view.index
+        shown = [frame for frame in clip.training_frames() if frame.view.index == middle]
+        Image.fromarray(picture(truth, masks, shown)).resize(
+            (PICTURE_WIDTH, round(PICTURE_WIDTH / 3 * 9 / 16) * len(shown)), Image.Resampling.LANCZOS
+        ).save(options.picture, quality=80)
     return {
         "clip": clip.name,
         "truth": truth.source,

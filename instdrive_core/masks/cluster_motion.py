@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from instdrive_core.masks.lidar_clusters import thinned
 
@@ -90,13 +90,13 @@ def aligned(
     first: Float32[ndarray, "a 3"], second: Float32[ndarray, "b 3"], shift: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
     """A displacement along the ground that brings one cluster onto the other, refined from a first guess."""
-    tree = cKDTree(second)
+    tree = KDTree(second)
     sample = first[:: max(1, len(first) // ALIGNED_POINTS)].astype(float)
     shift = np.array([shift[0], shift[1], 0.0])
     for _ in range(ALIGNMENTS):
         distances, nearest = tree.query(sample + shift)
         used = distances <= np.quantile(distances, ALIGNED_SHARE)
-        step = (second[nearest[used]] - sample[used] - shift).mean(axis=0)
+        step = (second[np.asarray(nearest)[used]] - sample[used] - shift).mean(axis=0)
         shift[:2] += step[:2]
         if np.abs(step[:2]).max() < 0.01:
             break

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Float64, Int32, Int64
 from numpy import ndarray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, KDTree, QhullError
 
 VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_TOP = 5.6, 2.3, 2.6
 """Metres that parts joined to one vehicle may measure."""
@@ -74,11 +74,11 @@ def joined_splinters(
     small = (high - low).max(axis=1) < SPLINTER
     rows = np.flatnonzero(small[clusters])
     neighbours = min(16, len(points))
-    distances, near = cKDTree(points).query(points[rows], neighbours)
+    distances, near = KDTree(points).query(points[rows], neighbours)
     touching = (distances < reach[rows, None]) & (clusters[near] != clusters[rows, None])
     touching &= sizes[clusters[near]] > sizes[clusters[rows]][:, None]
     row, column = np.nonzero(touching)
-    pairs = np.unique(np.stack([rows[row], clusters[near[row, column]]]), axis=1)
+    pairs = np.unique(np.stack([rows[row], clusters[np.asarray(near)[row, column]]]), axis=1)
     contacts = coo_matrix((np.ones(pairs.shape[1]), (clusters[pairs[0]], pairs[1])), shape=(count, count)).tocsr()
     best = np.asarray(contacts.argmax(axis=1)).ravel()
     share = np.asarray(contacts.max(axis=1).todense()).ravel() / np.maximum(sizes, 1)
@@ -103,7 +103,7 @@ def _one_vehicle(
         return True
     if _stands(second, other, above):
         return False
-    distance, _ = cKDTree(points[first, :2]).query(points[second, :2], distance_upper_bound=GAP)
+    distance, _ = KDTree(points[first, :2]).query(points[second, :2], distance_upper_bound=GAP)
     return bool(np.isfinite(distance).any())
 
 
@@ -137,7 +137,8 @@ def _within(places: Float64[ndarray, "n 2"], hull: Float64[ndarray, "h 2"]) -> B
     """Whether places lie in a convex hull with its corners in counterclockwise order."""
     edges = np.roll(hull, -1, axis=0) - hull
     offsets = places[:, None] - hull[None]
-    return (edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0] >= -1e-9).all(axis=1)
+    left = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0] >= -1e-9
+    return np.asarray(left.all(axis=1))
 
 
 def _per_cluster(

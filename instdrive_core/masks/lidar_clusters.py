@@ -7,7 +7,7 @@ from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 NEIGHBOURS = 12
 SMALL = 12
@@ -28,7 +28,7 @@ def cluster(
     if not len(points):
         return np.zeros(0, np.int32)
     count = min(NEIGHBOURS, len(points))
-    distances, neighbours = cKDTree(points).query(points, count, distance_upper_bound=float(reach.max()))
+    distances, neighbours = KDTree(points).query(points, count, distance_upper_bound=float(reach.max()))
     first, column = np.nonzero(np.isfinite(np.reshape(distances, (len(points), count))))
     second = np.reshape(neighbours, (len(points), count))[first, column]
     linked = np.reshape(distances, (len(points), count))[first, column] < np.minimum(reach[first], reach[second])
@@ -59,9 +59,9 @@ def absorbed(
     small = np.bincount(clusters)[clusters] < SMALL
     if small.all() or not small.any():
         return np.unique(clusters, return_inverse=True)[1].astype(np.int32)
-    distances, nearest = cKDTree(points[~small]).query(points[small], distance_upper_bound=2 * float(reach.max()))
+    distances, nearest = KDTree(points[~small]).query(points[small], distance_upper_bound=2 * float(reach.max()))
     rows = np.flatnonzero(small)
     near = distances < 2 * reach[rows]
     joined = clusters.copy()
-    joined[rows[near]] = clusters[~small][nearest[near]]
+    joined[rows[near]] = clusters[~small][np.asarray(nearest)[near]]
     return np.unique(joined, return_inverse=True)[1].astype(np.int32)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 NEIGHBOURS = 24
 
@@ -26,7 +26,7 @@ def point_shape(points: Float32[ndarray, "n 3"]) -> PointShape:
     """The shape around each point, from its nearest neighbours."""
     if len(points) < NEIGHBOURS:
         return PointShape(np.zeros(len(points), np.float32), np.zeros(len(points), np.float32))
-    _, neighbours = cKDTree(points).query(points, NEIGHBOURS)
+    _, neighbours = KDTree(points).query(points, NEIGHBOURS)
     around = points[neighbours]
     around -= around.mean(axis=1, keepdims=True)
     covariance = around.transpose(0, 2, 1) @ around / NEIGHBOURS

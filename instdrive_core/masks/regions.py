@@ -140,7 +140,7 @@ def without_holes(
         floor: the ground's label.
         things: labels of things.
     """
-    parts = label(labels - OPEN, background=-1, connectivity=1) - 1
+    parts = np.asarray(label(labels - OPEN, background=-1, connectivity=1)) - 1
     count = int(parts.max()) + 1
     of_part = np.zeros(count, np.int32)
     of_part[parts.ravel()] = labels.ravel()

@@ -35,7 +35,9 @@ def range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]
     shape = round((HIGHEST - LOWEST) / BIN), round(360 / BIN)
     nearest = np.full(shape, np.inf, np.float32)
     np.minimum.at(nearest, (rows, columns), distances)
-    around = ndimage.minimum_filter(nearest, 3, mode=("nearest", "wrap"))
+    around = ndimage.minimum_filter1d(
+        ndimage.minimum_filter1d(nearest, 3, axis=0, mode="nearest"), 3, axis=1, mode="wrap"
+    )
     return RangeImage(position, np.asarray(around), np.isfinite(nearest))
 
 
