@@ -17,7 +17,7 @@ from typing import Any
 
 import tyro
 
-from benchmarks.cells import Cell, Scale, cell_keys, config_of, plan, street_seed
+from benchmarks.cells import Cell, Scale, cell_keys, config_of, learning_settings, plan, street_seed
 from benchmarks.outcomes import PUBLISHED, SPLIT
 from instdrive_core.datasets.clip import Clip, ClipOptions, load_clip
 from instdrive_core.formats.atomic import write_bytes
@@ -181,7 +181,7 @@ def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:
 def _train_geometry(cell: Cell, place: Workplace) -> dict[str, Any]:
     run = place.run(cell.name)
     _train(cell, place, run)
-    return {**_facts_of(run), "instances": config_of(cell, place.scale).to_json()["instances"]}
+    return {**_facts_of(run), "learning": learning_settings(config_of(cell, place.scale))}
 
 
 def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
@@ -204,13 +204,13 @@ def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
     rows, evaluation = {}, None
     for row, shown in _rows(cell, scene).items():
         evaluation = evaluate_scene(shown, clip, truth, facts)
-        rows[row] = {**evaluation.figures, "shared_codes": len(evaluation.shared_codes)}
+        rows[row] = {**evaluation.figures, "shared_codes": len(evaluation.shared_codes) if shown.code_bits else None}
     assert evaluation is not None
     return {
         "run_of": geometry if own else cell.name,
         "learned": OWN if own else FROZEN,
         **_facts_of(run),
-        "instances": config_of(cell, place.scale).to_json()["instances"],
+        "learning": learning_settings(config_of(cell, place.scale)),
         "rows": rows,
         "controls": evaluation.controls,
         "privileged": evaluation.privileged,
@@ -224,8 +224,8 @@ def _is_own(cell: Cell, place: Workplace) -> bool:
     if cell.method != "instdrive" or cell.variant or cell.masks != geometry.masks:
         return False
     trained = place.outcome(geometry.name) or {}
-    wanted = config_of(cell, place.scale).to_json()["instances"]
-    return trained.get("instances") == wanted and trained.get("commit") == commit()
+    wanted = json.loads(json.dumps(learning_settings(config_of(cell, place.scale))))
+    return trained.get("learning") == wanted and trained.get("commit") == commit()
 
 
 def _rows(cell: Cell, scene: Scene) -> dict[str, Scene]:

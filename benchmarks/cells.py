@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Literal
+from typing import Any, Literal
 
 from instdrive_core.errors import OptionError
 from instdrive_core.training.config import InstanceConfig, Method, TrainConfig, on_frozen_geometry, train_config
@@ -31,6 +31,8 @@ PUBLISHED_TOO = ("gaussian-grouping", "opengaussian", "mask-graph", "paper")
 """Methods with two rows: as published, and with the actor nodes and spatial components of ours."""
 SCALED = "scaled"
 """Variant of `paper` whose feature rate grows as its schedule shrinks."""
+LOSSES = "losses"
+"""Variant of `instdrive` whose features are trained by its losses."""
 ABLATIONS = ("no-voxel", "no-pseudo", "d6", "d8", "d10")
 PRINTED_DIM, PRINTED_ITERATIONS = 8, 30_000
 FIGURES = ("cameras", "lidar", "cutouts")
@@ -127,8 +129,9 @@ def plan(scale: Scale = FULL) -> tuple[Cell, ...]:
         cells += [_method(clip, cameras, masks, method) for method in reversed(METHODS)]
         cells.append(_method(clip, cameras, masks, "paper", SCALED))
     cells += [_method(PANDASET, "6", "lidar", method) for method in ("instdrive", "opengaussian")]
+    cells.append(_method(STREET, "6", "sam-v1", "instdrive", LOSSES))
     for change in ABLATIONS:
-        cells.append(_method(STREET, "6", "sam-v1", "instdrive", change))
+        cells.append(_method(STREET, "6", "sam-v1", "instdrive", f"{LOSSES}+{change}"))
         if change != f"d{PRINTED_DIM}":
             cells.append(_method(STREET, "6", "sam-v1", "paper", f"{SCALED}+{change}"))
     return tuple(replace(cell, seconds=scale.cost * cell.seconds) for cell in (*cells, *_figures()))
@@ -162,8 +165,8 @@ def _figures() -> list[Cell]:
     ours: tuple[Method, str] = ("instdrive", "")
     grouping: tuple[Method, str] = ("gaussian-grouping", "")
     opengaussian: tuple[Method, str] = ("opengaussian", "")
-    without_voxel: tuple[Method, str] = ("instdrive", "no-voxel")
-    of_lidar = runs(STREET, "sam-v1", grouping, opengaussian, without_voxel, ours)
+    without_voxel: tuple[Method, str] = ("instdrive", f"{LOSSES}+no-voxel")
+    of_lidar = runs(STREET, "sam-v1", grouping, opengaussian, without_voxel, ("instdrive", LOSSES), ours)
     return [
         _figure("cameras", PANDASET, runs(PANDASET, "annotations", grouping, opengaussian, ours)),
         _figure("cameras", STREET, runs(STREET, "sam-v1", grouping, opengaussian, ours)),
@@ -212,13 +215,21 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
 def _changed(instances: InstanceConfig, change: str) -> InstanceConfig:
     if change == SCALED:
         return replace(instances, feature_lr=instances.feature_lr * PRINTED_ITERATIONS / instances.iterations)
+    if change == LOSSES:
+        return replace(instances, learned_by="losses")
     if change == "no-voxel":
         return replace(instances, voxel_weight=0.0)
     if change == "no-pseudo":
         return replace(instances, pseudo_weight=0.0)
     if change.startswith("d") and change[1:].isdecimal():
         return replace(instances, feature_dim=int(change[1:]))
-    raise OptionError(f"unknown variant {change!r}; there are {', '.join((SCALED, *ABLATIONS))}")
+    raise OptionError(f"unknown variant {change!r}; there are {', '.join((SCALED, LOSSES, *ABLATIONS))}")
+
+
+def learning_settings(config: TrainConfig) -> dict[str, Any]:
+    """The part of a configuration that says how instances are learned, as plain values."""
+    settings = config.to_json()
+    return {part: settings[part] for part in ("instances", "graph") if part in settings}
 
 
 def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, str]:
@@ -240,9 +251,10 @@ def cell_keys(cells: Iterable[Cell], scale: Scale, recorded: str) -> dict[str, s
                 "clip": cell.clip if street_seed(cell.clip) is not None else recorded,
             }
         elif cell.kind in ("geometry", "method"):
-            settings = config_of(cell, scale).to_json()
+            config = config_of(cell, scale)
+            settings = config.to_json()
             if cell.kind == "geometry":
-                del settings["instances"]
+                settings = {name: part for name, part in settings.items() if name not in learning_settings(config)}
             facts |= {"cameras": cell.cameras, "train": settings}
         else:
             facts |= {"masks": cell.masks, "figure": cell.variant}

@@ -31,7 +31,8 @@ _TITLES = {
     "gaussian-grouping": "Gaussian Grouping",
     "opengaussian": "OpenGaussian",
     "instdrive": "ours",
-    "instdrive+no-voxel": "ours without voxel loss",
+    "instdrive+losses": "our losses",
+    "instdrive+losses+no-voxel": "our losses without voxel",
 }
 _LAMP_HEIGHT, _LAMP_SLENDER = 5.0, 2.0
 """Metres, and height ÷ width in a photo, of a lamp post at least."""
@@ -111,21 +112,23 @@ def _titled_grid(
 
 
 def lidar_by_id(clip: Clip, shown: Sequence[Shown]) -> tuple[UInt8[ndarray, "h w 3"], str]:
-    """The middle held-out sweep seen from above and behind the car, once for each run, two by two."""
+    """The middle held-out sweep seen from above and behind the car, once for each run, and the truth where known."""
     sweeps = [sweep for sweep in clip.sweeps if is_held_out(sweep.index)]
     if not sweeps:
         raise DataError(clip.path, "no held-out time step has a sweep", "Use a clip whose LiDAR covers one.")
     sweep = sweeps[len(sweeps) // 2]
     camera = _bird(clip, sweep)
-    points = sweep.load().points
-    panels = [
-        banner(point_picture(points, ids_of_points(each.scene(), sweep.time, points), camera), each.title)
-        for each in shown
-    ]
+    swept = sweep.load()
+    ids = {each.title: ids_of_points(each.scene(), sweep.time, swept.points) for each in shown}
+    if swept.instance_labels is not None:
+        ids["ground truth"] = swept.instance_labels
+    panels = [banner(point_picture(swept.points, each, camera), title) for title, each in ids.items()]
+    blank = np.full_like(panels[0], 255)
+    panels += [blank] * (len(panels) % 2)
     rows = [beside(panels[number : number + 2]) for number in range(0, len(panels), 2)]
     caption = (
         f"{clip.name}, LiDAR points of held-out time step {sweep.index}, coloured by the ID that they take from nearby "
-        f"Gaussians: {', '.join(each.title for each in shown)} (baselines as published). Grey: none."
+        f"Gaussians: {', '.join(ids)} (baselines as published). Grey: none."
     )
     return np.concatenate(rows), caption
 

@@ -88,6 +88,25 @@ def test_an_ablation_changes_one_thing(change, field, expected):
     assert changed == replace(base, instances=replace(base.instances, **{field: expected}))
 
 
+def test_ablations_of_ours_train_its_losses():
+    ours = config_of(BY_NAME[f"{STREET}/6/sam-v1/instdrive+losses+no-pseudo"], FULL).instances
+    assert (ours.learned_by, ours.pseudo_weight) == ("losses", 0.0)
+    assert config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled+d6"], FULL).instances.learned_by == "losses"
+
+
+def test_how_instances_are_learned_leaves_the_geometry_as_it_is(monkeypatch):
+    def other_voxels(*words):
+        config = train_config(*words)
+        return replace(config, instances=replace(config.instances, voxel_size=9.0))
+
+    before = keys()
+    monkeypatch.setattr("benchmarks.cells.train_config", other_voxels)
+    after = keys()
+    changed = {name for name in before if before[name] != after[name]}
+    assert changed
+    assert {BY_NAME[name].kind for name in changed} == {"method", "figure"}
+
+
 def test_the_scaled_rate_keeps_rate_times_steps():
     printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL).instances
     scaled = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper+scaled"], FULL).instances
@@ -114,6 +133,6 @@ def test_only_what_a_pattern_names_and_needs_is_chosen():
     assert names == [*street, f"{STREET}/3/sam-v1/opengaussian"]
     assert chosen(CELLS, []) == CELLS
     figures = {cell.name for cell in chosen(CELLS, ["figure/lidar*"])}
-    assert f"{STREET}/6/sam-v1/instdrive+no-voxel" in figures
+    assert f"{STREET}/6/sam-v1/instdrive+losses+no-voxel" in figures
     with pytest.raises(OptionError, match="--list"):
         chosen(CELLS, ["no such cell"])
