@@ -37,7 +37,7 @@ DECODER = {
 }
 
 
-def tiny_sam_config(kind):
+def tiny_sam_config(high_quality=False):
     from transformers import SamConfig, SamHQConfig
 
     vision = {
@@ -53,7 +53,7 @@ def tiny_sam_config(kind):
         "num_pos_feats": 8,
     }
     prompts = {"hidden_size": 16, "image_size": EDGE, "patch_size": 8, "mask_input_channels": 4}
-    if kind == "sam_hq":
+    if high_quality:
         return SamHQConfig(
             vision_config=vision, prompt_encoder_config=prompts, mask_decoder_config=DECODER | {"vit_dim": 16}
         )
@@ -85,13 +85,42 @@ def tiny_sam2_config():
     return Sam2Config(vision_config=vision, prompt_encoder_config=prompts, mask_decoder_config=DECODER)
 
 
+def tiny_sam3_config():
+    from transformers import Sam3TrackerConfig
+
+    backbone = {
+        "model_type": "sam3_vit_model",
+        "hidden_size": 16,
+        "intermediate_size": 32,
+        "num_hidden_layers": 2,
+        "num_attention_heads": 2,
+        "image_size": EDGE,
+        "patch_size": 16,
+        "window_size": 2,
+        "global_attn_indexes": [1],
+        "pretrain_image_size": 32,
+    }
+    sizes = [[16, 16], [8, 8], [4, 4]]
+    vision = {"backbone_config": backbone, "fpn_hidden_size": 16, "backbone_feature_sizes": sizes}
+    prompts = {"hidden_size": 16, "image_size": EDGE, "patch_size": 16, "mask_input_channels": 4}
+    return Sam3TrackerConfig(vision_config=vision, prompt_encoder_config=prompts, mask_decoder_config=DECODER)
+
+
+CONFIGS = {
+    "sam": tiny_sam_config,
+    "sam_hq": lambda: tiny_sam_config(high_quality=True),
+    "sam2": tiny_sam2_config,
+    "sam3_tracker": tiny_sam3_config,
+}
+
+
 def write_tiny_model(folder, kind):
     """Random weights of a family and what its processor writes next to them."""
     from transformers import AutoModelForMaskGeneration
     from transformers.models.sam.image_processing_pil_sam import SamImageProcessorPil
 
     torch.manual_seed(3)
-    config = tiny_sam2_config() if kind == "sam2" else tiny_sam_config(kind)
+    config = CONFIGS[kind]()
     model = AutoModelForMaskGeneration.from_config(config)
     with torch.no_grad():  # as initialised, all is nearly zero: random masks with sharp borders, believed in
         for name, parameter in model.named_parameters():
@@ -101,7 +130,7 @@ def write_tiny_model(folder, kind):
             if "iou_prediction_head.proj_out.bias" in name:
                 parameter.fill_(2.0)
     model.save_pretrained(folder)
-    if kind == "sam2":  # its processor needs torchvision; this is what it writes
+    if kind not in ("sam", "sam_hq"):  # its processor needs torchvision; this is what it writes
         settings = {"image_processor_type": "Sam2ImageProcessor", "size": {"height": EDGE, "width": EDGE}}
         settings |= {"image_mean": [0.4] * 3, "image_std": [0.2] * 3}
         (folder / "preprocessor_config.json").write_text(json.dumps(settings))
@@ -120,7 +149,7 @@ def _one_thread():
     torch.set_num_threads(before)
 
 
-@pytest.fixture(scope="module", params=["sam", "sam2", "sam_hq"])
+@pytest.fixture(scope="module", params=list(CONFIGS))
 def model_folder(request, tmp_path_factory):
     return write_tiny_model(tmp_path_factory.mktemp(request.param), request.param)
 
@@ -417,6 +446,17 @@ def test_damaged_and_incomplete_weights_are_refused(tmp_path, sam_folder):
     (tmp_path / "model.safetensors").write_bytes(b"garbage")
     with pytest.raises(DataError, match="cannot be opened as a model of the type 'sam'"):
         load_model(tmp_path)
+
+
+def test_the_hubs_sam2_is_opened_without_its_memory(tmp_path):
+    write_tiny_model(tmp_path, "sam2")
+    config = json.loads((tmp_path / "config.json").read_text())
+    (tmp_path / "config.json").write_text(json.dumps(config | {"model_type": "sam2_video"}))
+    weights = load_file(tmp_path / "model.safetensors")
+    save_file(weights | {"memory_encoder.x": np.zeros(3, np.float32)}, tmp_path / "model.safetensors", {"format": "pt"})
+    model, photo = load_model(tmp_path)
+    assert type(model).__name__ == "Sam2Model"
+    assert photo == Photo(EDGE, False, (0.4, 0.4, 0.4), (0.2, 0.2, 0.2))
 
 
 def test_photos_are_normalised_as_the_models_files_say(tmp_path, sam_folder):
