@@ -104,6 +104,9 @@ class DensifyConfig:
 class InstanceConfig:
     """The instance losses (InstDrive, sec. 3.2 and 3.3). Defaults are ours; `--method paper` sets the printed forms."""
 
+    learned_by: Literal["votes", "losses"] = "votes"
+    """`votes`: the affinity graph of the masks and weighted votes, no gradients. `losses`: features are trained, and
+    all settings below apply."""
     schedule: Literal["after", "joint"] = "after"
     """`after`: on frozen geometry with cached blending weights. `joint`: in every RGB step, as printed."""
     iterations: int = 2_500
@@ -139,6 +142,28 @@ class InstanceConfig:
 
 
 @dataclass(frozen=True)
+class GraphConfig:
+    """Instances without training: patches, merging, votes (docs/method.md has the figures behind the defaults)."""
+
+    min_weight: float = 0.1
+    """Gaussians with less blending weight in all masks count as unseen."""
+    neighbors: int = 10
+    """Neighbours of each Gaussian that it may form a patch with."""
+    patch_agreement: float = 0.7
+    """Least agreement of two Gaussians of a patch."""
+    patch_size: int = 60
+    """Most Gaussians of a patch."""
+    merge_agreements: tuple[float, ...] = (0.9, 0.8, 0.7, 0.6, 0.5)
+    """Falling thresholds of the merging."""
+    vote_rounds: int = 10
+    """Most rounds of naming masks and Gaussians in turn."""
+    vote_tolerance: float = 1e-4
+    """Share of Gaussians that change, below which voting ends."""
+    min_fit: float = 0.2
+    """Groups that fit their masks less (mean of the best IoU per photo) are fragments and are given away."""
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """One training run, complete: same config, seed and thread count give the same bits."""
 
@@ -149,6 +174,7 @@ class TrainConfig:
     geometry: GeometryConfig = field(default_factory=GeometryConfig)
     densify: DensifyConfig = field(default_factory=DensifyConfig)
     instances: InstanceConfig = field(default_factory=InstanceConfig)
+    graph: GraphConfig = field(default_factory=GraphConfig)
     freeze_geometry: bool = False
     """Learn instances only, on the Gaussians that the run starts from."""
     checkpoint_every: int = 500
@@ -159,8 +185,8 @@ class TrainConfig:
     @property
     def instance_iterations(self) -> int:
         """Steps of the instance stage that follows the RGB stage."""
-        elsewhere = self.method in LEARNED_ELSEWHERE or self.instances.schedule != "after"
-        return 0 if elsewhere else self.instances.iterations
+        trained = self.instances.learned_by == "losses" and self.method not in LEARNED_ELSEWHERE
+        return self.instances.iterations if trained and self.instances.schedule == "after" else 0
 
     def to_json(self) -> dict[str, Any]:
         """As nested plain values."""
@@ -176,6 +202,9 @@ class TrainConfig:
                 "geometry": GeometryConfig(**values["geometry"]),
                 "densify": DensifyConfig(**values["densify"]),
                 "instances": InstanceConfig(**values["instances"]),
+                "graph": GraphConfig(
+                    **values["graph"] | {"merge_agreements": tuple(values["graph"]["merge_agreements"])}
+                ),
             }
         )
 
@@ -184,6 +213,7 @@ def printed_form(instances: InstanceConfig) -> InstanceConfig:
     """The paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term."""
     return replace(
         instances,
+        learned_by="losses",
         schedule="joint",
         feature_dim=8,
         tanh=False,

@@ -42,7 +42,7 @@ def cached_view(
 ) -> CachedView:
     """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
     assert view.labels is not None
-    rows, weights = _weights_of_view(model, view, pixels)
+    rows, weights = weights_of_view(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
     weights, kept = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
     used, weights = compacted(weights, len(rows))
@@ -56,7 +56,7 @@ def cached_view(
     )
 
 
-def _weights_of_view(
+def weights_of_view(
     model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
     """The Gaussians that the view may show, and their weights."""

@@ -10,8 +10,10 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.instances.components import split_components
+from instdrive_core.instances.numbering import numbered_by_size
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.scene.exposure import Exposures
+from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.config import TrainConfig
@@ -30,10 +32,7 @@ def finished_scene(
     classes: dict[int, str] = {}
     if learned is not None:
         gaussians, codewords = replace(gaussians, features=learned.features), learned.codewords
-        kinds = codewords
-        if config.instances.whole_actors:
-            kinds = unified_actor_codewords(codewords, model.nodes, gaussians.opacities)
-        ids = split_components(gaussians.means, gaussians.scales, model.nodes, kinds, gaussians.opacities)
+        ids = _instance_ids(gaussians, model.nodes, learned, config)
         classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
     names = display_names(ids, classes)
     return Scene(
@@ -49,6 +48,17 @@ def finished_scene(
         exposures=exposures,
         code_bits=learned.code_bits if learned is not None else 0,
     )
+
+
+def _instance_ids(
+    gaussians: Gaussians, nodes: UInt16[ndarray, " n"], learned: LearnedInstances, config: TrainConfig
+) -> UInt32[ndarray, " n"]:
+    if learned.whole:
+        return numbered_by_size(learned.codewords.astype(np.int64))
+    kinds = learned.codewords
+    if config.instances.whole_actors:
+        kinds = unified_actor_codewords(kinds, nodes, gaussians.opacities)
+    return split_components(gaussians.means, gaussians.scales, nodes, kinds, gaussians.opacities)
 
 
 def unified_actor_codewords(

@@ -32,6 +32,9 @@ class LearnedInstances:
     code_bits: int
     """d where codewords are those of the codebook {-1, 1}^d, quantised from the features; 0 where they are plain
     numbers, of which the rendered features tell nothing."""
+    whole: bool = False
+    """Each codeword is one instance already, wherever its Gaussians are; off: spatial components tell apart what
+    shares a codeword."""
 
 
 class InstanceLearner(Protocol):

@@ -31,6 +31,7 @@ from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.start import resumed_trainer, trainer_from_clip, trainer_from_scene
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.view_store import ViewStore, view_store
+from instdrive_core.training.voted_instances import voted_instances
 from instdrive_core.training.warm_up import compile_kernels
 
 CHECKPOINT, CONFIG, FACTS, LOG = "checkpoint.safetensors", "config.json", "run.json", "log.jsonl"
@@ -100,9 +101,12 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
 
 def _learned(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
     trainer.continue_on_cpu()
-    if request.learner is None:
+    learner = request.learner
+    if learner is None and request.config.instances.learned_by == "votes":
+        learner = voted_instances
+    if learner is None:
         return learned_codewords(trainer.model.gaussians().features)
-    return request.learner(trainer.model, trainer.store, request.config, on_note)
+    return learner(trainer.model, trainer.store, request.config, on_note)
 
 
 def _exposures(trainer: Trainer) -> Exposures | None:

@@ -1,0 +1,123 @@
+"""What photos never show: Gaussians inside of objects and behind surfaces get the ID of what they belong to.
+
+Without it a deleted car uncovers its own inside: road and walls seen through it, floaters that only it ever hid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, Float64, Int64, UInt16
+from numpy import ndarray
+from scipy.spatial import ConvexHull, KDTree, QhullError
+
+
+@dataclass(frozen=True)
+class InteriorConfig:
+    """Which instances are bodies that can have an inside."""
+
+    max_length: float = 12.0
+    """Metres: larger instances are surfaces or groups of things."""
+    min_height: float = 0.4
+    """Metres: lower ones lie on the ground."""
+    min_gaussians: int = 20
+    stray_share: float = 0.01
+    """Of an instance's Gaussians, on either side of each axis, that do not count for its hull."""
+    min_opacity: float = 0.1
+    """Fainter Gaussians do not count for a hull."""
+    ground_clearance: float = 0.1
+    """Metres above the hull's lowest point that stay what they are: there lies the road."""
+
+
+DEFAULT_CONFIG = InteriorConfig()
+
+
+@dataclass(frozen=True)
+class _Body:
+    instance: int
+    center: Float64[ndarray, "3"]
+    reach: float
+    """Metres from the centre to the hull's farthest corner."""
+    axes: Float64[ndarray, "3 3"]
+    """Columns: the body's own axes, the third one up."""
+    planes: Float64[ndarray, "k 4"]
+    """Outward normals and offsets of the hull in these axes."""
+    floor: float
+    volume: float
+
+
+def nearest_filled(
+    groups: Int64[ndarray, " n"], means: Float[ndarray, "n 3"], nodes: UInt16[ndarray, " n"]
+) -> Int64[ndarray, " n"]:
+    """Every -1 replaced by the group of the nearest Gaussian of the same node that has one; -1 where there is none."""
+    filled = groups.copy()
+    for node in np.unique(nodes[groups < 0]):
+        known = np.flatnonzero((nodes == node) & (groups >= 0))
+        unknown = np.flatnonzero((nodes == node) & (groups < 0))
+        if len(known):
+            _, nearest = KDTree(means[known]).query(means[unknown], workers=numba.get_num_threads())
+            filled[unknown] = groups[known[nearest]]
+    return filled
+
+
+def filled_bodies(
+    groups: Int64[ndarray, " n"],
+    means: Float[ndarray, "n 3"],
+    opacities: Float[ndarray, " n"],
+    candidates: Bool[ndarray, " n"],
+    config: InteriorConfig = DEFAULT_CONFIG,
+) -> Int64[ndarray, " n"]:
+    """`candidates` inside the convex hull of a compact group become that group's; the smallest hull wins.
+
+    Args:
+        groups: -1 = none.
+        means: metres, z up.
+        opacities: in [0, 1].
+        candidates: Gaussians of the background; hulls are made of these, too.
+    """
+    filled, rows = groups.copy(), np.flatnonzero(candidates)
+    tree = KDTree(means[rows])
+    for body in sorted(_bodies(groups, means, opacities, rows, config), key=lambda body: -body.volume):
+        near = rows[tree.query_ball_point(body.center, body.reach)]
+        local = (means[near] - body.center) @ body.axes
+        inside = (local @ body.planes[:, :3].T + body.planes[:, 3] < 0).all(axis=1)
+        filled[near[inside & (local[:, 2] > body.floor)]] = body.instance
+    return filled
+
+
+def _bodies(
+    groups: Int64[ndarray, " n"],
+    means: Float[ndarray, "n 3"],
+    opacities: Float[ndarray, " n"],
+    rows: Int64[ndarray, " k"],
+    config: InteriorConfig,
+) -> list[_Body]:
+    solid = rows[(groups[rows] >= 0) & (opacities[rows] >= config.min_opacity)]
+    solid = solid[np.argsort(groups[solid], kind="stable")]
+    numbers, starts = np.unique(groups[solid], return_index=True)
+    bodies = []
+    for number, members in zip(numbers.tolist(), np.split(solid, starts[1:]), strict=True):
+        if len(members) >= config.min_gaussians:
+            body = _body(number, means[members].astype(np.float64), config)
+            bodies += [] if body is None else [body]
+    return bodies
+
+
+def _body(instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig) -> _Body | None:
+    """None where the points do not span a body."""
+    center, axes = np.median(points, axis=0), np.eye(3)
+    axes[:2, :2] = np.linalg.eigh(np.cov(points[:, :2].T))[1]
+    local = (points - center) @ axes
+    low, high = np.quantile(local, [config.stray_share, 1 - config.stray_share], axis=0)
+    if (high - low)[:2].max() > config.max_length or high[2] - low[2] < config.min_height:
+        return None
+    corners = local[((local >= low) & (local <= high)).all(axis=1)]
+    try:
+        hull = ConvexHull(corners)
+    except (QhullError, ValueError):
+        return None
+    reach = float(np.linalg.norm(corners, axis=1).max())
+    floor = float(corners[:, 2].min()) + config.ground_clearance
+    return _Body(instance, center, reach, axes, hull.equations, floor, float(hull.volume))
