@@ -8,7 +8,7 @@ Within an actor nothing is split: its box already says that it is one thing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import no_type_check
 
 import numba
@@ -18,6 +18,7 @@ from numpy import ndarray
 
 from instdrive_core.instances.cells import Cells, gathered
 from instdrive_core.instances.neighbors import NeighborForest, grown_forest
+from instdrive_core.instances.rejoining import RejoinConfig, rejoined
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class ComponentConfig:
     sparse_limit: float = 10.0
     """Metres: far from the cameras Gaussians lie metres apart, and the three distances grow with the scene's local
     spacing, whatever the codewords, up to this."""
+    rejoin: RejoinConfig = field(default_factory=RejoinConfig)
+    """When parts that a gap divides are one object all the same."""
 
 
 DEFAULT_CONFIG = ComponentConfig()
@@ -82,6 +85,7 @@ def split_components(
     by_node, by_group = grown_forest(cells.positions, cells.nodes), grown_forest(cells.positions, cells.groups)
     spacing = _scene_spacing(by_node, config)
     components = _connected(cells, by_group, spacing, config)
+    components = rejoined(components, cells, by_group, config.min_support, config.rejoin)
     support = np.bincount(components, weights=cells.support)
     solid = support >= config.min_support
     owners = np.where(solid, np.arange(len(support)), -1)
@@ -184,7 +188,8 @@ def _absorb_by_codeword(
     """Fragments join the component of their own group that comes nearest to any of their cells."""
     loose = np.flatnonzero(~solid[components])
     reach = np.maximum(config.absorb_distance, spacing[loose])
-    distances, found = by_group.nearest(cells.positions[loose], cells.groups[loose], 1, reach, solid[components])
+    ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
+    distances, found = by_group.nearest(cells.positions[loose], cells.groups[loose], 1, reach, ranks, below)
     hit = found[:, 0] >= 0
     fragments, targets = components[loose[hit]], components[found[hit, 0]]
     # Writing the farthest first leaves the nearest.
@@ -205,7 +210,8 @@ def _absorb_by_vote(
     loose = np.flatnonzero(owners[components] < 0)
     reach = np.maximum(config.vote_distance, spacing[loose])
     places, labels = cells.positions[loose], cells.nodes[loose]
-    _, found = by_node.nearest(places, labels, config.neighbors, reach, solid[components])
+    ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
+    _, found = by_node.nearest(places, labels, config.neighbors, reach, ranks, below)
     hit = found >= 0
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
     ballots, votes = np.unique(voters * len(owners) + components[found[hit]], return_counts=True)

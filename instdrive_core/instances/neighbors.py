@@ -11,7 +11,7 @@ from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32, Int64
+from jaxtyping import Float, Float64, Int32, Int64
 from numpy import ndarray
 
 _LEAF = 12
@@ -42,7 +42,8 @@ class NeighborForest:
         labels: Int64[ndarray, " q"],
         count: int,
         reach: Float[ndarray, " q"],
-        wanted: Bool[ndarray, " m"] | None = None,
+        ranks: Int64[ndarray, " m"] | None = None,
+        below: Int64[ndarray, " q"] | None = None,
     ) -> tuple[Float64[ndarray, "q k"], Int32[ndarray, "q k"]]:
         """Distances to the `count` nearest points of each query's own label, rising, and those points' numbers.
 
@@ -51,13 +52,15 @@ class NeighborForest:
             labels: 0 … l - 1.
             count: how many neighbours; where there are fewer, the rest has distance inf and number -1.
             reach: points farther than this from the query are no neighbours.
-            wanted: of each point, by its number, whether it may be one.
+            ranks: of each point, by its number, and
+            below: of each query: only points of a lower rank than this are neighbours. Given together or not at all.
         """
-        allowed = np.ones(len(self.rows), np.bool_) if wanted is None else wanted
+        if ranks is None or below is None:
+            ranks, below = np.zeros(len(self.rows), np.int64), np.ones(len(queries), np.int64)
         distances, found = np.empty((len(queries), count)), np.empty((len(queries), count), np.int32)
         places = np.arange(len(queries))
-        _answer(self.points, self.rows, self.starts, self.boxes, allowed,
-                np.ascontiguousarray(queries, np.float64), labels, places,
+        _answer(self.points, self.rows, self.starts, self.boxes, ranks,
+                np.ascontiguousarray(queries, np.float64), labels, below, places,
                 np.ascontiguousarray(reach, np.float64), distances, found)  # fmt: skip
         return distances, found
 
@@ -68,8 +71,10 @@ class NeighborForest:
         distances, found = np.empty((len(self.rows), count)), np.empty((len(self.rows), count), np.int32)
         labels = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
         # In the order of the trees one query looks at the points that the last one has just read.
-        _answer(self.points, self.rows, self.starts, self.boxes, np.ones(len(self.rows), np.bool_),
-                self.points, labels, self.rows, reach[self.rows].astype(np.float64), distances, found)  # fmt: skip
+        ranks, below = np.zeros(len(self.rows), np.int64), np.ones(len(self.rows), np.int64)
+        _answer(self.points, self.rows, self.starts, self.boxes, ranks,
+                self.points, labels, below, self.rows,
+                reach[self.rows].astype(np.float64), distances, found)  # fmt: skip
         return distances, found
 
 
@@ -179,7 +184,7 @@ def _select(points, rows, axis, first, last, middle):
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 @no_type_check
-def _answer(points, rows, starts, boxes, allowed, queries, labels, places, reach, distances, found):
+def _answer(points, rows, starts, boxes, ranks, queries, labels, below, places, reach, distances, found):
     """Query q's neighbours go to row `places[q]` of the results."""
     for chunk in numba.prange((len(queries) + _CHUNK - 1) // _CHUNK):
         left, away = np.empty((_DEPTH, 2), np.int64), np.empty(_DEPTH)
@@ -189,14 +194,15 @@ def _answer(points, rows, starts, boxes, allowed, queries, labels, places, reach
             numbers[:] = -1
             start, stop = starts[labels[q]], starts[labels[q] + 1]
             if start < stop:
-                _search(points, rows, boxes, allowed, start, stop, queries[q], reach[q], left, away, squares, numbers)
+                _search(points, rows, boxes, ranks, start, stop, queries[q], below[q], reach[q], left, away,
+                        squares, numbers)  # fmt: skip
             for k in range(len(squares)):
                 squares[k] = np.sqrt(squares[k])
 
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _search(points, rows, boxes, allowed, start, stop, query, reach, left, away, squares, numbers):
+def _search(points, rows, boxes, ranks, start, stop, query, below, reach, left, away, squares, numbers):
     """Nearer child first; what cannot hold a point nearer than the worst kept one is passed over."""
     x, y, z = query[0], query[1], query[2]
     last, limit = len(squares) - 1, reach * reach
@@ -221,7 +227,7 @@ def _search(points, rows, boxes, allowed, start, stop, query, reach, left, away,
         for k in range(start, stop):
             dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             square = dx * dx + dy * dy + dz * dz
-            if square <= limit and square < squares[last] and allowed[rows[k]]:
+            if square <= limit and square < squares[last] and ranks[rows[k]] < below:
                 place = last
                 while place > 0 and squares[place - 1] > square:
                     squares[place], numbers[place] = squares[place - 1], numbers[place - 1]

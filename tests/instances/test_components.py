@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from instdrive_core.instances.components import ComponentConfig, split_components
+from instdrive_core.instances.rejoining import RejoinConfig
 
 
 class Planted:
@@ -174,3 +175,73 @@ def test_strays_far_away_do_not_disturb(stretch):
     labels = planted.split()
     assert {only(labels[car]) for car in cars} == {1, 2}
     assert labels[-1] == 0
+
+
+def plane(x, y, step=0.3, z=0.0):
+    """Points on a level rectangle; x and y are (from, to) in metres."""
+    return np.stack(np.meshgrid(np.arange(*x, step), np.arange(*y, step), [z]), axis=-1).reshape(-1, 3)
+
+
+def test_a_road_behind_the_shadow_of_a_parked_car_stays_one():
+    planted = Planted()
+    near, far = planted.add(plane((0, 30), (0, 8)), 5), planted.add(plane((0, 12), (11, 16)), 5)
+    car = planted.blob([6, 9.5, 0.9], 6, 400)
+    labels = planted.split()
+    assert only(labels[near]) == only(labels[far]) != only(labels[car])
+
+
+@pytest.mark.parametrize("z", [1.5, 3.0])
+def test_large_surfaces_in_different_planes_stay_apart(z):
+    planted = Planted()
+    road, roof = planted.add(plane((0, 30), (0, 8)), 5), planted.add(plane((0, 12), (10, 15), z=z), 5)
+    labels = planted.split()
+    assert only(labels[road]) != only(labels[roof])
+
+
+def test_a_gap_longer_than_the_smaller_part_divides_even_a_plane():
+    planted = Planted()
+    road, island = planted.add(plane((0, 30), (0, 8)), 5), planted.add(plane((0, 6), (14, 20)), 5)
+    labels = planted.split()
+    assert only(labels[road]) != only(labels[island])
+
+
+def test_parked_vans_in_a_row_stay_apart():
+    planted = Planted()
+    shell = planted.rng.uniform(-1, 1, (3000, 3)) * [1.0, 2.5, 0.95]
+    vans = [planted.add(shell + np.array([0, y, 1.0]), 5) for y in (0, 7)]
+    labels = planted.split()
+    assert only(labels[vans[0]]) != only(labels[vans[1]])
+
+
+def test_a_light_part_joins_across_a_gap_that_keeps_heavy_ones_apart():
+    labels = {}
+    for count in (20, 400):
+        planted = Planted()
+        car, part = planted.blob([0, 0, 0], 5, 600), planted.blob([4.5, 0, 0], 5, count, radius=0.4)
+        split = planted.split()
+        labels[count] = only(split[car]), only(split[part])
+    assert labels[20][0] == labels[20][1]
+    assert labels[400][0] != labels[400][1]
+
+
+def test_a_light_part_between_two_heavy_ones_does_not_join_them():
+    planted = Planted()
+    left, right = planted.blob([0, 0, 0], 5, 400), planted.blob([5, 0, 0], 5, 500)
+    between = planted.blob([2.3, 0, 0], 5, 20, radius=0.1)
+    labels = planted.split()
+    assert only(labels[left]) != only(labels[right])
+    assert only(labels[between]) == only(labels[left])
+
+
+def test_parts_that_join_a_part_end_with_the_largest():
+    planted = Planted()
+    parts = [planted.blob([x, 0, 0], 5, count, radius=0.4) for x, count in ((0, 600), (4, 25), (8, 20), (12, 15))]
+    assert {only(planted.split()[part]) for part in parts} == {1}
+
+
+def test_without_rejoining_gaps_divide():
+    planted = Planted()
+    car, part = planted.blob([0, 0, 0], 5, 600), planted.blob([4.5, 0, 0], 5, 20, radius=0.4)
+    config = ComponentConfig(rejoin=RejoinConfig(gap_times_support=0.0, flat_extent=np.inf))
+    labels = planted.split(config)
+    assert only(labels[car]) != only(labels[part])
