@@ -102,9 +102,7 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
     low = [is_ground(ground.above(one.points), one.distance) for one in sweeps]
     clustered = [_clustered(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
     moved = moving_clusters(clustered)
-    still = [
-        (one.clusters >= 0) & ~moves[np.maximum(one.clusters, 0)] for one, moves in zip(clustered, moved, strict=True)
-    ]
+    still = [one.holding(~moves) for one, moves in zip(clustered, moved, strict=True)]
     points, ids, kinds = _static(
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
         np.array([one.position for one in sweeps]),

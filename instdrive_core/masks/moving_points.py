@@ -32,9 +32,13 @@ class ClusteredSweep:
     clusters: Int32[ndarray, " n"]
     """Number by point, -1 = ground."""
 
+    def holding(self, chosen: Bool[ndarray, " c"]) -> Bool[ndarray, " n"]:
+        """Whether each point is of one of the chosen clusters."""
+        return np.append(chosen, False)[self.clusters]  # ground, -1, takes the last
+
     def parts(self, chosen: Bool[ndarray, " c"]) -> tuple[list[int], list[Float32[ndarray, "k 3"]]]:
         """Numbers and points of those chosen clusters that can be compared between sweeps."""
-        rows = np.flatnonzero((self.clusters >= 0) & chosen[np.maximum(self.clusters, 0)])
+        rows = np.flatnonzero(self.holding(chosen))
         order = rows[np.argsort(self.clusters[rows], kind="stable")]
         cuts = np.flatnonzero(np.diff(self.clusters[order])) + 1
         parts = [part for part in np.split(order, cuts) if len(part) >= MIN_POINTS]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from painted_street import CAR, ROAD, SKY, WALL, painted_clip, truth
 
+from benchmarks.lidar_masks import figures, picture, score_photo
 from instdrive_core.datasets.clip import ClipOptions, load_clip
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotations import OPEN
@@ -13,6 +14,7 @@ from instdrive_core.masks.cluster_kind import FACADE, GROUND, NONE, THING, VEGET
 from instdrive_core.masks.cluster_motion import MovingCluster, completed
 from instdrive_core.masks.cluster_parts import joined_splinters, joined_vehicles
 from instdrive_core.masks.ground import find_ground, is_ground
+from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.lidar import LidarLabels
 from instdrive_core.masks.lidar_clusters import absorbed, cluster, thinned
 from instdrive_core.masks.moving_points import ClusteredSweep, moving_clusters
@@ -256,3 +258,54 @@ def test_the_real_clip_gives_cars_a_road_and_a_sky(pandaset_clip):
     car = np.bincount(found[160:190, 350:450].ravel()).argmax()
     assert car > GROUND
     assert iou(found == car, np.pad(np.ones((60, 115), bool), ((140, 70), (333, 32)))) > 0.6
+
+
+def test_a_few_points_are_enough_to_go_on(street):
+    def first_points(sweep):
+        points = sweep.load()
+        return replace(points, **{name: getattr(points, name)[:5] for name in ("points", "intensity", "sensor")})
+
+    sweeps = tuple(replace(sweep, load=lambda sweep=sweep: first_points(sweep)) for sweep in street.sweeps[:2])
+    frame = street.frames[0]
+    found = LidarLabels(replace(street, sweeps=sweeps)).load(frame)
+    assert found.shape == (90, 160)
+    assert set(np.unique(found)) <= {0, GROUND}
+
+
+class KnownStreet:
+    """The painted street's truth, with or without a mistake, as both ground truth and masks."""
+
+    source = "exact"
+    instances = {  # noqa: RUF012
+        ROAD: GroundTruthInstance(ROAD, "Road", "Road", "stuff"),
+        WALL: GroundTruthInstance(WALL, "Building", "Building", "stuff"),
+        CAR: GroundTruthInstance(CAR, "Car", "Car", "thing"),
+    }
+
+    def __init__(self, split=False):
+        self.split = split
+
+    def load(self, frame):
+        labels = truth(frame.view.time).astype(np.uint32)
+        if self.split:
+            rows, columns = np.nonzero(labels == CAR)
+            left = columns < np.median(columns)
+            labels[rows[left], columns[left]] = 99
+        return labels
+
+    def sky(self, frame):
+        return truth(frame.view.time) == SKY
+
+
+def test_the_benchmarks_figures_know_whole_from_split(street):
+    frames = street.training_frames()[:2]
+    perfect = figures([score_photo(KnownStreet(), KnownStreet(), frame) for frame in frames])
+    assert {perfect[key] for key in ("things_best_iou", "things_iou50", "per_view_miou", "pq", "sky_iou")} == {1.0}
+    split = figures([score_photo(KnownStreet(), KnownStreet(split=True), frame) for frame in frames])
+    assert 0.45 < split["things_best_iou"] < 0.6
+    assert split["stuff_best_iou"] == 1.0
+    assert split["masks_per_photo"] == 4
+    assert split["pq"] < 0.9
+    drawn = picture(KnownStreet(), KnownStreet(split=True), frames)
+    assert drawn.shape == (2 * 90, 3 * 160, 3)
+    assert (drawn[:, :160] == np.vstack([frame.load_image() for frame in frames])).all()
