@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.evaluation.clicks import Clicks
 from instdrive_core.evaluation.held_out import HeldOutView
 from instdrive_core.evaluation.world import WorldGaussians, world_gaussians
-from instdrive_core.rasterize.render import render
+from instdrive_core.rasterize.render import Raster, render
 from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.rasterize.view_colors import view_colors
+from instdrive_core.rasterize.without_rows import Redrawn, without_rows
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track, points_inside
 
@@ -79,44 +80,45 @@ def _effects(
     clicks: Sequence[Clicks],
     boxes: Mapping[int, Track],
 ) -> list[_Effect]:
-    """Of deleting each selection in one view; drawn once before and once per selection."""
+    """Of deleting each selection in one view."""
     meant = sorted({each.truth_id for each in clicks})
     drawing = _Drawing(scene, view.frame, [boxes.get(truth_id) for truth_id in meant])
-    before, weights_before = drawing.draw(np.zeros(len(scene), bool))
     valid = np.ones(view.truth.shape, bool) if view.frame.valid is None else view.frame.valid
     effects = []
     for selected in selections:
-        after, weights = drawing.draw(scene.instance_ids == selected)
-        changed = np.abs(after - before).max(axis=2) > VISIBLE_CHANGE
+        after = without_rows(drawing.raster, scene.instance_ids == selected)
+        changed = np.abs(drawing.colors(after) - drawing.before).max(axis=2) > VISIBLE_CHANGE
         for each in clicks:
             if each.selected != selected:
                 continue
-            column = meant.index(each.truth_id)
+            column = 3 + meant.index(each.truth_id)
             outside = (view.truth != each.truth_id) & valid
             collateral = float(changed[outside].mean()) if outside.any() else None
-            has_weight = weights_before[column] > 0
-            residue = float(weights[column] / weights_before[column]) if has_weight else None
-            effects.append(_Effect(each.count, collateral, residue))
+            weight, weight_before = (_weight(raster, column) for raster in (after, drawing.raster))
+            effects.append(_Effect(each.count, collateral, weight / weight_before if weight_before > 0 else None))
     return effects
 
 
 class _Drawing:
-    """One view's colours, and how much of the image each box's Gaussians make up, with any rows deleted."""
+    """One view: its colours, then for each box how much of a pixel its Gaussians make up (0 without a box)."""
 
     def __init__(self, scene: Scene, frame: Frame, boxes: Sequence[Track | None]) -> None:
         self.scene, self.camera, time = scene, frame.view.camera, frame.view.time
-        self.world, (poses, _) = world_gaussians(scene, time), scene.at(time)
+        world, (poses, _) = world_gaussians(scene, time), scene.at(time)
         gaussians, position = scene.gaussians, self.camera.position
-        colors = view_colors(self.world.means, gaussians.sh_dc, gaussians.sh_rest, position, scene.nodes, poses)
-        inside = [_inside(self.world, box, time)[:, None] for box in boxes]
-        self.channels = np.concatenate([colors, *inside], axis=1, dtype=np.float32)
+        colors = view_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, position, scene.nodes, poses)
+        inside = [_inside(world, box, time)[:, None] for box in boxes]
+        channels = np.concatenate([colors, *inside], axis=1, dtype=np.float32)
+        self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, self.camera)
+        self.before = self.colors(self.raster)
 
-    def draw(self, deleted: Bool[ndarray, " n"]) -> tuple[Float32[ndarray, "h w 3"], Float64[ndarray, " boxes"]]:
-        """The image in [0, 1], and the blending weight inside each box, summed over pixels (0 without a box)."""
-        world = self.world.without(deleted)
-        raster = render(world.means, world.quats, world.log_scales, world.opacities, self.channels, self.camera)
-        color = raster.image[..., :3] + sky_behind(self.scene.sky, self.camera, raster.alpha)
-        return np.clip(color, 0, 1), raster.image[..., 3:].sum(axis=(0, 1), dtype=np.float64)
+    def colors(self, raster: Raster | Redrawn) -> Float32[ndarray, "h w 3"]:
+        """What is seen, in [0, 1]."""
+        return np.clip(raster.image[..., :3] + sky_behind(self.scene.sky, self.camera, raster.alpha), 0, 1)
+
+
+def _weight(raster: Raster | Redrawn, channel: int) -> float:
+    return float(raster.image[..., channel].sum(dtype=np.float64))
 
 
 def _inside(world: WorldGaussians, box: Track | None, time: float) -> Bool[ndarray, " n"]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import groupby
 
 import numpy as np
-from jaxtyping import Int, UInt32
+from jaxtyping import Float32, Int, UInt32
 from numpy import ndarray
 from scipy.sparse import csr_array, find
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Frame
-from instdrive_core.evaluation.world import world_gaussians
+from instdrive_core.evaluation.world import WorldGaussians, world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.rasterize.blend_weights import blend_weights
 from instdrive_core.scene.scene import Scene
@@ -38,24 +39,28 @@ def true_instance_ids(
     """
     shape = (len(scene), max(ground_truth.instances, default=0) + 1)
     votes = csr_array(shape, dtype=np.float64)
-    for number, frame in enumerate(frames):
-        labels = ground_truth.load(frame).ravel()
-        labelled = np.flatnonzero(labels)
-        rng = np.random.default_rng((seed, number))
-        pixels = np.sort(rng.choice(labelled, min(pixels_per_view, len(labelled)), replace=False))
-        votes += _votes(scene, frame, pixels, labels[pixels], shape)
-        progress(number + 1, len(frames))
+    done = 0
+    for time, group in groupby(frames, key=lambda frame: frame.view.time):
+        world = world_gaussians(scene, time)
+        parts = []
+        for frame in group:
+            rng = np.random.default_rng((seed, done))
+            parts.append(_votes(world, frame, ground_truth.load(frame).ravel(), pixels_per_view, rng))
+            done += 1
+            progress(done, len(frames))
+        rows, labels, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
+        votes += csr_array((weights.astype(np.float64), (rows, labels)), shape=shape)
     return _spread(_most_voted(votes, len(scene)), scene)
 
 
 def _votes(
-    scene: Scene, frame: Frame, pixels: Int[ndarray, " p"], labels: UInt32[ndarray, " p"], shape: tuple[int, int]
-) -> csr_array:
-    """Summed blending weight of each Gaussian in the pixels of each ID, (n, IDs)."""
-    world = world_gaussians(scene, frame.view.time)
+    world: WorldGaussians, frame: Frame, labels: UInt32[ndarray, " p"], count: int, rng: np.random.Generator
+) -> tuple[Int[ndarray, " m"], UInt32[ndarray, " m"], Float32[ndarray, " m"]]:
+    """Gaussians, IDs and blending weights of `count` random labelled pixels."""
+    labelled = np.flatnonzero(labels)
+    pixels = np.sort(rng.choice(labelled, min(count, len(labelled)), replace=False))
     found = blend_weights(world.means, world.quats, world.log_scales, world.opacities, frame.view.camera, pixels)
-    columns = np.repeat(labels, np.diff(found.indptr))
-    return csr_array((found.weights.astype(np.float64), (found.rows, columns)), shape=shape)
+    return found.rows, np.repeat(labels[pixels], np.diff(found.indptr)), found.weights
 
 
 def _most_voted(votes: csr_array, count: int) -> UInt32[ndarray, " n"]:
