@@ -179,3 +179,12 @@ def test_objects_that_share_an_instance_or_a_code(drive):
     evaluation = evaluate_scene(scene, drive.clip, drive.truth, FACTS)
     assert evaluation.shared_instances == {PARKED: (PARKED, DRIVING)}
     assert evaluation.shared_codes == {ROAD: (ROAD, DRIVING)}
+
+
+def test_bounds_can_be_left_out(drive):
+    whole = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
+    quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, oracle_too=False)
+    assert whole.figures["scene"]["oracle_miou"] is not None
+    assert quick.figures["scene"]["oracle_miou"] is quick.figures["lidar"]["oracle_ap"] is None
+    assert quick.figures["scene"]["miou"] == whole.figures["scene"]["miou"]
+    assert quick.figures["click"]["hit_rate"] == whole.figures["click"]["hit_rate"]
