@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, UInt32
 from numpy import ndarray
+from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip, Sweep
 from instdrive_core.masks.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, kinds_of_clusters
@@ -164,7 +165,7 @@ def _static(
     """What stands still, thinned, its IDs, and the kind of each ID."""
     points = points[thinned(points, VOXEL)]
     shape = point_shape(points)
-    distance = np.linalg.norm(points[:, None, :2] - sensors[None, :, :2], axis=2).min(axis=1)
+    distance = KDTree(sensors[:, :2]).query(points[:, :2])[0]
     reach = np.minimum(REACH + REACH_PER_METRE * distance, MAX_REACH).astype(np.float32)
     above = ground.above(points)
     foliage = ((shape.scatter > FOLIAGE) & (above > LOWEST_FOLIAGE)).astype(np.int64)
