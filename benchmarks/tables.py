@@ -16,7 +16,7 @@ from pathlib import Path
 import tyro
 
 from benchmarks.cell_queue import Queue
-from benchmarks.cell_work import Workplace, end_with_parent, work
+from benchmarks.cell_work import Workplace, commit, end_with_parent, work
 from benchmarks.cells import FULL, MINIATURE, Cell, chosen
 from benchmarks.results_page import NOTES_END, NOTES_START, Results, page
 from instdrive_core.errors import InstDriveError, OptionError
@@ -85,6 +85,8 @@ def make(options: Options, cells: tuple[Cell, ...], place: Workplace) -> int:
     """Do cells, write the page, print the JSON line."""
     started = time.monotonic()
     say(f"{expected(cells, place) / 60:.0f} minutes of work expected on 2 cores")
+    if commit().endswith("+"):
+        say("tracked files differ from the commit: the page will mark it with +")
     queue = Queue(
         command=lambda cell: [*child_command(options), "--cell", cell.name],
         is_done=lambda cell: place.outcome_file(cell.name).is_file(),
