@@ -53,12 +53,12 @@ def gathered(
     second_of, _ = _numbered(_cell_keys(firsts, _first_of(groups, cell_of, len(firsts)), center, size, 0.5))
     cell_of = second_of[cell_of]
     counts = np.bincount(cell_of)
-    group_of_cell = _first_of(groups, cell_of, len(counts))
+    group_of_cell: Int64[ndarray, " m"] = _first_of(groups, cell_of, len(counts))
     return Cells(
         of_gaussian=cell_of,
         positions=_sums(means, cell_of) / counts[:, None],
         groups=group_of_cell,
-        nodes=pairs[order][group_of_cell] >> 32,
+        nodes=np.sort(pairs)[group_of_cell] >> 32,
         extents=_sums(_middles(scales)[:, None], cell_of)[:, 0] / counts,
         support=_sums(opacities[:, None], cell_of)[:, 0],
         counts=counts,
