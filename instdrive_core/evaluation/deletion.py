@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.evaluation.clicks import Clicks
 from instdrive_core.evaluation.held_out import HeldOutView
 from instdrive_core.evaluation.world import WorldGaussians, world_gaussians
-from instdrive_core.rasterize.render import Raster, render
+from instdrive_core.rasterize.render import render
 from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.rasterize.view_colors import view_colors
-from instdrive_core.rasterize.without_rows import Redrawn, without_rows
+from instdrive_core.rasterize.without_rows import without_rows
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track, points_inside
 
@@ -86,49 +86,79 @@ def _effects(
     valid = np.ones(view.truth.shape, bool) if view.frame.valid is None else view.frame.valid
     effects = []
     for selected in selections:
-        after = without_rows(drawing.raster, scene.instance_ids == selected)
-        changed = np.abs(drawing.colors(after) - drawing.before).max(axis=2) > VISIBLE_CHANGE
+        after = drawing.without(scene.instance_ids == selected)
         for each in clicks:
             if each.selected != selected:
                 continue
-            column = 3 + meant.index(each.truth_id)
+            column = meant.index(each.truth_id)
             outside = (view.truth != each.truth_id) & valid
-            collateral = float(changed[outside].mean()) if outside.any() else None
-            weight, weight_before = (_weight(raster, column) for raster in (after, drawing.raster))
-            effects.append(_Effect(each.count, collateral, weight / weight_before if weight_before > 0 else None))
+            harmed = np.count_nonzero(after.changed & outside[after.window])
+            collateral = harmed / np.count_nonzero(outside) if outside.any() else None
+            before = drawing.weights[column]
+            effects.append(_Effect(each.count, collateral, after.weights[column] / before if before > 0 else None))
     return effects
 
 
+@dataclass(frozen=True)
+class _Deleted:
+    """A view after a deletion, where it may look different."""
+
+    window: tuple[slice, slice]
+    changed: Bool[ndarray, "wh ww"]
+    """Pixels that changed visibly."""
+    weights: Float64[ndarray, " boxes"]
+    """As `_Drawing.weights`."""
+
+
 class _Drawing:
-    """One view: its colours, then for each box how much of a pixel its Gaussians make up (0 without a box)."""
+    """One view: its colours, and how much of the image the Gaussians in each box make up."""
 
     def __init__(self, scene: Scene, frame: Frame, boxes: Sequence[Track | None]) -> None:
-        self.scene, self.camera, time = scene, frame.view.camera, frame.view.time
+        camera, time = frame.view.camera, frame.view.time
         world, (poses, _) = world_gaussians(scene, time), scene.at(time)
-        gaussians, position = scene.gaussians, self.camera.position
-        colors = view_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, position, scene.nodes, poses)
-        inside = [_inside(world, box, time)[:, None] for box in boxes]
-        channels = np.concatenate([colors, *inside], axis=1, dtype=np.float32)
-        self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, self.camera)
-        self.before = self.colors(self.raster)
+        gaussians = scene.gaussians
+        colors = view_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+        channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
+        channels[:, :3] = colors
+        for column, box in enumerate(boxes):
+            channels[_rows_inside(world, box, time), 3 + column] = 1
+        self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, camera)
+        self.sky = sky_behind(scene.sky, camera, np.zeros_like(self.raster.alpha))
+        self.colors = self._colors(self.raster.image, self.raster.alpha, (slice(None), slice(None)))
+        self.weights: Float64[ndarray, " boxes"] = _summed(self.raster.image)
+        """Blending weight of the Gaussians inside each box, summed over the pixels; 0 without a box."""
 
-    def colors(self, raster: Raster | Redrawn) -> Float32[ndarray, "h w 3"]:
+    def without(self, deleted: Bool[ndarray, " n"]) -> _Deleted:
+        """The view without some rows of the scene."""
+        after = without_rows(self.raster, deleted)
+        colors = self._colors(after.image, after.alpha, after.window)
+        changed = np.abs(colors - self.colors[after.window]).max(axis=2, initial=0) > VISIBLE_CHANGE
+        lost = _summed(self.raster.image[after.window]) - _summed(after.image)
+        return _Deleted(after.window, changed, self.weights - lost)
+
+    def _colors(self, image: ndarray, alpha: ndarray, window: tuple[slice, slice]) -> Float32[ndarray, "wh ww 3"]:
         """What is seen, in [0, 1]."""
-        return np.clip(raster.image[..., :3] + sky_behind(self.scene.sky, self.camera, raster.alpha), 0, 1)
+        return np.clip(image[..., :3] + (1 - alpha[..., None]) * self.sky[window], 0, 1)
 
 
-def _weight(raster: Raster | Redrawn, channel: int) -> float:
-    return float(raster.image[..., channel].sum(dtype=np.float64))
+def _summed(image: Float32[ndarray, "h w c"]) -> Float64[ndarray, " boxes"]:
+    return image[..., 3:].sum(axis=(0, 1), dtype=np.float64)
 
 
-def _inside(world: WorldGaussians, box: Track | None, time: float) -> Bool[ndarray, " n"]:
+def _rows_inside(world: WorldGaussians, box: Track | None, time: float) -> Int64[ndarray, " k"]:
+    """Gaussians whose centre is in a box, its bottom cut off."""
     if box is None or not box.covers(time):
-        return np.zeros(len(world.means), bool)
-    return points_inside(world.means, box.pose_at(time), box.dimensions, bottom=-ROAD_CUT)
+        return np.zeros(0, np.int64)
+    pose = box.pose_at(time)
+    reach, middle = np.float32(np.linalg.norm(box.dimensions) / 2), pose[:3, 3].astype(np.float32)
+    near = np.flatnonzero(
+        (np.abs(world.means[:, :2] - middle[:2]) <= reach).all(axis=1)
+    )  # boxes are small: cheap first
+    return near[points_inside(world.means[near], pose, box.dimensions, bottom=-ROAD_CUT)]
 
 
 def _mean(values: Sequence[float | None], weights: Sequence[int]) -> float | None:
     known = [(value, weight) for value, weight in zip(values, weights, strict=True) if value is not None]
     if not known:
         return None
-    return sum(value * weight for value, weight in known) / sum(weight for _, weight in known)
+    return float(sum(value * weight for value, weight in known) / sum(weight for _, weight in known))

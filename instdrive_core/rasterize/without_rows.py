@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int
 from numpy import ndarray
 
 from instdrive_core.rasterize.bin import TILE
@@ -18,12 +18,13 @@ from instdrive_core.rasterize.render import Raster
 
 @dataclass(frozen=True)
 class Redrawn:
-    """A view after something vanished."""
+    """The part of a view that changed when something vanished."""
 
-    image: Float32[ndarray, "h w c"]
-    alpha: Float32[ndarray, "h w"]
-    touched: Bool[ndarray, "h w"]
-    """Pixels of the tiles that were drawn again; all others are as before, to the bit."""
+    window: tuple[slice, slice]
+    """Rows and columns of the image. Outside everything is as before, to the bit."""
+    image: Float32[ndarray, "wh ww c"]
+    """What the window shows now."""
+    alpha: Float32[ndarray, "wh ww"]
 
 
 def without_rows(raster: Raster, rows: Bool[ndarray, " n"]) -> Redrawn:
@@ -33,19 +34,23 @@ def without_rows(raster: Raster, rows: Bool[ndarray, " n"]) -> Redrawn:
         raster: of `render`; the arrays it was made of must be unchanged.
         rows: True for what vanishes, one entry per Gaussian rendered.
     """
-    context = raster.context
-    tiles, projection = context.tiles, context.projection
+    context, tiles = raster.context, raster.context.tiles
     height, width, channels = raster.image.shape
-    tile_of_pair = np.repeat(np.arange(tiles.rows * tiles.columns), np.diff(tiles.starts))
-    gone = rows[projection.rows][tiles.splats]
+    gone = np.flatnonzero(rows[context.projection.rows][tiles.splats])
     touched = np.zeros(tiles.rows * tiles.columns, bool)
-    touched[tile_of_pair[gone]] = True
-    kept = touched[tile_of_pair] & ~gone
-    counts = np.bincount(tile_of_pair[kept], minlength=len(touched))
-    starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(counts)])
-    shorter = replace(tiles, starts=starts, splats=tiles.splats[kept], spans=tiles.spans[kept])
+    touched[np.searchsorted(tiles.starts, gone, side="right") - 1] = True
+    kept = np.repeat(touched, np.diff(tiles.starts))
+    kept[gone] = False
+    kept_before = np.concatenate([np.zeros(1, np.int64), np.cumsum(kept)])
+    shorter = replace(tiles, starts=kept_before[tiles.starts], splats=tiles.splats[kept], spans=tiles.spans[kept])
     drawn = blend(context.records, shorter, channels, width, height, context.settings)
-    pixels = touched.reshape(tiles.rows, tiles.columns).repeat(TILE, axis=0).repeat(TILE, axis=1)[:height, :width]
-    return Redrawn(
-        np.where(pixels[..., None], drawn.image, raster.image), np.where(pixels, drawn.alpha, raster.alpha), pixels
-    )
+    grid = touched.reshape(tiles.rows, tiles.columns)
+    window = _window(np.flatnonzero(grid.any(axis=1))), _window(np.flatnonzero(grid.any(axis=0)))
+    pixels = grid.repeat(TILE, axis=0).repeat(TILE, axis=1)[:height, :width][window]
+    image = np.where(pixels[..., None], drawn.image[window], raster.image[window])
+    return Redrawn(window, image, np.where(pixels, drawn.alpha[window], raster.alpha[window]))
+
+
+def _window(touched: Int[ndarray, " k"]) -> slice:
+    """Pixels from the first to the last touched tile along one axis."""
+    return slice(TILE * int(touched[0]), TILE * (int(touched[-1]) + 1)) if len(touched) else slice(0, 0)
