@@ -59,7 +59,8 @@ class NeighborForest:
             ranks, below = np.zeros(len(self.rows), np.int64), np.ones(len(queries), np.int64)
         distances, found = np.empty((len(queries), count)), np.empty((len(queries), count), np.int32)
         places = np.arange(len(queries))
-        _answer(self.points, self.rows, self.starts, self.boxes, ranks,
+        lowest = _lowest_ranks(self.rows, self.starts, ranks)
+        _answer(self.points, self.rows, self.starts, self.boxes, ranks, lowest,
                 np.ascontiguousarray(queries, np.float64), labels, below, places,
                 np.ascontiguousarray(reach, np.float64), distances, found)  # fmt: skip
         return distances, found
@@ -72,7 +73,7 @@ class NeighborForest:
         labels = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
         # In the order of the trees one query looks at the points that the last one has just read.
         ranks, below = np.zeros(len(self.rows), np.int64), np.ones(len(self.rows), np.int64)
-        _answer(self.points, self.rows, self.starts, self.boxes, ranks,
+        _answer(self.points, self.rows, self.starts, self.boxes, ranks, ranks,
                 self.points, labels, below, self.rows,
                 reach[self.rows].astype(np.float64), distances, found)  # fmt: skip
         return distances, found
@@ -182,9 +183,40 @@ def _select(points, rows, axis, first, last, middle):
             return
 
 
+@numba.njit(cache=True)
+@no_type_check
+def _lowest_ranks(rows, starts, ranks):
+    """The lowest rank among the points of each node: where none is below a query's, there is nothing to look for."""
+    lowest = np.empty(len(rows), np.int64)
+    nodes = np.empty((_DEPTH, 2), np.int64)
+    for label in range(len(starts) - 1):
+        if starts[label] == starts[label + 1]:
+            continue
+        nodes[0, 0], nodes[0, 1], waiting = starts[label], starts[label + 1], 1
+        while waiting:
+            start, stop = nodes[waiting - 1, 0], nodes[waiting - 1, 1]
+            middle = (start + stop) // 2
+            if start < 0:  # both halves are done
+                start = -1 - start
+                middle = (start + stop) // 2
+                lowest[middle] = min(lowest[(start + middle) // 2], lowest[(middle + stop) // 2])
+                waiting -= 1
+            elif stop - start <= _LEAF:
+                lowest[middle] = ranks[rows[start]]
+                for k in range(start + 1, stop):
+                    lowest[middle] = min(lowest[middle], ranks[rows[k]])
+                waiting -= 1
+            else:
+                nodes[waiting - 1, 0] = -1 - start
+                nodes[waiting, 0], nodes[waiting, 1] = start, middle
+                nodes[waiting + 1, 0], nodes[waiting + 1, 1] = middle, stop
+                waiting += 2
+    return lowest
+
+
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 @no_type_check
-def _answer(points, rows, starts, boxes, ranks, queries, labels, below, places, reach, distances, found):
+def _answer(points, rows, starts, boxes, ranks, lowest, queries, labels, below, places, reach, distances, found):
     """Query q's neighbours go to row `places[q]` of the results."""
     for chunk in numba.prange((len(queries) + _CHUNK - 1) // _CHUNK):
         left, away = np.empty((_DEPTH, 2), np.int64), np.empty(_DEPTH)
@@ -194,7 +226,7 @@ def _answer(points, rows, starts, boxes, ranks, queries, labels, below, places, 
             numbers[:] = -1
             start, stop = starts[labels[q]], starts[labels[q] + 1]
             if start < stop:
-                _search(points, rows, boxes, ranks, start, stop, queries[q], below[q], reach[q], left, away,
+                _search(points, rows, boxes, ranks, lowest, start, stop, queries[q], below[q], reach[q], left, away,
                         squares, numbers)  # fmt: skip
             for k in range(len(squares)):
                 squares[k] = np.sqrt(squares[k])
@@ -202,7 +234,7 @@ def _answer(points, rows, starts, boxes, ranks, queries, labels, below, places, 
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _search(points, rows, boxes, ranks, start, stop, query, below, reach, left, away, squares, numbers):
+def _search(points, rows, boxes, ranks, lowest, start, stop, query, below, reach, left, away, squares, numbers):
     """Nearer child first; what cannot hold a point nearer than the worst kept one is passed over."""
     x, y, z = query[0], query[1], query[2]
     last, limit = len(squares) - 1, reach * reach
@@ -215,15 +247,16 @@ def _search(points, rows, boxes, ranks, start, stop, query, below, reach, left, 
         start, stop = left[waiting, 0], left[waiting, 1]
         while stop - start > _LEAF:
             middle = (start + stop) // 2
-            lower = _square_to_box(boxes, (start + middle) // 2, x, y, z)
-            upper = _square_to_box(boxes, (middle + stop) // 2, x, y, z)
+            one, other = (start + middle) // 2, (middle + stop) // 2
+            lower = _square_to_box(boxes, one, x, y, z) if lowest[one] < below else np.inf
+            upper = _square_to_box(boxes, other, x, y, z) if lowest[other] < below else np.inf
             if lower <= upper:
                 left[waiting, 0], left[waiting, 1], away[waiting] = middle, stop, upper
                 stop = middle
             else:
                 left[waiting, 0], left[waiting, 1], away[waiting] = start, middle, lower
                 start = middle
-            waiting += away[waiting] <= limit
+            waiting += away[waiting] <= limit and away[waiting] < np.inf
         for k in range(start, stop):
             dx, dy, dz = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
             square = dx * dx + dy * dy + dz * dz
