@@ -17,7 +17,7 @@ POINT_SIZE = 0.2
 SEEN_THROUGH = 0.5
 """Share of a mask through which LiDAR looks, from which on it is the sky."""
 ABOVE_HORIZON, SMOOTH = 0.95, 0.9
-"""Without LiDAR: shares of a sky's pixels above the horizon, and without strong contrast."""
+"""Without LiDAR: shares of a sky's pixels above the horizon, and of those inside of it without strong contrast."""
 LARGEST_OBJECT = 0.5
 """Share of the photo beyond which a mask may hold the sky and something else."""
 
@@ -81,7 +81,11 @@ def sky_by_looks(
     sky = np.zeros(labels.shape, bool)
     for label in np.unique(labels[0][labels[0] > 0]):
         mine = labels == label
-        if above[mine].mean() >= ABOVE_HORIZON and smooth[mine].mean() >= SMOOTH and grey[mine].mean() > ground:
+        inside = ndimage.binary_erosion(
+            mine, np.ones((3, 3)), border_value=1
+        )  # borders have contrast with what is there
+        is_smooth = inside.any() and smooth[inside].mean() >= SMOOTH
+        if is_smooth and above[mine].mean() >= ABOVE_HORIZON and grey[mine].mean() > ground:
             sky |= mine
     return sky
 

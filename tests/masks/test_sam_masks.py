@@ -386,6 +386,19 @@ def test_without_lidar_the_sky_is_what_looks_and_lies_like_it():
     assert not sky_by_looks(dark, frame.view.camera, (classes + 1).astype(np.uint32)).any(), "darker than the road"
 
 
+def test_a_sky_between_branches_is_smooth_where_it_is_wide():
+    clip = replace(painted_clip("nowhere"), sweeps=())
+    frame, classes = clip.frames[0], truth(clip.frames[0].view.time)
+    image, labels = frame.load_image(), (classes + 1).astype(np.uint32)
+    for row in range(2, 30, 4):
+        image[row], labels[row] = 20, 99
+    found = sky_by_looks(image, frame.view.camera, labels)
+    np.testing.assert_array_equal(found, labels == SKY + 1)
+    noisy = image.copy()
+    noisy[::2, ::2][labels[::2, ::2] == SKY + 1] = 100
+    assert not sky_by_looks(noisy, frame.view.camera, labels).any()
+
+
 def test_a_folder_that_is_not_there_says_how_to_get_weights():
     with pytest.raises(DataError, match=r"no such folder.*hf download facebook/sam2.*safetensors"):
         weights_folder("weights/sam/large", offline=True)
