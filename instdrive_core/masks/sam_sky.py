@@ -81,9 +81,8 @@ def sky_by_looks(
     sky = np.zeros(labels.shape, bool)
     for label in np.unique(labels[0][labels[0] > 0]):
         mine = labels == label
-        inside = ndimage.binary_erosion(
-            mine, np.ones((3, 3)), border_value=1
-        )  # borders have contrast with what is there
+        inside = np.zeros_like(mine)  # without the border, which contrasts with what is beyond it
+        ndimage.minimum_filter(mine, 3, output=inside, mode="nearest")
         is_smooth = inside.any() and smooth[inside].mean() >= SMOOTH
         if is_smooth and above[mine].mean() >= ABOVE_HORIZON and grey[mine].mean() > ground:
             sky |= mine
