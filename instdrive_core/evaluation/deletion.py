@@ -14,7 +14,7 @@ from instdrive_core.datasets.clip import Frame
 from instdrive_core.evaluation.clicks import Clicks
 from instdrive_core.evaluation.held_out import HeldOutView
 from instdrive_core.evaluation.world import WorldGaussians, world_gaussians
-from instdrive_core.rasterize.render import render
+from instdrive_core.rasterize.render import Raster, render, render_backward
 from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.rasterize.without_rows import without_rows
@@ -36,6 +36,7 @@ class _Effect:
     clicks: int
     collateral: float | None
     residue: float | None
+    residue_kept: float | None
 
 
 def deletion_scores(
@@ -52,8 +53,9 @@ def deletion_scores(
 
     `collateral`: share of the pixels outside the object's ground-truth mask (ego vehicle left out) that change
     visibly. `residue`: blending weight, summed over the image, of the Gaussians inside the object's box after the
-    deletion ÷ before. It counts what the deletion uncovers, too. Objects without a box, and boxes that show nothing,
-    have no residue. `boxes` maps ground-truth IDs to tracks.
+    deletion ÷ before. It counts what the deletion uncovers, too: background whose centre lies in a moving object's box
+    comes to light. `residue_kept` does not: share of the weight before that belongs to Gaussians which stay. Objects
+    without a box, and boxes that show nothing, have neither. `boxes` maps ground-truth IDs to tracks.
     """
     hits = [each for each in clicks if each.hit]
     selections = sorted({(each.view, each.selected) for each in hits})
@@ -70,6 +72,7 @@ def deletion_scores(
     return {
         "collateral": _mean([effect.collateral for effect in effects], clicked),
         "residue": _mean([effect.residue for effect in effects], clicked),
+        "residue_kept": _mean([effect.residue_kept for effect in effects], clicked),
     }
 
 
@@ -94,8 +97,9 @@ def _effects(
             outside = (view.truth != each.truth_id) & valid
             harmed = np.count_nonzero(after.changed & outside[after.window])
             collateral = harmed / np.count_nonzero(outside) if outside.any() else None
-            before = drawing.weights[column]
-            effects.append(_Effect(each.count, collateral, after.weights[column] / before if before > 0 else None))
+            before, kept = drawing.weights[column], after.kept[column]
+            residues = (after.weights[column] / before, kept / before) if before > 0 else (None, None)
+            effects.append(_Effect(each.count, collateral, *residues))
     return effects
 
 
@@ -108,6 +112,8 @@ class _Deleted:
     """Pixels that changed visibly."""
     weights: Float64[ndarray, " boxes"]
     """As `_Drawing.weights`."""
+    kept: Float64[ndarray, " boxes"]
+    """The part of `_Drawing.weights` that belongs to Gaussians which are not deleted."""
 
 
 class _Drawing:
@@ -120,13 +126,15 @@ class _Drawing:
         colors = view_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
         channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
         channels[:, :3] = colors
-        for column, box in enumerate(boxes):
-            channels[_rows_inside(world, box, time), 3 + column] = 1
+        self.inside = [_rows_inside(world, box, time) for box in boxes]
+        for column, rows in enumerate(self.inside):
+            channels[rows, 3 + column] = 1
         self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, camera)
         self.sky = sky_behind(scene.sky, camera, np.zeros_like(self.raster.alpha))
         self.colors = self._colors(self.raster.image, self.raster.alpha, (slice(None), slice(None)))
         self.weights: Float64[ndarray, " boxes"] = _summed(self.raster.image)
         """Blending weight of the Gaussians inside each box, summed over the pixels; 0 without a box."""
+        self.row_weights = _row_weights(self.raster)
 
     def without(self, deleted: Bool[ndarray, " n"]) -> _Deleted:
         """The view without some rows of the scene."""
@@ -134,11 +142,21 @@ class _Drawing:
         colors = self._colors(after.image, after.alpha, after.window)
         changed = np.abs(colors - self.colors[after.window]).max(axis=2, initial=0) > VISIBLE_CHANGE
         lost = _summed(self.raster.image[after.window]) - _summed(after.image)
-        return _Deleted(after.window, changed, self.weights - lost)
+        kept = [self.row_weights[rows[~deleted[rows]]].sum() for rows in self.inside]
+        return _Deleted(after.window, changed, self.weights - lost, np.array(kept, np.float64))
 
     def _colors(self, image: ndarray, alpha: ndarray, window: tuple[slice, slice]) -> Float32[ndarray, "wh ww 3"]:
         """What is seen, in [0, 1]."""
         return np.clip(image[..., :3] + (1 - alpha[..., None]) * self.sky[window], 0, 1)
+
+
+def _row_weights(raster: Raster) -> Float64[ndarray, " n"]:
+    """Blending weight of each Gaussian, summed over the pixels: the gradient of a summed channel with respect to it."""
+    height, width, count = raster.image.shape
+    of_one = np.zeros((height, width, count), np.float32)
+    of_one[..., 0] = 1
+    nothing = np.zeros((height, width), np.float32)
+    return render_backward(raster.context, of_one, nothing, nothing, 0).channels[:, 0].astype(np.float64)
 
 
 def _summed(image: Float32[ndarray, "h w c"]) -> Float64[ndarray, " boxes"]:

@@ -29,7 +29,7 @@ SEED = 0
 
 PER_VIEW_KEYS = ("miou", "macc", "miou_majority")
 SCENE_KEYS = ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff")
-CLICK_KEYS = ("hit_rate", "iou", "collateral", "residue")
+CLICK_KEYS = ("hit_rate", "iou", "collateral", "residue", "residue_kept")
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, steps done and steps in all."""

@@ -38,6 +38,14 @@ def test_floaters_inside_the_box_are_residue(drive):
     drive.scene.instance_ids[rows[::2]] = 77
     split = scores(drive, [Clicks(0, PARKED, PARKED, 1, 0.6)])
     assert 0.3 < split["residue"] < 1.2
+    assert 0.2 < split["residue_kept"] < min(0.8, split["residue"]), "what comes to light is not counted"
+
+
+def test_what_stays_is_measured_before_the_deletion(drive):
+    nothing_stays = scores(drive, [Clicks(0, PARKED, PARKED, 1, 1.0)])
+    everything_stays = scores(drive, [Clicks(0, PARKED, POLE, 1, 1.0)])
+    assert nothing_stays["residue_kept"] < 0.01
+    assert everything_stays["residue_kept"] == pytest.approx(1, abs=1e-5)
 
 
 def test_what_is_deleted_besides_the_object_is_collateral(drive):
@@ -66,7 +74,7 @@ def test_hits_weigh_by_clicks_and_misses_delete_nothing(drive):
     misses = [Clicks(0, PARKED, 0, 5, 0.0), Clicks(0, PARKED, ROAD, 5, 0.1)]
     alone = [scores(drive, [each])["collateral"] for each in (parked, driving)]
     assert scores(drive, [parked, *misses, driving])["collateral"] == pytest.approx(0.9 * alone[0] + 0.1 * alone[1])
-    assert scores(drive, misses) == {"collateral": None, "residue": None}
+    assert scores(drive, misses) == dict.fromkeys(("collateral", "residue", "residue_kept"))
 
 
 def test_many_selections_are_sampled(drive, monkeypatch):

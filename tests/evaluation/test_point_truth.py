@@ -1,6 +1,7 @@
 """Which object a LiDAR point lies on: exact, and from boxes and classes; what no camera sees is left out."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,6 +74,13 @@ def test_tiny_objects_are_ignored_over_all_sweeps(drive, monkeypatch):
 def test_a_clip_without_labels_for_points_has_none(drive):
     assert labelled_sweeps(drive.clip, drive.truth) == []
     assert labelled_sweeps(with_sweeps(drive.clip, sweep_of(4, [[2.5, 8, 1.6]])), drive.truth) == []
+
+
+def test_nothing_that_trains_reads_exact_points():
+    """They are in memory beside the points; only datasets, which load them, and evaluation may name them."""
+    core = Path(point_truth.__file__).parents[1]
+    named = {path.relative_to(core).parts[0] for path in core.rglob("*.py") if "instance_labels" in path.read_text()}
+    assert named == {"datasets", "evaluation"}
 
 
 class TestAnnotations:

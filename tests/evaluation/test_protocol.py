@@ -42,7 +42,8 @@ NESTED_KEYS = {
 EXTRA_KEYS = {
     "lidar.": ("instances_to_cover", "codes_per_object", "objects_per_code"),
     "lidar.oracle_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
-    "click.oracle_": NESTED_KEYS["click."],
+    "click.": ("residue_kept",),
+    "click.oracle_": (*NESTED_KEYS["click."], "residue_kept"),
 }
 KEYS = {prefix + key for nested in (NESTED_KEYS, EXTRA_KEYS) for prefix, keys in nested.items() for key in keys}
 KEYS |= {"seed", "clip", "cameras", "masks", "backend"}
