@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from instdrive_core.baselines import gaussian_grouping, opengaussian
+from instdrive_core.baselines.mask_graph import learn_mask_graph
 from instdrive_core.training.config import Method, Preset
 from instdrive_core.training.instance_stage import InstanceLearner
 
@@ -22,4 +23,4 @@ def learner_for(method: Method, preset: Preset = "quick") -> InstanceLearner | N
         return partial(
             opengaussian.learn_opengaussian, settings=opengaussian.PUBLISHED if published else opengaussian.SHORT
         )
-    return None
+    return learn_mask_graph if method == "mask-graph" else None

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 Method = Literal["instdrive", "paper", "mask-graph", "gaussian-grouping", "opengaussian"]
-LEARNED_ELSEWHERE = ("gaussian-grouping", "opengaussian")
+LEARNED_ELSEWHERE = ("mask-graph", "gaussian-grouping", "opengaussian")
 """Methods whose instance stage is not the trainer's."""
 Preset = Literal["demo", "quick", "paper"]
 Device = Literal["auto", "cpu", "cuda"]
