@@ -64,7 +64,7 @@ def most_frequent_cluster(of: MaskMembers, clusters: Int64[ndarray, " m"]) -> In
     cluster_of_mask = csr_array((np.ones(len(masks), np.float32), (masks, clusters[masks])), shape=shape)
     votes = cast(csr_array, of.members @ cluster_of_mask).tocoo()
     rows, columns = votes.coords
-    order = np.lexsort((columns, -np.asarray(votes.data), rows))
+    order = np.lexsort((columns, np.negative(votes.data), rows))
     rows, first = np.unique(rows[order], return_index=True)
     winners = np.full(len(of), -1, np.int64)
     winners[rows] = columns[order][first]

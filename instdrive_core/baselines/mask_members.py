@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import sqrt
-from typing import no_type_check
 
-import numba
 import numpy as np
 from jaxtyping import Int, Int32, Int64
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.blend_weights import BlendWeights
-from instdrive_core.training.feature_weights import weights_of_view
+from instdrive_core.rasterize.top_contributors import top_contributors
+from instdrive_core.training.feature_weights import gaussians_in_view
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.view_store import ViewStore
 
 PIXELS_PER_VIEW = 150_000
 """Photos of more pixels are looked at on a grid of about so many: sparser ones miss Gaussians that they do show."""
+
+_NO_PAIRS = np.zeros((2, 0), np.int64)
 
 
 @dataclass(frozen=True)
@@ -36,31 +37,29 @@ class MaskMembers:
         return len(self.members.indptr) - 1
 
     @staticmethod
-    def of(
-        rows: Int[ndarray, " p"],
-        masks: Int[ndarray, " p"],
-        count: int,
-        view_of_mask: Int[ndarray, " m"],
-        share: float = 0.5,
-    ) -> MaskMembers:
-        """From the top contributor and the mask of each pixel of all photos.
+    def of(photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float) -> MaskMembers:
+        """From the top contributor and the mask of each pixel.
 
         Args:
-            rows: Gaussians.
-            masks: counted through all photos.
+            photos: Gaussians and masks, these counted from 0 in every photo; photos without pixels do not count.
             count: n.
-            view_of_mask: of each mask, rising from 0.
             share: a Gaussian belongs to a mask that holds more than this of its pixels in the photo, at least 0.5.
         """
-        masks_in_all, views_in_all = len(view_of_mask), int(view_of_mask.max(initial=-1)) + 1
-        pairs, pixels = np.unique(rows.astype(np.int64) * masks_in_all + masks, return_counts=True)
-        rows, masks = pairs // max(masks_in_all, 1), pairs % max(masks_in_all, 1)
-        in_view = rows * views_in_all + view_of_mask[masks]
-        views, places = np.unique(in_view, return_inverse=True)
-        belongs = pixels > share * np.bincount(places, weights=pixels, minlength=len(views))[places]
-        members = _ones(rows[belongs], masks[belongs], (count, masks_in_all))
-        seen = _ones(views // max(views_in_all, 1), views % max(views_in_all, 1), (count, views_in_all))
-        return MaskMembers(members, seen, view_of_mask.astype(np.int32))
+        members, seen, view_of_mask = [_NO_PAIRS], [_NO_PAIRS], []
+        view = 0
+        for rows, masks in photos:
+            if not len(rows):
+                continue
+            of_view, showing = _members_of_photo(rows, masks, share)
+            members.append(of_view + np.array([[0], [len(view_of_mask)]]))
+            seen.append(np.stack([showing, np.full(len(showing), view)]))
+            view_of_mask += [view] * (int(masks.max()) + 1)
+            view += 1
+        return MaskMembers(
+            _ones(np.concatenate(members, axis=1), (count, len(view_of_mask))),
+            _ones(np.concatenate(seen, axis=1), (count, view)),
+            np.array(view_of_mask, np.int32),
+        )
 
 
 def mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
@@ -69,36 +68,35 @@ def mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: f
     The model is on the CPU; `share` as in `MaskMembers.of`. The same input gives the same bits, whatever the number
     of threads.
     """
-    rows: list[ndarray] = []
-    masks: list[ndarray] = []
-    view_of_mask: list[int] = []
-    looked_at = 0
+    return MaskMembers.of(_shown(model, store, min_alpha), len(model), share)
+
+
+def _shown(
+    model: SceneModel, store: ViewStore, min_alpha: float
+) -> Iterator[tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]]:
+    """Top contributor and mask of each pixel of one view after the other."""
     for number in range(len(store)):
         store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
         view = store.get(number)
         if view.labels is None or not view.labels.any():
             continue
         pixels = _grid_pixels(view.labels)
-        of_view, weights = weights_of_view(model, view, pixels)
-        top = top_contributors(weights, min_alpha)
-        shown = top >= 0
-        labels, mask_of_pixel = np.unique(view.labels.ravel()[pixels[shown]], return_inverse=True)
-        rows.append(of_view[top[shown]].astype(np.int32))
-        masks.append((mask_of_pixel + len(view_of_mask)).astype(np.int32))
-        view_of_mask += [looked_at] * len(labels)
-        looked_at += len(labels) > 0
+        rows, gaussians = gaussians_in_view(model, view)
+        top = top_contributors(*gaussians, view.camera, pixels, min_alpha)
+        pixels, top = pixels[top >= 0], top[top >= 0]
+        yield rows[top], np.unique(view.labels.ravel()[pixels], return_inverse=True)[1]
     store.release()
-    nothing = [np.zeros(0, np.int32)]
-    of_masks = np.array(view_of_mask, np.int32)
-    return MaskMembers.of(np.concatenate(rows + nothing), np.concatenate(masks + nothing), len(model), of_masks, share)
 
 
-def top_contributors(weights: BlendWeights, min_alpha: float) -> Int64[ndarray, " p"]:
-    """The Gaussian with the largest weight in each pixel (ties: the nearer one); -1 where all together hide less than
-    `min_alpha`."""
-    top = np.empty(len(weights.indptr) - 1, np.int64)
-    _top(weights.indptr, weights.rows, weights.weights, np.float32(min_alpha), top)
-    return top
+def _members_of_photo(
+    rows: Int[ndarray, " p"], masks: Int[ndarray, " p"], share: float
+) -> tuple[Int64[ndarray, "2 k"], Int64[ndarray, " s"]]:
+    """Pairs of Gaussian and mask that belong together, and all Gaussians; both rising."""
+    stride = int(masks.max()) + 1
+    keys, pixels = np.unique(rows.astype(np.int64) * stride + masks, return_counts=True)
+    gaussians, places = np.unique(keys // stride, return_inverse=True)
+    belongs = pixels > share * np.bincount(places, weights=pixels)[places]
+    return np.stack([keys // stride, keys % stride])[:, belongs], gaussians
 
 
 def _grid_pixels(labels: Int[ndarray, "h w"]) -> Int64[ndarray, " p"]:
@@ -109,19 +107,8 @@ def _grid_pixels(labels: Int[ndarray, "h w"]) -> Int64[ndarray, " p"]:
     return np.flatnonzero(shown)
 
 
-def _ones(rows: Int64[ndarray, " k"], columns: Int64[ndarray, " k"], shape: tuple[int, int]) -> csr_array:
-    """Of pairs sorted by row, then column."""
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
-    return csr_array((np.ones(len(rows), np.float32), columns, indptr), shape=shape)
-
-
-@numba.njit(cache=True, parallel=True, error_model="numpy")
-@no_type_check
-def _top(starts, rows, weights, min_alpha, top):
-    for pixel in numba.prange(len(starts) - 1):
-        alpha, best, found = np.float32(0), np.float32(0), -1
-        for entry in range(starts[pixel], starts[pixel + 1]):
-            alpha += weights[entry]
-            if weights[entry] > best:
-                best, found = weights[entry], rows[entry]
-        top[pixel] = found if alpha >= min_alpha else -1
+def _ones(pairs: Int64[ndarray, "2 k"], shape: tuple[int, int]) -> csr_array:
+    """Of distinct pairs of row and column; the columns of a row rise."""
+    matrix = csr_array((np.ones(pairs.shape[1], np.float32), (pairs[0], pairs[1])), shape=shape)
+    matrix.sort_indices()
+    return matrix

@@ -60,6 +60,14 @@ def weights_of_view(
     model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
     """The Gaussians that the view may show, and their weights."""
+    rows, placed_gaussians = gaussians_in_view(model, view)
+    return rows, blend_weights(*placed_gaussians, view.camera, pixels)
+
+
+def gaussians_in_view(
+    model: SceneModel, view: TrainingView
+) -> tuple[Int64[ndarray, " v"], tuple[ndarray, ndarray, ndarray, ndarray]]:
+    """The Gaussians that the view may show: rows, then means and quaternions in the world, log scales, opacities."""
     poses = model.actor_poses.at(view.time, model.corrections)
     p = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "opacity_logits")}
     rows = rows_in_view(
@@ -68,8 +76,7 @@ def weights_of_view(
     chosen = torch.from_numpy(rows)
     means, quats, log_scales = (gathered(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales"))
     means, quats = placed(means, quats, model.nodes[rows], poses.matrices)
-    opacities = sigmoid(p["opacity_logits"][rows])
-    return rows, blend_weights(means, quats, log_scales, opacities, view.camera, pixels)
+    return rows, (means, quats, log_scales, sigmoid(p["opacity_logits"][rows]))
 
 
 class _WeightedFeatures(torch.autograd.Function):

@@ -13,9 +13,8 @@ from instdrive_core.baselines.mask_consensus import (
     mask_relations,
 )
 from instdrive_core.baselines.mask_graph import clustered_masks, learn_mask_graph, most_frequent_cluster
-from instdrive_core.baselines.mask_members import MaskMembers, top_contributors
+from instdrive_core.baselines.mask_members import MaskMembers
 from instdrive_core.baselines.registry import learner_for
-from instdrive_core.rasterize.blend_weights import BlendWeights
 from instdrive_core.training.view_store import ViewStore
 
 CONFIG = MaskGraphConfig()
@@ -23,15 +22,12 @@ LEFT, RIGHT = range(10), range(10, 20)
 """Two objects of ten Gaussians."""
 
 
-def members_of(*views):
+def members_of(*photos):
     """Masks as lists of Gaussians, one pixel each; a Gaussian may be in several masks of a photo."""
-    rows, masks, view_of_mask = [], [], []
-    for number, view in enumerate(views):
-        for mask in view:
-            rows += list(mask)
-            masks += [len(view_of_mask)] * len(mask)
-            view_of_mask.append(number)
-    return MaskMembers.of(np.array(rows), np.array(masks), 20, np.array(view_of_mask))
+    pixels = [
+        np.array([(row, mask) for mask, members in enumerate(photo) for row in members], np.int64) for photo in photos
+    ]
+    return MaskMembers.of([(pairs[:, 0], pairs[:, 1]) for pairs in pixels], 20, 0.5)
 
 
 def ids_of(of):
@@ -39,20 +35,12 @@ def ids_of(of):
 
 
 def test_a_gaussian_belongs_to_the_mask_of_more_than_half_of_its_pixels():
-    rows, masks = np.array([0, 0, 0, 1, 1, 2, 0]), np.array([0, 0, 1, 0, 1, 2, 2])
-    of = MaskMembers.of(rows, masks, 4, np.array([0, 0, 1]))
+    one, nothing = (np.array([0, 0, 0, 1, 1]), np.array([0, 0, 1, 0, 1])), (np.zeros(0, int), np.zeros(0, int))
+    of = MaskMembers.of([one, nothing, (np.array([2, 0]), np.array([0, 0]))], 4, 0.5)
     expected = [[1, 0, 1], [0, 0, 0], [0, 0, 1], [0, 0, 0]]  # the second is seen, but half of it is not enough
     np.testing.assert_array_equal(of.members.toarray(), expected)
     np.testing.assert_array_equal(of.seen.toarray(), [[1, 1], [1, 0], [0, 1], [0, 0]])
-
-
-def test_the_top_contributor_is_the_largest_weight_of_a_pixel_that_hides_enough():
-    weights = BlendWeights(
-        np.array([0, 3, 5, 7, 7]),
-        np.array([4, 2, 7, 1, 3, 5, 6], np.int32),
-        np.array([0.2, 0.5, 0.3, 0.3, 0.3, 0.2, 0.2], np.float32),
-    )
-    np.testing.assert_array_equal(top_contributors(weights, 0.5), [2, 1, -1, -1])
+    assert of.view_of_mask.tolist() == [0, 0, 1]
 
 
 def test_two_objects_over_several_photos_are_two_clusters():
