@@ -11,6 +11,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, UInt16
 from numpy import ndarray
+from scipy.sparse import csc_array, csr_array
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 
@@ -22,13 +23,19 @@ class InteriorConfig:
     """Metres: larger instances are surfaces or groups of things."""
     min_height: float = 0.4
     """Metres: lower ones lie on the ground."""
-    min_gaussians: int = 20
+    min_gaussians: int = 10
     stray_share: float = 0.01
     """Of an instance's Gaussians, on either side of each axis, that do not count for its hull."""
     min_opacity: float = 0.1
     """Fainter Gaussians do not count for a hull."""
     ground_clearance: float = 0.1
     """Metres above the hull's lowest point that stay what they are: there lies the road."""
+    growth: float = 1.1
+    """Around the hull, grown by this factor …"""
+    margin: float = 0.1
+    """… and so many metres, …"""
+    min_share: float = 0.3
+    """… Gaussians belong to the body that got at least this share of their votes."""
 
 
 DEFAULT_CONFIG = InteriorConfig()
@@ -67,24 +74,37 @@ def filled_bodies(
     means: Float[ndarray, "n 3"],
     opacities: Float[ndarray, " n"],
     candidates: Bool[ndarray, " n"],
+    shares: csr_array,
     config: InteriorConfig = DEFAULT_CONFIG,
 ) -> Int64[ndarray, " n"]:
-    """`candidates` inside the convex hull of a compact group become that group's; the smallest hull wins.
+    """`candidates` inside the convex hull of a compact group become that group's; the smallest hull wins. So do those
+    close around it that partly show the group: an object's edge, which votes lost to what is behind.
 
     Args:
         groups: -1 = none.
         means: metres, z up.
         opacities: in [0, 1].
         candidates: Gaussians of the background; hulls are made of these, too.
+        shares: (n, g) of each Gaussian's votes, the groups' shares.
     """
     filled, rows = groups.copy(), np.flatnonzero(candidates)
-    tree = KDTree(means[rows])
+    tree, shares_of_group = KDTree(means[rows]), csc_array(shares)
     for body in sorted(_bodies(groups, means, opacities, rows, config), key=lambda body: -body.volume):
-        near = rows[tree.query_ball_point(body.center, body.reach)]
+        reach = config.growth * body.reach + 2 * config.margin
+        near = rows[np.sort(tree.query_ball_point(body.center, reach))]
         local = (means[near] - body.center) @ body.axes
-        inside = (local @ body.planes[:, :3].T + body.planes[:, 3] < 0).all(axis=1)
-        filled[near[inside & (local[:, 2] > body.floor)]] = body.instance
+        heights = local @ body.planes[:, :3].T
+        inside = (heights + body.planes[:, 3] < 0).all(axis=1) & (local[:, 2] > body.floor)
+        close = (heights + config.growth * body.planes[:, 3] < config.margin).all(axis=1)
+        shown = close & _has_share(shares_of_group, body.instance, near, config.min_share)
+        filled[near[inside | shown]] = body.instance
     return filled
+
+
+def _has_share(shares: csc_array, group: int, rows: Int64[ndarray, " k"], minimum: float) -> Bool[ndarray, " k"]:
+    entries = slice(int(shares.indptr[group]), int(shares.indptr[group + 1]))
+    enough = shares.indices[entries][shares.data[entries] >= minimum]
+    return np.isin(rows, enough)
 
 
 def _bodies(

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
+from scipy.sparse import csr_array
 
 from instdrive_core.training.agreement import summed_by_group
 from instdrive_core.training.config import GraphConfig
@@ -55,6 +56,16 @@ def mask_owners(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Int64[nd
     owners, best = np.full(len(areas), -1, np.int64), np.zeros(len(areas), np.float32)
     _own(*_arrays(of_groups), areas, owners, best)
     return owners
+
+
+def vote_shares(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> csr_array:
+    """(n, g): the share of each row's weight that lies in masks of each group; rows without any are empty."""
+    owners = mask_owners(observed, groups)
+    named = np.flatnonzero(owners >= 0)
+    entries = (np.ones(len(named), np.float32), (named, owners[named]))
+    votes = csr_array(observed.weights @ csr_array(entries, shape=(len(owners), int(groups.max(initial=-1)) + 1)))
+    totals = np.asarray(votes.sum(axis=1)).ravel()
+    return csr_array((votes.data / np.repeat(totals, np.diff(votes.indptr)), votes.indices, votes.indptr), votes.shape)
 
 
 def _alternated(

@@ -19,7 +19,7 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.training.affinity_graph import merged_groups
 from instdrive_core.training.config import GraphConfig, TrainConfig
 from instdrive_core.training.instance_stage import LearnedInstances
-from instdrive_core.training.mask_votes import voted_groups
+from instdrive_core.training.mask_votes import vote_shares, voted_groups
 from instdrive_core.training.mask_weights import MaskWeights, mask_weights
 from instdrive_core.training.model import SceneModel
 from instdrive_core.training.superpoints import neighbor_pairs, superpoints
@@ -42,7 +42,7 @@ def voted_instances(
     groups[voting] = voted_groups(observed.of_rows(voting), groups[voting], fixed, config.graph)
     groups = nearest_filled(groups, means, model.nodes)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
-    groups = filled_bodies(groups, means, opacities, model.nodes == 0)
+    groups = filled_bodies(groups, means, opacities, model.nodes == 0, vote_shares(observed, groups))
     _, groups = np.unique(groups, return_inverse=True)
     codes, bits = separated_codewords(int(groups.max()) + 1)
     on_note(f"{len(observed.view_of_mask):,} masks show {len(codes)} objects: codewords of {bits} bits")
