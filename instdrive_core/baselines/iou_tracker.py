@@ -30,13 +30,13 @@ from instdrive_core.training.view_store import ViewStore
 class TrackerConfig:
     """When two masks show one thing."""
 
-    min_iou: float = 0.2
+    min_iou: float = 0.35
     """Below this a mask is a new thing."""
     memory: int = 10
     """Time steps that a track is looked for after it was last seen."""
     min_overlap: int = 5
     """Two photos say something about two masks if so many samples of each fall into the other photo."""
-    min_views: int = 3
+    min_views: int = 5
     """Tracks of fewer masks are taken for faults: their pixels train nothing."""
 
 
