@@ -9,16 +9,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from instdrive_core.training.agreement import agreement, summed_by_group
 from instdrive_core.training.config import GraphConfig
 from instdrive_core.training.mask_weights import MaskWeights
 from instdrive_core.training.superpoints import distinct_pairs
-
-_EQUAL = 1e-6
-"""Agreements that differ by less count as equal."""
 
 
 def merged_groups(
@@ -49,12 +44,15 @@ def _merged_once(
     count = int(groups.max(initial=-1)) + 1
     pairs = distinct_pairs(groups[touching])
     agreements = agreement(summed_by_group(of_patches, groups, count), pairs)
-    best = np.full(count, -1, np.float32)
+    order = np.argsort(-agreements, kind="stable")
+    order = order[agreements[order] >= threshold]
+    best = np.full(count, len(order))  # the place of each group's best pair; of equal ones, the first
     for side in range(2):
-        np.maximum.at(best, pairs[:, side], agreements)
-    mutual = agreements >= np.maximum(best[pairs[:, 0]], best[pairs[:, 1]]) - _EQUAL
-    chosen = pairs[mutual & (agreements >= threshold)]
+        np.minimum.at(best, pairs[order, side], np.arange(len(order)))
+    mutual = best[pairs[order, 0]] == best[pairs[order, 1]]
+    chosen = pairs[order[mutual]]
     if not len(chosen):
         return None
-    graph = coo_array((np.ones(len(chosen), np.uint8), (chosen[:, 0], chosen[:, 1])), shape=(count, count))
-    return connected_components(graph.tocsr(), directed=False)[1].astype(np.int64)[groups]
+    names = np.arange(count)
+    names[chosen[:, 1]] = chosen[:, 0]
+    return np.unique(names, return_inverse=True)[1].astype(np.int64)[groups]
