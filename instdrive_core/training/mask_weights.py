@@ -17,7 +17,7 @@ from instdrive_core.training.model import SceneModel
 from instdrive_core.training.view_store import ViewStore
 from instdrive_core.training.views import TrainingView
 
-PIXELS_PER_VIEW = 16_384
+PIXELS_PER_VIEW = 32_768
 """About so many pixels of a photo are looked at, on a grid that is shifted from photo to photo."""
 
 
