@@ -75,6 +75,8 @@ class Document:
         self.history = History()
         self.table_version = 0
         """Rises when the instance table or the instance IDs change."""
+        self.first_free_id = _first_free_id(scene)
+        """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
         self._counts: tuple[int, InstanceCounts] | None = None
@@ -171,3 +173,8 @@ class Document:
         }
         real = index.keys > 0
         return InstanceCounts(index.keys[real], **{name: column[real] for name, column in columns.items()})
+
+
+def _first_free_id(scene: Scene) -> int:
+    named = max((instance.id for instance in scene.table), default=0)
+    return max(named, int(scene.instance_ids.max(initial=0))) + 1

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -11,9 +13,105 @@ from numpy import ndarray
 from instdrive_core.edits.base import Edit, checked_ids, counted
 from instdrive_core.edits.document import Document
 from instdrive_core.errors import EditError
-from instdrive_core.instances.table import Instance
+from instdrive_core.instances.colormap import ID_LIMIT
+from instdrive_core.instances.table import Instance, default_name, middle_bounds
 
 MAX_NAME_LENGTH = 200
+
+
+class Relabeling(NamedTuple):
+    """Give some rows to an instance, of the table or new to it; None = to no instance."""
+
+    rows: ndarray
+    target: Instance | None
+
+
+@dataclass
+class RelabelEdit(Edit):
+    """An edit of instance IDs: subclasses say which rows go where, this class writes, remembers and undoes."""
+
+    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _ids_before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _free_before: int = field(default=1, init=False, repr=False, compare=False)
+
+    @abstractmethod
+    def relabelings(self, document: Document) -> list[Relabeling]:
+        """Which rows go where; no row twice. Raises EditError where the edit does not fit."""
+
+    def do(self, document: Document) -> bool:
+        """Write the IDs and count the instances that gained or lost rows again; the emptied ones leave the table."""
+        parts = [part for part in self.relabelings(document) if len(part.rows)]
+        rows = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
+        ids = np.repeat([part.target.id if part.target else 0 for part in parts], [len(part.rows) for part in parts])
+        changed = document.scene.instance_ids[rows] != ids
+        if not changed.any():
+            return False
+        self._rows, self._ids_before = rows[changed].astype(np.int32), document.scene.instance_ids[rows[changed]]
+        targets = {part.target.id: part.target for part in parts if part.target}
+        touched = sorted((set(np.unique(self._ids_before).tolist()) | set(targets)) - {0})
+        table = document.scene.table
+        self._table_before = {number: table.instances.get(number) for number in touched}
+        self._free_before = document.first_free_id
+        document.scene.instance_ids[self._rows] = ids[changed]
+        document.first_free_id = max(document.first_free_id, max(targets, default=0) + 1)
+        document.instances_changed(ids_changed=True)
+        for number in touched:
+            entry = self._table_before[number] or targets.get(number)
+            if entry is not None:
+                table.set(entry)
+        recount(document, touched)
+        return True
+
+    def undo(self, document: Document) -> None:
+        """Write the old IDs back and restore the table's entries."""
+        document.scene.instance_ids[self._rows] = self._ids_before
+        restore_entries(document, self._table_before)
+        document.first_free_id = self._free_before
+        document.instances_changed(ids_changed=True)
+
+
+def recount(document: Document, ids: Iterable[int]) -> None:
+    """Count and bound instances of the table again; those without rows leave it."""
+    table = document.scene.table
+    for instance_id in ids:
+        if instance_id not in table:
+            continue
+        rows = document.rows_of((instance_id,))
+        if len(rows):
+            bounds = middle_bounds(document.scene.gaussians.means[rows])
+            table.set(replace(table[instance_id], count=len(rows), bounds=bounds))
+        else:
+            del table.instances[instance_id]
+
+
+def restore_entries(document: Document, entries: dict[int, Instance | None]) -> None:
+    """Put entries of the table back as they were; None = there was none."""
+    for instance_id, entry in entries.items():
+        if entry is not None:
+            document.scene.table.set(entry)
+        else:
+            document.scene.table.instances.pop(instance_id, None)
+
+
+def new_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
+    """Entries with IDs that were never used, each with node, codeword, class and a name after another's (or nothing).
+
+    Raises EditError where no 24-bit ID is left.
+    """
+    entries: list[Instance] = []
+    for number, source in enumerate(like, start=document.first_free_id):
+        if number >= ID_LIMIT:
+            raise EditError(f"no instance ID below {ID_LIMIT} is free; export the scene to number its instances afresh")
+        if source is None or source.name == default_name(source.id):
+            name = default_name(number)
+        else:
+            name = f"{source.name[: MAX_NAME_LENGTH - 12]} ({number})"
+        blank = Instance(number, name)
+        if source is not None:
+            blank = replace(blank, node=source.node, codeword=source.codeword, class_name=source.class_name)
+        entries.append(blank)
+    return entries
 
 
 @dataclass
@@ -38,7 +136,7 @@ class RenameInstance(Edit):
 
     def do(self, document: Document) -> bool:
         """Replace the table's entry."""
-        self._before = _known(document, self.id)
+        self._before = known_instance(document, self.id)
         return _replaced(document, self._before, replace(self._before, name=self.name))
 
     def undo(self, document: Document) -> None:
@@ -67,7 +165,7 @@ class SetInstanceClass(Edit):
 
     def do(self, document: Document) -> bool:
         """Replace the table's entry."""
-        self._before = _known(document, self.id)
+        self._before = known_instance(document, self.id)
         return _replaced(document, self._before, replace(self._before, class_name=self.class_name))
 
     def undo(self, document: Document) -> None:
@@ -98,8 +196,8 @@ class MergeInstances(Edit):
 
     def do(self, document: Document) -> bool:
         """Write the IDs and join the table's entries."""
-        others = [_known(document, instance_id) for instance_id in self.ids if instance_id != self.into]
-        target = _known(document, self.into)
+        others = [known_instance(document, instance_id) for instance_id in self.ids if instance_id != self.into]
+        target = known_instance(document, self.into)
         strangers = [instance for instance in others if instance.node != target.node]
         if strangers:
             raise EditError(
@@ -126,7 +224,7 @@ class MergeInstances(Edit):
         document.instances_changed(ids_changed=True)
 
 
-def _known(document: Document, instance_id: int) -> Instance:
+def known_instance(document: Document, instance_id: int) -> Instance:
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]

@@ -7,24 +7,29 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
 
+from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectNone
+from instdrive_core.edits.split import SplitInstance
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
 
 EDITS: dict[str, type[Edit]] = {
     edit.kind: edit
     for edit in (
+        AbsorbFloaters,
         CompoundEdit,
         DeleteInstances,
         DeleteSelected,
         HideInstances,
         LockInstances,
         MergeInstances,
+        ReassignSelected,
         RecolorInstances,
         RenameInstance,
         SelectCodeword,
@@ -32,6 +37,7 @@ EDITS: dict[str, type[Edit]] = {
         SelectNone,
         SetInstanceClass,
         ShowAll,
+        SplitInstance,
     )
 }
 """Every edit by its kind."""

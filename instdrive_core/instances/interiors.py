@@ -42,7 +42,9 @@ DEFAULT_CONFIG = InteriorConfig()
 
 
 @dataclass(frozen=True)
-class _Body:
+class Body:
+    """The convex hull of one compact instance, standing upright."""
+
     instance: int
     center: Float64[ndarray, "3"]
     reach: float
@@ -53,6 +55,11 @@ class _Body:
     """Outward normals and offsets of the hull in these axes."""
     floor: float
     volume: float
+
+    def holds(self, local: Float64[ndarray, "k 3"], growth: float = 1.0, margin: float = 0.0) -> Bool[ndarray, " k"]:
+        """Whether points, seen from the centre in the body's axes, lie in the hull grown by a factor and metres."""
+        heights = local @ self.planes[:, :3].T + growth * self.planes[:, 3]
+        return np.all(heights < margin, axis=1)
 
 
 def nearest_filled(
@@ -93,9 +100,8 @@ def filled_bodies(
         reach = config.growth * body.reach + 2 * config.margin
         near = rows[np.sort(tree.query_ball_point(body.center, reach))]
         local = (means[near] - body.center) @ body.axes
-        heights = local @ body.planes[:, :3].T
-        inside = (heights + body.planes[:, 3] < 0).all(axis=1) & (local[:, 2] > body.floor)
-        close = (heights + config.growth * body.planes[:, 3] < config.margin).all(axis=1)
+        inside = body.holds(local) & (local[:, 2] > body.floor)
+        close = body.holds(local, config.growth, config.margin)
         shown = close & _has_share(shares_of_group, body.instance, near, config.min_share)
         filled[near[inside | shown]] = body.instance
     return filled
@@ -113,20 +119,22 @@ def _bodies(
     opacities: Float[ndarray, " n"],
     rows: Int64[ndarray, " k"],
     config: InteriorConfig,
-) -> list[_Body]:
+) -> list[Body]:
     solid = rows[(groups[rows] >= 0) & (opacities[rows] >= config.min_opacity)]
     solid = solid[np.argsort(groups[solid], kind="stable")]
     numbers, starts = np.unique(groups[solid], return_index=True)
     bodies = []
     for number, members in zip(numbers.tolist(), np.split(solid, starts[1:]), strict=True):
         if len(members) >= config.min_gaussians:
-            body = _body(number, means[members].astype(np.float64), config)
+            body = body_of_points(number, means[members].astype(np.float64), config)
             bodies += [] if body is None else [body]
     return bodies
 
 
-def _body(instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig) -> _Body | None:
-    """None where the points do not span a body."""
+def body_of_points(
+    instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig = DEFAULT_CONFIG
+) -> Body | None:
+    """The body that points (metres, z up) span; None where they are too large, too flat or too few for one."""
     center, axes = np.median(points, axis=0), np.eye(3)
     axes[:2, :2] = np.linalg.eigh(np.cov(points[:, :2].T))[1]
     local = (points - center) @ axes
@@ -140,4 +148,4 @@ def _body(instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig
         return None
     reach = float(np.linalg.norm(corners, axis=1).max())
     floor = float(corners[:, 2].min()) + config.ground_clearance
-    return _Body(instance, center, reach, axes, hull.equations, floor, float(hull.volume))
+    return Body(instance, center, reach, axes, hull.equations, floor, float(hull.volume))

@@ -11,6 +11,9 @@ from numpy import ndarray
 
 from instdrive_core.instances.colormap import colors_from_ids
 
+Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Lower and upper corner of a box, metres."""
+
 
 @dataclass(frozen=True)
 class Instance:
@@ -26,7 +29,7 @@ class Instance:
     """Gaussians that carry the ID."""
     class_name: str = ""
     """Class from the data set or the user; empty where unknown."""
-    bounds: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    bounds: Bounds = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     """Lower and upper corner in metres, in the node's own frame, of the box that holds the middle 94 % of the
     Gaussians' means along each axis: strays do not make a car 40 m long."""
 
@@ -87,7 +90,6 @@ def table_from_ids(
         if instance_id == 0:
             continue
         rows = order[start : start + count]
-        low, high = np.quantile(means[rows], [0.03, 0.97], axis=0, method="nearest").tolist()
         table.set(
             Instance(
                 id=instance_id,
@@ -96,10 +98,16 @@ def table_from_ids(
                 codeword=common.get(instance_id, 0),
                 count=count,
                 class_name=(classes or {}).get(instance_id, ""),
-                bounds=((low[0], low[1], low[2]), (high[0], high[1], high[2])),
+                bounds=middle_bounds(means[rows]),
             )
         )
     return table
+
+
+def middle_bounds(means: Float[ndarray, "n 3"]) -> Bounds:
+    """Lower and upper corner of the box that holds the middle 94 % of at least one mean along each axis."""
+    low, high = np.quantile(means, [0.03, 0.97], axis=0, method="nearest").tolist()
+    return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
 def _most_frequent(instance_ids: UInt32[ndarray, "n"], codewords: UInt32[ndarray, "n"]) -> dict[int, int]:

@@ -30,7 +30,7 @@ def snapshot(document):
     """Everything an edit may change, as bytes and values."""
     arrays = [document.state.flags, document.colors.indices, document.colors.matrices, document.colors.alphas]
     arrays += [document.scene.instance_ids, *document.scene.gaussians.arrays().values()]
-    return [array.tobytes() for array in arrays], list(document.scene.table)
+    return [array.tobytes() for array in arrays], list(document.scene.table), document.first_free_id
 
 
 def flagged(document, flag):
@@ -288,6 +288,9 @@ simple_edits = st.one_of(
     entries("rename_instance", id=st.integers(1, 9), name=st.sampled_from(["car", "bus"])),
     entries("set_instance_class", id=st.integers(1, 9), class_name=st.sampled_from(["", "Car"])),
     entries("merge_instances", ids=ids, into=st.integers(1, 9)),
+    entries("split_instance", id=st.integers(1, 9), gap=st.sampled_from([0.25, 1.5])),
+    entries("reassign_selected", into=st.sampled_from([None, 0, 1, 7])),
+    entries("absorb_floaters", id=st.integers(1, 10)),
 )
 edits = simple_edits | entries("compound", edits=st.lists(simple_edits, max_size=3), name=st.just("several"))
 
@@ -384,6 +387,9 @@ BAD_ENTRIES = [
     ({"kind": "rename_instance", "id": None, "name": "x"}, "None"),
     ({"kind": "hide_instances", "ids": [1], "hidden": "yes"}, "yes"),
     ({"kind": "lock_instances", "ids": [1], "locked": 1}, "locked"),
+    ({"kind": "split_instance", "id": 1, "gap": "wide"}, "wide"),
+    ({"kind": "reassign_selected", "into": "1"}, "'1'"),
+    ({"kind": "absorb_floaters", "id": 0}, "ID 0"),
     ({"kind": "compound", "edits": [{"kind": "explode"}], "name": "x"}, "explode"),
     ({"kind": "compound", "edits": 5, "name": "x"}, "compound"),
     ({"kind": "compound", "edits": [], "name": 5}, "5"),

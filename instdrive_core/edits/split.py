@@ -1,0 +1,68 @@
+"""Splitting an instance into the parts that do not hang together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import UInt32
+from numpy import ndarray
+
+from instdrive_core.edits.base import checked_ids
+from instdrive_core.edits.delete import editable
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance, new_instances
+from instdrive_core.errors import EditError
+from instdrive_core.instances.components import ComponentConfig, split_components
+from instdrive_core.instances.rejoining import RejoinConfig
+
+
+@dataclass
+class SplitInstance(RelabelEdit):
+    """The largest spatial part of an instance keeps its ID, the others become instances of their own."""
+
+    kind: ClassVar[str] = "split_instance"
+    id: int
+    gap: float = 1.0
+    """Metres: parts farther apart are different things, dense ones already at three times their own spacing; the
+    extents of the splats come on top."""
+
+    def __post_init__(self) -> None:
+        checked_ids((self.id,))
+        if isinstance(self.gap, bool) or not isinstance(self.gap, int | float) or not 0 < self.gap < math.inf:
+            raise EditError(f"gap {self.gap!r} is not a number of metres above 0")
+        self.gap = float(self.gap)
+
+    @property
+    def title(self) -> str:
+        """``Split instance 17``."""
+        return f"Split instance {self.id}"
+
+    def relabelings(self, document: Document) -> list[Relabeling]:
+        """The second largest part and those after it, each to a new instance."""
+        source = known_instance(document, self.id)
+        rows = editable(document, (self.id,))
+        parts = _parts(document, rows, self.gap)
+        count = int(parts.max(initial=0))
+        if count < 2:
+            raise EditError(f"instance {self.id} hangs together at gaps of {self.gap:g} m; try a smaller gap")
+        pieces = [rows[parts == number] for number in range(2, count + 1)]
+        return [Relabeling(*pair) for pair in zip(pieces, new_instances(document, [source] * len(pieces)), strict=True)]
+
+
+def _parts(document: Document, rows: ndarray, gap: float) -> UInt32[ndarray, " n"]:
+    """1 for the largest part, then falling; 0 for what is too faint to be one (it stays with the instance)."""
+    # The user asks for parts: nothing is joined again across gaps, and an actor is no longer taken to be whole.
+    config = ComponentConfig(max_gap=gap, sparse_limit=gap, rejoin=RejoinConfig(max_gap=0.0, gap_times_support=0.0))
+    gaussians = document.scene.gaussians
+    one = np.zeros(len(rows), np.uint32)
+    return split_components(
+        gaussians.means[rows],
+        np.exp(gaussians.log_scales[rows]),
+        one.astype(np.uint16),
+        one,
+        gaussians.select(rows).opacities,
+        config,
+    )
