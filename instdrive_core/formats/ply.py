@@ -16,6 +16,8 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_file
+from instdrive_core.formats.compressed_layout import PACKED
+from instdrive_core.formats.compressed_ply import read_compressed_ply
 from instdrive_core.formats.ply_columns import (
     ID_LIMITS,
     NORMALS,
@@ -26,6 +28,7 @@ from instdrive_core.formats.ply_columns import (
 )
 from instdrive_core.formats.ply_comments import comments_for, parsed_comments
 from instdrive_core.formats.ply_header import REMEDY, PlyHeader, read_header
+from instdrive_core.formats.writable import check_static
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -45,11 +48,13 @@ _TYPE_NAMES = {
 
 
 def read_ply(path: str | Path) -> Scene:
-    """Open a .ply of 3D Gaussians, ASCII or binary. Raises DataError where anything about it is wrong."""
+    """Open a .ply of 3D Gaussians: ASCII, binary or packed. Raises DataError where anything about it is wrong."""
     path = Path(path)
     with path.open("rb") as file:
         header = read_header(file, path, path.stat().st_size)
         names = header.dtype.names or ()
+        if set(PACKED) <= set(names):
+            return read_compressed_ply(path)
         rest, features = check_columns(names, path)
         gaussians = _unfilled(header.count, rest, features)
         ids = {name: np.zeros(header.count, np.uint32) for name in ID_LIMITS}
@@ -74,9 +79,7 @@ def write_ply(path: str | Path, scene: Scene) -> None:
 
     Raises DataError where the scene has moving actors: place them first (`edits.bake.frozen_at`).
     """
-    if scene.actors:
-        problem = f"a .ply holds one moment, the scene has {len(scene.actors)} actors that move"
-        raise DataError(path, problem, "Say the time to export (--time), or save to a folder, which keeps the tracks")
+    check_static(path, scene, ".ply")
     columns = _columns_to_write(scene)
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     with atomic_file(path) as file:

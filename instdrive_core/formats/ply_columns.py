@@ -24,8 +24,6 @@ ID_LIMITS = {"instance_id": ID_LIMIT, "codeword": 1 << 32}
 
 def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
     """The number of SH coefficients above the constant and the feature dimension. Raises DataError."""
-    if "packed_position" in names:
-        raise DataError(path, "this is a compressed .ply", "Convert it to a plain .ply first, e.g. with SuperSplat")
     missing = [name for name in REQUIRED if name not in names]
     if missing:
         problem = f"the columns {', '.join(missing)} are missing"

@@ -48,17 +48,44 @@ class PlyHeader:
 
 
 @dataclass
-class _Element:
+class PlyElement:
+    """One element of a header: its rows follow those of the element before."""
+
     name: str
     count: int
     columns: list[tuple[str, str]]
+    """Names and NumPy kinds (``f4``)."""
     has_list: bool = False
+    """Rows of an element with lists differ in length."""
+
+    def dtype(self, order: str) -> np.dtype:
+        """One row, without lists, in a byte order (``<``, ``>`` or ``=``)."""
+        return np.dtype([(name, order + kind) for name, kind in self.columns])
+
+
+@dataclass(frozen=True)
+class PlyLayout:
+    """A header as it stands, not yet checked against the file's length."""
+
+    order: str
+    """``<`` or ``>``; ``=`` for ASCII."""
+    elements: tuple[PlyElement, ...]
+    comments: tuple[str, ...]
+    body_offset: int
+    """Bytes of the header."""
+
+
+def read_layout(file: BinaryIO, path: Path) -> PlyLayout:
+    """Parse the header of any .ply. Raises DataError where it is none, or a line is not understood."""
+    lines, end = _header_lines(file, path)
+    order, elements, comments = _parsed(lines, path)
+    return PlyLayout(order, tuple(elements), tuple(comments), end)
 
 
 def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
     """Parse the header and check its counts against the file's size. Raises DataError."""
-    lines, end = _header_lines(file, path)
-    order, elements, comments = _parsed(lines, path)
+    layout = read_layout(file, path)
+    order, elements, end = layout.order, layout.elements, layout.body_offset
     names = [element.name for element in elements]
     if "vertex" not in names:
         raise DataError(path, f"the header names no vertex element, only {names}", REMEDY)
@@ -67,8 +94,8 @@ def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
     if element.has_list or any(other.has_list for other in before):
         raise DataError(path, "a list property stands before or among the vertices; splat files have none", REMEDY)
     is_ascii = order == "="
-    dtype = np.dtype([(name, order + kind) for name, kind in element.columns])
-    offset = end if is_ascii else end + sum(_row_size(other, order) * other.count for other in before)
+    dtype = element.dtype(order)
+    offset = end if is_ascii else end + sum(other.dtype(order).itemsize * other.count for other in before)
     header = PlyHeader(
         is_ascii=is_ascii,
         count=element.count,
@@ -76,7 +103,7 @@ def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
         body_offset=offset,
         skipped_lines=sum(other.count for other in before),
         is_last=vertex == len(elements) - 1,
-        comments=tuple(comments),
+        comments=layout.comments,
     )
     _check_length(header, path, file_size)
     return header
@@ -98,7 +125,7 @@ def _header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
     raise DataError(path, "the header has no 'end_header' line", REMEDY)
 
 
-def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element], list[str]]:
+def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[str]]:
     order, elements, comments = "", [], []
     for line in lines:
         words = line.split()
@@ -108,7 +135,7 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element], list[str
             case ["comment" | "obj_info", *_]:
                 comments.append(line.partition(" ")[2])
             case ["element", name, count] if count.isascii() and count.isdigit():
-                elements.append(_Element(name, int(count), []))
+                elements.append(PlyElement(name, int(count), []))
             case ["property", "list", _, _, _] if elements:
                 elements[-1].has_list = True
             case ["property", kind, name] if elements and kind in _TYPES:
@@ -122,10 +149,6 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[_Element], list[str
     if not order:
         raise DataError(path, "the header names no format (ascii, binary_little_endian, binary_big_endian)", REMEDY)
     return order, elements, comments
-
-
-def _row_size(element: _Element, order: str) -> int:
-    return np.dtype([(name, order + kind) for name, kind in element.columns]).itemsize
 
 
 def _check_length(header: PlyHeader, path: Path, file_size: int) -> None:

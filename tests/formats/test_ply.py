@@ -168,9 +168,9 @@ def test_files_of_other_programs(splat_files, tmp_path, name, count):
     assert (np.linalg.norm(scene.gaussians.quats, axis=1) > 0).all()
 
 
-def test_compressed_files_say_what_to_do(splat_files):
-    with pytest.raises(DataError, match="Convert it to a plain"):
-        read_ply(splat_files / "biker.compressed.ply")
+def test_a_packed_file_opens_under_the_plain_ending_too(splat_files, tmp_path):
+    (tmp_path / "biker.ply").symlink_to(splat_files / "biker.compressed.ply")
+    assert len(read_ply(tmp_path / "biker.ply")) == 152746
 
 
 # Files that are wrong

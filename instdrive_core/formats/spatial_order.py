@@ -1,0 +1,46 @@
+"""The order in which splats are written where each run of them shares one box: near ones together."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, Int64
+from numpy import ndarray
+
+from instdrive_core.maths.morton import morton_codes
+
+BLOCK_ROWS = 8192
+WORTH_KEEPING = 1.1
+"""An order whose boxes are at most this many times as large as those of the Morton order is kept: a file that was in
+good order comes back in the same order, with the same rounding."""
+
+
+def spatial_order(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, " n"]:
+    """Row numbers in the order to write them, for boxes around every `run` rows; `means` must be finite."""
+    count = len(means)
+    as_they_are = np.arange(count)
+    if count <= run:
+        return as_they_are
+    by_code = np.argsort(_codes(means), kind="stable")
+    if _box_size(means, as_they_are, run) <= WORTH_KEEPING * _box_size(means, by_code, run):
+        return as_they_are
+    return by_code
+
+
+def _codes(means: ndarray) -> ndarray:
+    low, high = means.min(axis=0), means.max(axis=0)
+    codes = np.empty(len(means), np.uint64)
+    for start in range(0, len(means), BLOCK_ROWS):
+        rows = slice(start, start + BLOCK_ROWS)
+        codes[rows] = morton_codes(means[rows], low, high)
+    return codes
+
+
+def _box_size(means: ndarray, order: ndarray, run: int) -> float:
+    """The median over the boxes of their edge lengths' sum; a few far splats must not decide."""
+    sizes = []
+    step = run * max(BLOCK_ROWS // run, 1)
+    for start in range(0, len(order), step):
+        part = means[order[start : start + step]].astype(np.float64)
+        starts = np.arange(0, len(part), run)
+        sizes.append((np.maximum.reduceat(part, starts) - np.minimum.reduceat(part, starts)).sum(axis=1))
+    return float(np.median(np.concatenate(sizes)))
