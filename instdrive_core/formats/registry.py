@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from instdrive_core.errors import DataError
+from instdrive_core.formats.compressed_ply import read_compressed_ply, write_compressed_ply
 from instdrive_core.formats.ply import read_ply, write_ply
 from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
+from instdrive_core.formats.splat import read_splat, write_splat
 from instdrive_core.scene.scene import Scene
 
 
@@ -25,6 +27,8 @@ class Format:
 
 FORMATS = (
     Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply),
+    Format("Packed .ply of SuperSplat and PlayCanvas", ".compressed.ply", read_compressed_ply, write_compressed_ply),
+    Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat),
     Format("InstDrive run or scene folder", "", read_scene_folder, write_scene_folder),
 )
 
@@ -60,9 +64,10 @@ def save_scene(path: str | Path, scene: Scene) -> None:
 
 
 def _format_of(path: Path) -> Format:
-    for fmt in FORMATS:
-        if fmt.suffix and path.name.lower().endswith(fmt.suffix):
-            return fmt
+    fitting = [fmt for fmt in FORMATS if fmt.suffix and path.name.lower().endswith(fmt.suffix)]
+    if fitting:
+        # The longest: a .compressed.ply ends in .ply too.
+        return max(fitting, key=lambda fmt: len(fmt.suffix))
     known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix)
     raise DataError(
         path, f"files that end in {path.suffix or 'nothing'!r} are not known", f"Known are {known} and folders"
