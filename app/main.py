@@ -31,6 +31,9 @@ COMMANDS = {
     "eval": Command("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
     "compare": Command("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
     "apply": Command("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
+    "convert": Command(
+        "instdrive_core.cli.convert:convert", "Convert a scene into the format that the new name ends in."
+    ),
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
 }

@@ -1,0 +1,59 @@
+"""``instdrive convert``: from one scene format into another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import tyro
+
+from instdrive_core.cli.arguments import default_time
+from instdrive_core.edits.bake import frozen_at
+from instdrive_core.errors import DataError
+from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.scene.scene import Scene
+
+
+def convert(scene: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path], *, time: float | None = None) -> None:
+    """Convert a scene into the format that the new name ends in.
+
+    Args:
+        scene: Scene file, or run folder.
+        out: File to write, e.g. street.compressed.ply, or a folder; docs/formats.md says what each format keeps.
+        time: Seconds into the drive at which a file shows moving objects; default: the first photo's.
+    """
+    opened = open_scene(scene)
+    if out.suffix and not out.is_dir() and opened.actors:
+        time = default_time(opened) if time is None else time
+        print(f"moving objects are placed where they are at {time:g} s (--time)")
+    if time is not None:
+        opened = frozen_at(opened, time)
+    before = _contents(opened)
+    save_scene(out, opened)
+    # Two scenes at once would not fit where one just does.
+    del opened
+    after = _contents(open_scene(out))
+    if before["splats"] != after["splats"]:
+        problem = f"{after['splats']} came back when the file was read again, not {before['splats']}"
+        raise DataError(out, problem, "Look whether another program writes to the file, and try again")
+    print(f"{out}: {after['splats']}")
+    left_out = [text for label, text in before.items() if after.get(label) != text]
+    if left_out:
+        print(f"left out or changed, as the format has no place for it: {', '.join(left_out)} (docs/formats.md)")
+
+
+def _contents(scene: Scene) -> dict[str, str]:
+    """What the scene holds besides plain Gaussians, in words; what it does not hold is absent."""
+    gaussians = scene.gaussians
+    counts = {
+        "splats": f"{len(scene):,} splats",
+        "sh": f"SH degree {gaussians.sh_degree}" if gaussians.sh_degree else "",
+        "instances": f"{len(scene.table)} instances" if len(scene.table) else "",
+        "features": f"{gaussians.features.shape[1]} features per splat" if gaussians.features.shape[1] else "",
+        "columns": f"the columns {', '.join(scene.extra)}" if scene.extra else "",
+        "actors": f"{len(scene.actors)} tracks" if scene.actors else "",
+        "views": f"{len(scene.views)} photo cameras" if scene.views else "",
+        "exposures": "exposures" if scene.exposures is not None else "",
+        "sky": "sky" if scene.sky is not None else "",
+        "origin": "the origin" if scene.origin.any() else "",
+    }
+    return {label: text for label, text in counts.items() if text}
