@@ -10,7 +10,10 @@ from instdrive_core.errors import DataError
 from instdrive_core.formats.compressed_ply import read_compressed_ply, write_compressed_ply
 from instdrive_core.formats.ply import read_ply, write_ply
 from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
+from instdrive_core.formats.sog import META, read_sog
+from instdrive_core.formats.sog_levels import is_sog_folder, read_sog_folder
 from instdrive_core.formats.splat import read_splat, write_splat
+from instdrive_core.formats.spz import read_spz, write_spz
 from instdrive_core.scene.scene import Scene
 
 
@@ -20,15 +23,19 @@ class Format:
 
     title: str
     suffix: str
-    """Lower case, with its dot; empty for folders."""
+    """Lower case, with its dot, or the whole name; empty for folders."""
     read: Callable[[Path], Scene]
-    write: Callable[[Path, Scene], None]
+    write: Callable[[Path, Scene], None] | None
+    """None where the format is only read."""
 
 
 FORMATS = (
     Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply),
     Format("Packed .ply of SuperSplat and PlayCanvas", ".compressed.ply", read_compressed_ply, write_compressed_ply),
     Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat),
+    Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz),
+    Format("PlayCanvas SOG archive", ".sog", read_sog, None),
+    Format("PlayCanvas SOG folder", META, read_sog_folder, None),
     Format("InstDrive run or scene folder", "", read_scene_folder, write_scene_folder),
 )
 
@@ -40,12 +47,9 @@ def open_scene(path: str | Path) -> Scene:
         raise DataError(path, "there is no such file or folder", "Check the path")
     if path.name == MANIFEST:
         path = path.parent
-    if path.is_dir():
-        if not (path / MANIFEST).is_file():
-            problem = f"the folder holds no {MANIFEST}"
-            raise DataError(path, problem, "Open a run folder that training has written a scene to, or a scene file")
-        return _folder_format().read(path)
     try:
+        if path.is_dir():
+            return _open_folder(path)
         return _format_of(path).read(path)
     except OSError as error:
         raise DataError(
@@ -60,7 +64,19 @@ def save_scene(path: str | Path, scene: Scene) -> None:
     """
     path = Path(path)
     fmt = _folder_format() if path.is_dir() or not path.suffix else _format_of(path)
+    if fmt.write is None:
+        known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
+        raise DataError(path, f"{fmt.suffix} can be opened but not written", f"Save as one of {known}, or to a folder")
     fmt.write(path, scene)
+
+
+def _open_folder(folder: Path) -> Scene:
+    if (folder / MANIFEST).is_file():
+        return _folder_format().read(folder)
+    if is_sog_folder(folder):
+        return read_sog_folder(folder)
+    problem = f"the folder holds no {MANIFEST}"
+    raise DataError(folder, problem, "Open a run folder that training has written a scene to, or a scene file")
 
 
 def _format_of(path: Path) -> Format:

@@ -133,7 +133,7 @@ def _tree_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
 
 
 def _part(entry: Any, folder: Path) -> _Part:
-    values = [entry.get(key) for key in ("file", "offset", "count")] if isinstance(entry, dict) else []
+    values: list[Any] = [entry.get(key) for key in ("file", "offset", "count")] if isinstance(entry, dict) else []
     if len(values) != 3 or not all(isinstance(value, int) and 0 <= value < 1 << 31 for value in values):
         problem = f"a leaf of {LOD_META} is {str(entry)[:80]!r}, not whole numbers 'file', 'offset', 'count'"
         raise DataError(folder, problem, REMEDY)
