@@ -38,7 +38,7 @@ def short() -> TrainConfig:
         init=InitConfig(lidar_points=2_000, near_points=200, far_points=200, actor_points=100),
         geometry=replace(config.geometry, iterations=60, coarse_iterations=10, sky_resolution=8),
         densify=replace(config.densify, start=5, every=7, stop=0.8, reset_every=20, gradient_threshold=1e-5),
-        instances=replace(config.instances, iterations=60, pixels_per_view=500, feature_dim=8),
+        instances=replace(config.instances, learned_by="losses", iterations=60, pixels_per_view=500, feature_dim=8),
         checkpoint_every=10,
         report_every=1,
     )

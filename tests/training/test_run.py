@@ -14,6 +14,7 @@ from instdrive_core.edits.bake import frozen_at
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.ply import write_ply
 from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.instances.codebook import quantized
 from instdrive_core.training.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
 from instdrive_core.training.events import CheckpointDue, Refined
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
@@ -34,7 +35,7 @@ def short(method="instdrive") -> TrainConfig:
         config,
         init=InitConfig(lidar_points=3_000, near_points=200, far_points=200, actor_points=100),
         geometry=replace(config.geometry, iterations=16, coarse_iterations=4, sky_resolution=8),
-        instances=replace(config.instances, iterations=16, pixels_per_view=500, feature_dim=8),
+        instances=replace(config.instances, learned_by="losses", iterations=16, pixels_per_view=500, feature_dim=8),
         checkpoint_every=8,
     )
 
@@ -77,6 +78,47 @@ def test_an_interrupted_run_resumes_to_the_same_bits(street, tmp_path, stage):
     assert whole.keys() == part.keys()
     for name, array in whole.items():
         np.testing.assert_array_equal(part[name], array, err_msg=name)
+
+
+def by_votes() -> TrainConfig:
+    """Instances without training, as `--method instdrive` does."""
+    config = short()
+    return replace(config, instances=replace(config.instances, learned_by="votes"))
+
+
+def test_votes_name_instances_without_training(street, tmp_path):
+    notes = []
+    run = train(street, tmp_path / "run", notes, config=by_votes())
+    lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"rgb"}
+    assert any("objects" in note for note in notes)
+    scene = read_scene_folder(run)
+    assert (scene.instance_ids > 0).all()
+    np.testing.assert_array_equal(scene.codewords, quantized(scene.gaussians.features))
+    pairs = np.unique(np.stack([scene.instance_ids, scene.codewords]), axis=1)
+    assert pairs.shape[1] == len(scene.table) == len(np.unique(scene.codewords))
+    for node in range(1, len(scene.actors) + 1):
+        assert len(np.unique(scene.instance_ids[scene.nodes == node])) <= 1
+
+
+def test_votes_are_the_same_after_an_interruption(street, tmp_path):
+    def stop(event):
+        if isinstance(event, CheckpointDue):
+            raise Interrupted
+
+    whole = read_scene_folder(train(street, tmp_path / "whole", config=by_votes()))
+    with pytest.raises(Interrupted):
+        train(street, tmp_path / "part", config=by_votes(), on_event=stop)
+    part = read_scene_folder(train(street, tmp_path / "part", config=by_votes(), resume=True))
+    np.testing.assert_array_equal(part.instance_ids, whole.instance_ids)
+
+
+def test_votes_leave_a_scene_trained_elsewhere_as_it_is(street, trained, tmp_path):
+    run = train(street, tmp_path / "run", config=on_frozen_geometry(by_votes()), init=trained)
+    before, after = read_scene_folder(trained), read_scene_folder(run)
+    for name in ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
+        np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
+    assert len(after.table) > 1
 
 
 def test_a_folder_with_a_run_is_not_overwritten(street, tmp_path):

@@ -77,7 +77,7 @@ def tiny_config(schedule: str = "after") -> TrainConfig:
     return replace(
         config,
         geometry=replace(config.geometry, iterations=30, coarse_iterations=8, sky_resolution=8),
-        instances=replace(config.instances, iterations=60, feature_dim=4, pixels_per_view=300),
+        instances=replace(config.instances, learned_by="losses", iterations=60, feature_dim=4, pixels_per_view=300),
         checkpoint_every=20,
         report_every=5,
     )
