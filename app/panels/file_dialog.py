@@ -16,7 +16,9 @@ from instdrive_core.formats.scene_folder import MANIFEST
 
 TITLES = {"open": "Open a scene", "export": "Export the edited scene"}
 DESKTOP_TOOLS = ("zenity", "kdialog", "matedialog", "qarma")
-SUFFIXES = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
+OPENED = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
+WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
+"""Endings of the formats that can be opened and written."""
 
 
 class FileDialog:
@@ -38,10 +40,12 @@ class FileDialog:
             imgui.open_popup(TITLES[purpose])
         elif purpose == "open":
             self._pending = desktop.open_file(
-                TITLES["open"], self._text, ["Scenes", " ".join(f"*{s}" for s in SUFFIXES)]
+                TITLES["open"], self._text, ["Scenes", " ".join(f"*{suffix}" for suffix in OPENED)]
             )
         else:
-            self._pending = desktop.save_file(TITLES["export"], self._text, ["Gaussians (.ply)", "*.ply"])
+            self._pending = desktop.save_file(
+                TITLES["export"], self._text, ["Gaussians", " ".join(f"*{suffix}" for suffix in WRITTEN)]
+            )
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
@@ -115,7 +119,7 @@ def _listing(folder: Path) -> list[Path]:
         entries = [entry for entry in folder.iterdir() if not entry.name.startswith(".")]
     except OSError:
         return []
-    wanted = [entry for entry in entries if entry.is_dir() or entry.suffix.lower() in SUFFIXES]
+    wanted = [entry for entry in entries if entry.is_dir() or entry.name.lower().endswith(OPENED)]
     return sorted(wanted, key=lambda entry: (entry.is_file(), entry.name.lower()))
 
 
@@ -125,6 +129,6 @@ def _problem(purpose: str, path: Path) -> str:
         return "" if scene else "Choose a scene file or a folder that holds a scene"
     if path.is_dir() and not (path / MANIFEST).is_file():
         return "Add a file name that ends in .ply"
-    if path.suffix and path.suffix.lower() not in SUFFIXES:
-        return f"The name must end in {' or '.join(SUFFIXES)}, or be that of a scene folder"
+    if path.suffix and not path.name.lower().endswith(WRITTEN):
+        return f"The name must end in {' or '.join(WRITTEN)}, or be that of a scene folder"
     return "" if path.parent.is_dir() else f"There is no folder {path.parent}"

@@ -35,10 +35,10 @@ def test_every_command_has_a_menu_an_icon_and_keys_that_exist():
 
 
 def test_the_file_browser_lists_folders_and_scenes(tmp_path):
-    for name in ("a.ply", "notes.txt", ".hidden.ply", "Z.PLY"):
+    for name in ("a.ply", "notes.txt", ".hidden.ply", "Z.PLY", "b.splat", "c.compressed.ply"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "run").mkdir()
-    assert [entry.name for entry in _listing(tmp_path)] == ["run", "a.ply", "Z.PLY"]
+    assert [entry.name for entry in _listing(tmp_path)] == ["run", "a.ply", "b.splat", "c.compressed.ply", "Z.PLY"]
     assert _listing(tmp_path / "nowhere") == []
 
 
@@ -50,6 +50,8 @@ def test_paths_are_judged_before_they_are_used(tmp_path):
     (tmp_path / "run" / MANIFEST).write_text("{}")
     assert not _problem("open", tmp_path / "run")
     assert not _problem("export", tmp_path / "new.ply")
+    assert not _problem("export", tmp_path / "new.compressed.ply")
+    assert not _problem("export", tmp_path / "new.SPLAT")
     assert not _problem("export", tmp_path / "new_run")
     assert ".ply" in _problem("export", tmp_path / "new.obj")
     assert "no folder" in _problem("export", tmp_path / "nowhere" / "new.ply")

@@ -136,7 +136,7 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
     session.look_from(session.state.viewpoint)
     session.set_time(1.0)
     session.delete((FIRST_CAR,))
-    for name in ("edited.ply", "edited_run"):
+    for name in ("edited.compressed.ply", "edited.splat", "edited.ply", "edited_run"):
         session.export(tmp_path / name)
         finish(session)
         assert session.last_export == tmp_path / name
@@ -144,6 +144,8 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
     gone = street.scene.table[FIRST_CAR].count
     assert len(file) == len(folder) == len(street.scene) - gone
     assert (len(file.actors), len(folder.actors)) == (0, 1)
+    for name in ("edited.compressed.ply", "edited.splat"):
+        assert len(open_scene(tmp_path / name)) == len(file)
     center = file.gaussians.means[file.instance_ids == DRIVING_CAR].mean(axis=0)
     assert np.linalg.norm(center - street.scene.actors[0].pose_at(1.0)[:3, 3]) < 0.5
 
