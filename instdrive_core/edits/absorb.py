@@ -19,6 +19,7 @@ from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import current_means
 
 _REACH = 1.5
 """Rows up to this factor of the hull's radius, and a metre, are looked at: more than `FloaterConfig` can ask for."""
@@ -75,7 +76,8 @@ def floaters_of(document: Document, instance_id: int) -> ndarray:
     members = alive if len(alive) else members
     body = _body(document, instance_id, members)
     reach = np.float32(_REACH * body.reach + 1)
-    offsets = scene.gaussians.means - body.center.astype(np.float32)
+    means = current_means(scene.gaussians, document.transforms)
+    offsets = means - body.center.astype(np.float32)
     near = np.flatnonzero((np.abs(offsets) <= reach).all(axis=1) & (scene.nodes == instance.node))
     free = (flags[near] & (Flag.DELETED | Flag.LOCKED)) == 0
     owned = np.isin(near, members, assume_unique=True)
@@ -84,9 +86,7 @@ def floaters_of(document: Document, instance_id: int) -> ndarray:
     others = [other for other in np.unique(ids).tolist() if other in scene.table and other != instance_id]
     compact = [other for other in others if _is_compact(scene.table[other])]
     gaussians = scene.gaussians
-    strays = floaters_of_body(
-        body, gaussians.means[near], color_from_dc(gaussians.sh_dc[near]), owned, np.isin(ids, compact)
-    )
+    strays = floaters_of_body(body, means[near], color_from_dc(gaussians.sh_dc[near]), owned, np.isin(ids, compact))
     return near[strays & (ids != instance_id)]
 
 
@@ -95,7 +95,7 @@ def _body(document: Document, instance_id: int, members: ndarray) -> Body:
     solid = members[sigmoid(gaussians.opacity_logits[members]) >= DEFAULT_CONFIG.min_opacity]
     body = None
     if len(solid) >= DEFAULT_CONFIG.min_gaussians:
-        body = body_of_points(instance_id, gaussians.means[solid].astype(np.float64))
+        body = body_of_points(instance_id, document.means_of(solid).astype(np.float64))
     if body is None:
         raise EditError(
             f"instance {instance_id} is no compact body (at most {DEFAULT_CONFIG.max_length:g} m long, at least "

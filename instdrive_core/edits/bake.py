@@ -14,10 +14,11 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import baked_colors
 from instdrive_core.scene.scene import Scene, node_rotations, placed
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import transform_rows
 
 
 def baked(document: Document, time: float | None = None) -> Scene:
-    """The edited scene: deleted rows gone, colours in the SH coefficients, instances counted again.
+    """The edited scene: deleted rows gone, colours in the SH coefficients, moves done, instances counted again.
 
     With a `time` (seconds) the actors are placed where they are then, or left out where they are not yet or no longer,
     and become part of the background; without one they keep their frames and tracks.
@@ -31,6 +32,7 @@ def baked(document: Document, time: float | None = None) -> Scene:
         dc, rest, logits = baked_colors(scene.gaussians, document.colors, keep[recolored])
         gaussians.sh_dc[recolored], gaussians.sh_rest[recolored] = dc, rest
         gaussians.opacity_logits[recolored] = logits
+    transform_rows(gaussians, document.transforms, document.transforms.indices[keep])
     edited = recounted(_rows_of_scene(scene, keep, gaussians))
     return edited if time is None else frozen_at(edited, time)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int64, UInt32
+from jaxtyping import Float32, Int, Int64, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.base import Edit
@@ -16,6 +16,8 @@ from instdrive_core.errors import EditError
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag, SplatState
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import TransformPalette, current_means
 
 
 @dataclass(frozen=True)
@@ -66,15 +68,21 @@ class InstanceCounts:
 
 
 class Document:
-    """A scene with its edit state, colour palette and history. All that the editor shows changes through `apply`."""
+    """A scene with its edit state, palettes of colours and moves, and history.
+
+    All that the editor shows changes through `apply`.
+    """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.state = SplatState(len(scene))
         self.colors = ColorPalette(len(scene))
+        self.transforms = TransformPalette(len(scene))
         self.history = History()
         self.table_version = 0
         """Rises when the instance table or the instance IDs change."""
+        self.track_version = 0
+        """Rises when an actor's track changes."""
         self.first_free_id = _first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
         self._by_instance: RowIndex | None = None
@@ -85,6 +93,11 @@ class Document:
     def color_version(self) -> int:
         """Rises when the colour palette changes."""
         return self.colors.version
+
+    @property
+    def geometry_version(self) -> tuple[int, int]:
+        """Changes when splats or tracks move."""
+        return self.transforms.version, self.track_version
 
     def apply(self, edit: Edit, gesture: str | None = None) -> None:
         """Do an edit and push it on the history; one that changes nothing is not pushed.
@@ -117,6 +130,18 @@ class Document:
         if self._by_codeword is None:
             self._by_codeword = RowIndex(self.scene.codewords)
         return self._by_codeword.rows((codeword,))
+
+    def means_of(self, rows: Int[ndarray, " k"]) -> Float32[ndarray, "k 3"]:
+        """Means with their moves applied, metres, in the frames of the rows' nodes."""
+        return current_means(self.scene.gaussians, self.transforms, rows)
+
+    def replace_tracks(self, tracks: Mapping[int, Track]) -> None:
+        """Give actors other tracks; keys are nodes, from 1."""
+        actors = list(self.scene.actors)
+        for node, track in tracks.items():
+            actors[node - 1] = track
+        self.scene.actors = tuple(actors)
+        self.track_version += 1
 
     def counts(self) -> InstanceCounts:
         """The states of all instances, counted once per change of state or IDs."""

@@ -79,7 +79,7 @@ def recount(document: Document, ids: Iterable[int]) -> None:
             continue
         rows = document.rows_of((instance_id,))
         if len(rows):
-            bounds = middle_bounds(document.scene.gaussians.means[rows])
+            bounds = middle_bounds(document.means_of(rows))
             table.set(replace(table[instance_id], count=len(rows), bounds=bounds))
         else:
             del table.instances[instance_id]

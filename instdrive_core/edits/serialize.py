@@ -13,6 +13,7 @@ from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectNone
 from instdrive_core.edits.split import SplitInstance
@@ -29,6 +30,7 @@ EDITS: dict[str, type[Edit]] = {
         HideInstances,
         LockInstances,
         MergeInstances,
+        MoveInstances,
         ReassignSelected,
         RecolorInstances,
         RenameInstance,

@@ -59,7 +59,7 @@ def _parts(document: Document, rows: ndarray, gap: float) -> UInt32[ndarray, " n
     gaussians = document.scene.gaussians
     one = np.zeros(len(rows), np.uint32)
     return split_components(
-        gaussians.means[rows],
+        document.means_of(rows),
         np.exp(gaussians.log_scales[rows]),
         one.astype(np.uint16),
         one,

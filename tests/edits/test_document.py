@@ -29,7 +29,9 @@ def document():
 def snapshot(document):
     """Everything an edit may change, as bytes and values."""
     arrays = [document.state.flags, document.colors.indices, document.colors.matrices, document.colors.alphas]
+    arrays += [document.transforms.indices, document.transforms.values]
     arrays += [document.scene.instance_ids, *document.scene.gaussians.arrays().values()]
+    arrays += [array for track in document.scene.actors for array in (track.world_from_box, track.dimensions)]
     return [array.tobytes() for array in arrays], list(document.scene.table), document.first_free_id
 
 
@@ -291,6 +293,16 @@ simple_edits = st.one_of(
     entries("split_instance", id=st.integers(1, 9), gap=st.sampled_from([0.25, 1.5])),
     entries("reassign_selected", into=st.sampled_from([None, 0, 1, 7])),
     entries("absorb_floaters", id=st.integers(1, 10)),
+    entries(
+        "move_instances",
+        ids=ids,
+        translation=st.sampled_from([[0.0, 0.0, 0.0], [1.0, -2.0, 0.5]]),
+        rotation=st.sampled_from([[1.0, 0.0, 0.0, 0.0], [0.5, 0.1, 0.2, -0.7]]),
+        scale=st.sampled_from([1.0, 1.5]),
+        yaw_only=st.booleans(),
+        along_lane=st.booleans(),
+        on_ground=st.booleans(),
+    ),
 )
 edits = simple_edits | entries("compound", edits=st.lists(simple_edits, max_size=3), name=st.just("several"))
 
@@ -332,6 +344,7 @@ def check_invariants(document):
         assert summary.selected == (members & Flag.SELECTED != 0).sum()
         assert summary.drawn == (members & (Flag.HIDDEN | Flag.DELETED) == 0).sum()
     assert document.colors.indices.max() < len(document.colors)
+    assert document.transforms.indices.max() < len(document.transforms)
 
 
 @settings(deadline=None)
@@ -390,6 +403,12 @@ BAD_ENTRIES = [
     ({"kind": "split_instance", "id": 1, "gap": "wide"}, "wide"),
     ({"kind": "reassign_selected", "into": "1"}, "'1'"),
     ({"kind": "absorb_floaters", "id": 0}, "ID 0"),
+    ({"kind": "move_instances", "ids": [1], "translation": [0, 0]}, "translation"),
+    ({"kind": "move_instances", "ids": [1], "translation": [0, 0, "x"]}, "translation"),
+    ({"kind": "move_instances", "ids": [1], "rotation": [0, 0, 0, 0]}, "rotation"),
+    ({"kind": "move_instances", "ids": [1], "scale": 0}, "scale"),
+    ({"kind": "move_instances", "ids": [1], "scale": float("nan")}, "scale"),
+    ({"kind": "move_instances", "ids": [1], "on_ground": 1}, "on_ground"),
     ({"kind": "compound", "edits": [{"kind": "explode"}], "name": "x"}, "explode"),
     ({"kind": "compound", "edits": 5, "name": "x"}, "compound"),
     ({"kind": "compound", "edits": [], "name": 5}, "5"),

@@ -1,0 +1,51 @@
+"""Where the ground is under a place."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32, Float64
+from numpy import ndarray
+
+RADII = (2.0, 4.0, 8.0)
+"""Metres around the place within which ground is looked for, in this order."""
+MIN_SPLATS = 20
+LOWEST_SHARE = 0.1
+"""Fewer splats than this share lie below the ground …"""
+BAND = 0.3
+"""… and the lowest of the ground at most so many metres above that."""
+TOLERANCE = 0.1
+"""Metres that ground may deviate from a plane."""
+MAX_SLOPE = 0.5
+_ROUNDS = 4
+
+
+def ground_height(points: Float32[ndarray, "n 3"], place: Float[ndarray, "3"]) -> float | None:
+    """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
+
+    The ground is a plane through the lowest layer around: a tenth of the points may lie below it as floaters. None
+    where there are too few points.
+    """
+    offsets = points[:, :2] - np.asarray(place, np.float32)[:2]
+    distances = np.einsum("ni,ni->n", offsets, offsets)
+    for radius in RADII:
+        close = np.flatnonzero(distances < radius**2)
+        if len(close) >= MIN_SPLATS:
+            return _plane_at_zero(offsets[close].astype(np.float64), points[close, 2].astype(np.float64))
+    return None
+
+
+def _plane_at_zero(offsets: Float64[ndarray, "k 2"], heights: Float64[ndarray, " k"]) -> float:
+    """Height at offset 0 of a plane that grows from the lowest points to all that agree with it."""
+    low = np.quantile(heights, LOWEST_SHARE)
+    kept = (heights >= low - TOLERANCE) & (heights <= low + BAND)
+    level = float(np.median(heights[kept]))
+    columns = np.c_[np.ones(len(offsets)), offsets]
+    plane = np.array([level, 0.0, 0.0])
+    for _ in range(_ROUNDS):
+        if kept.sum() < MIN_SPLATS // 2:
+            return level
+        plane = np.linalg.lstsq(columns[kept], heights[kept], rcond=None)[0]
+        if np.hypot(plane[1], plane[2]) > MAX_SLOPE:
+            return level
+        kept = np.abs(heights - columns @ plane) <= TOLERANCE
+    return float(plane[0])

@@ -1,0 +1,161 @@
+"""Moving, turning and scaling instances. Of a moving actor the track is edited: the whole drive goes along."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.edits.base import Edit, checked_ids, checked_switch, counted
+from instdrive_core.edits.delete import editable
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.instances import known_instance, recount, restore_entries
+from instdrive_core.edits.placement import (
+    Vector,
+    bottom_of,
+    center_of,
+    checked_numbers,
+    checked_vector,
+    ground_under,
+    lane_at,
+)
+from instdrive_core.errors import EditError
+from instdrive_core.instances.table import Instance
+from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.scene.entry_palette import PaletteFullError
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import Similarity, composed
+
+SCALE_LIMITS = (0.01, 100.0)
+
+
+@dataclass
+class MoveInstances(Edit):
+    """Move instances together: scaled and turned about a pivot, then shifted.
+
+    An actor's whole path is moved so, except that scaling changes the object only, not how far it drives; every
+    instance of the actor goes along.
+    """
+
+    kind: ClassVar[str] = "move_instances"
+    ids: tuple[int, ...]
+    translation: Vector = (0.0, 0.0, 0.0)
+    """Metres, in the world."""
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    """Quaternion wxyz, in the world, of any length above 0."""
+    scale: float = 1.0
+    pivot: Vector | None = None
+    """World point that is not moved by turning and scaling; None = the centre of the instances."""
+    time: float = 0.0
+    """Seconds: where moving actors are when they are moved."""
+    yaw_only: bool = False
+    """Turn about the vertical axis only."""
+    along_lane: bool = False
+    """Shift along the lane only."""
+    on_ground: bool = False
+    """Set down on the ground at the new place."""
+    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _size_before: int = field(default=1, init=False, repr=False, compare=False)
+    _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+        self.translation = checked_vector(self.translation, "translation")
+        self.pivot = None if self.pivot is None else checked_vector(self.pivot, "pivot")
+        turn = checked_numbers(self.rotation, "rotation", 4)
+        self.rotation = (turn[0], turn[1], turn[2], turn[3])
+        if math.hypot(*self.rotation) < 1e-6:
+            raise EditError("rotation is a quaternion of no length")
+        self.time = checked_numbers((self.time,), "time", 1)[0]
+        self.scale = checked_numbers((self.scale,), "scale", 1)[0]
+        if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
+            raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
+        for name in ("yaw_only", "along_lane", "on_ground"):
+            checked_switch(getattr(self, name), name)
+
+    @property
+    def title(self) -> str:
+        """``Move instance 17``."""
+        return f"Move {counted(self.ids)}"
+
+    def do(self, document: Document) -> bool:
+        """Point rows at composed transforms, and replace tracks."""
+        free = {instance_id: editable(document, (instance_id,)) for instance_id in self.ids}
+        matrix = self.matrix(document)
+        if np.array_equal(matrix, np.eye(3, 4)):
+            return False
+        node_of = {number: known_instance(document, number).node for number in self.ids}
+        nodes = sorted(set(node_of.values()) - {0})
+        parts = [(rows, matrix) for number, rows in free.items() if node_of[number] == 0]
+        if nodes and self.scale != 1:
+            # An actor's path takes the rigid part; its splats, in their box frame, only the size.
+            parts.append((np.flatnonzero(np.isin(document.scene.nodes, nodes)), self.scale * np.eye(3, 4)))
+        self._size_before = len(document.transforms)
+        entries = [self._entries(document, rows, change) for rows, change in parts]
+        rows = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in parts)])
+        touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
+        self._table_before = {number: document.scene.table[number] for number in touched}
+        self._tracks_before = {node: document.scene.actors[node - 1] for node in nodes}
+        self._rows = rows.astype(np.int32)
+        self._before = document.transforms.assign(self._rows, np.concatenate([np.zeros(0, np.uint16), *entries]))
+        document.replace_tracks(
+            {node: moved_track(track, matrix, self.scale, self.time) for node, track in self._tracks_before.items()}
+        )
+        recount(document, touched)
+        document.instances_changed(ids_changed=False)
+        return True
+
+    def undo(self, document: Document) -> None:
+        """Point the rows back, drop the entries this edit added, restore tracks and bounds."""
+        assert self._rows is not None
+        assert self._before is not None
+        document.transforms.assign(self._rows, self._before)
+        document.transforms.truncate(self._size_before)
+        document.replace_tracks(self._tracks_before)
+        restore_entries(document, self._table_before)
+        document.instances_changed(ids_changed=False)
+
+    def matrix(self, document: Document) -> Similarity:
+        """[s R | t] in the world, with all constraints. Raises EditError where ground or lane cannot be found."""
+        w, x, y, z = self.rotation
+        if self.yaw_only:
+            # The twist about z of the swing-twist decomposition; a half turn about a level axis has none.
+            w, x, y, z = (w, 0.0, 0.0, z) if math.hypot(w, z) > 1e-9 else (1.0, 0.0, 0.0, 0.0)
+        center = center_of(document, self.ids, self.time)
+        pivot = center if self.pivot is None else np.array(self.pivot)
+        shift = np.array(self.translation)
+        if self.along_lane:
+            lane = lane_at(document, self.ids, center, self.time)
+            shift = lane * (lane @ shift)
+        linear = self.scale * matrix_from_quaternion(np.array([w, x, y, z]))
+        matrix = np.c_[linear, pivot + shift - linear @ pivot]
+        if self.on_ground:
+            place = matrix[:, :3] @ center + matrix[:, 3]
+            matrix[2, 3] += ground_under(document, self.ids, place) - bottom_of(document, self.ids, matrix, self.time)
+        return matrix
+
+    def _entries(self, document: Document, rows: ndarray, matrix: Similarity) -> ndarray:
+        def change(values: ndarray) -> ndarray:
+            return composed(matrix, values.reshape(3, 4)).reshape(-1)
+
+        try:
+            return document.transforms.add_changed(rows, change)
+        except PaletteFullError as error:
+            document.transforms.truncate(self._size_before)
+            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
+
+
+def moved_track(track: Track, matrix: Similarity, scale: float, time: float) -> Track:
+    """The track moved as a rigid path, so that where it is at `time` (seconds) goes where `matrix` = [s R | t] says."""
+    rotation: Float64[ndarray, "3 3"] = matrix[:, :3] / scale
+    here = track.pose_at(time)[:3, 3]
+    poses = track.world_from_box.copy()
+    poses[:, :3, :3] = rotation @ poses[:, :3, :3]
+    poses[:, :3, 3] = (poses[:, :3, 3] - here) @ rotation.T + matrix[:, :3] @ here + matrix[:, 3]
+    return replace(track, world_from_box=poses, dimensions=track.dimensions * scale)

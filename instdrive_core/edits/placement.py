@@ -1,0 +1,111 @@
+"""Where instances are, stand and may go: what gizmos show and moves are bound to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.ground import RADII, ground_height
+from instdrive_core.errors import EditError
+from instdrive_core.maths.activations import sigmoid
+from instdrive_core.scene.lane import street_direction, travel_direction
+from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import Similarity, current_means, scale_of
+
+Vector = tuple[float, float, float]
+SOLID_OPACITY = 0.3
+"""Fainter splats are neither ground nor the foot of anything."""
+_FOOT_SHARE = 0.02
+"""Of an instance's solid splats that may hang below its foot."""
+_MIN_PATH = 1.0
+"""Metres an actor must drive to have a lane of its own."""
+
+
+def center_of(document: Document, ids: Sequence[int], time: float) -> Float64[ndarray, "3"]:
+    """The mean of the instances' centres in the world, metres: of their bounds, or of an actor's box at `time` (s)."""
+    centers = []
+    for instance_id in ids:
+        instance = document.scene.table[instance_id]
+        if instance.node:
+            centers.append(document.scene.actors[instance.node - 1].pose_at(time)[:3, 3])
+        else:
+            centers.append(np.mean(instance.bounds, axis=0))
+    return np.mean(centers, axis=0)
+
+
+def bottom_of(document: Document, ids: Sequence[int], matrix: Similarity, time: float) -> float:
+    """Height (metres) of the lowest foot of the instances after a move [s R | t] in the world."""
+    feet = []
+    for instance_id in ids:
+        node = document.scene.table[instance_id].node
+        if node:
+            track = document.scene.actors[node - 1]
+            center = matrix[:, :3] @ track.pose_at(time)[:3, 3] + matrix[:, 3]
+            feet.append(center[2] - scale_of(matrix) * track.dimensions[2] / 2)
+        else:
+            rows = document.rows_of((instance_id,))
+            opacities = sigmoid(document.scene.gaussians.opacity_logits[rows])
+            rows = rows[opacities >= min(SOLID_OPACITY, opacities.max())]
+            heights = document.means_of(rows) @ matrix[2, :3] + matrix[2, 3]
+            feet.append(np.quantile(heights, _FOOT_SHARE, method="nearest"))
+    return float(min(feet))
+
+
+def ground_under(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
+    """Height (metres) of the background under a place, the instances themselves left out. Raises EditError."""
+    scene = document.scene
+    reach = np.float32(RADII[-1])
+    means = current_means(scene.gaussians, document.transforms)
+    near = np.abs(means[:, :2] - np.asarray(place[:2], np.float32)) <= reach
+    rows = np.flatnonzero(near[:, 0] & near[:, 1] & (scene.nodes == 0))
+    others = ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))
+    solid = sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY
+    alive = (document.state.flags[rows] & Flag.DELETED) == 0
+    height = ground_height(means[rows[others & solid & alive]], place)
+    if height is None:
+        raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
+    return height
+
+
+def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], time: float) -> Float64[ndarray, "3"]:
+    """Horizontal unit direction of the lane: of the first moving actor's own drive, else of the recording car's past
+    this place, else of the street's longest extent. Raises EditError where there is none of them."""
+    scene = document.scene
+    for instance_id in ids:
+        node = scene.table[instance_id].node
+        if node and scene.actors[node - 1].path_length() >= _MIN_PATH:
+            forward = scene.actors[node - 1].pose_at(time)[:3, 1] * [1, 1, 0]
+            if np.linalg.norm(forward) > 1e-6:
+                return forward / np.linalg.norm(forward)
+    cameras: dict[str, list[tuple[float, ndarray]]] = {}
+    for view in scene.views:
+        cameras.setdefault(view.name, []).append((view.time, view.camera.position))
+    paths = [np.stack([where for _, where in sorted(film, key=lambda shot: shot[0])]) for film in cameras.values()]
+    lane = travel_direction(paths, place)
+    if lane is None:
+        lane = street_direction(scene.gaussians.means[scene.nodes == 0], place)
+    if lane is None:
+        raise EditError("the scene has neither photo cameras nor a street here, so no lane is known")
+    return lane
+
+
+def checked_numbers(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
+    """The values as floats. Raises EditError unless they are `length` finite numbers."""
+    if isinstance(values, str) or len(values) != length or not all(_is_finite(value) for value in values):
+        raise EditError(f"{what} {values!r} is not {length} finite numbers")
+    return tuple(float(value) for value in values)
+
+
+def checked_vector(values: Sequence[float], what: str) -> Vector:
+    """Three floats. Raises EditError unless they are finite numbers."""
+    x, y, z = checked_numbers(values, what, 3)
+    return x, y, z
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

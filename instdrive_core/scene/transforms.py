@@ -1,0 +1,79 @@
+"""Moves without touching splats: each splat names a palette entry, a rotation with uniform scale and translation.
+
+A splat at x, in its node's own frame, is drawn at s R x + t, turned by R and s times as large, and its view-dependent
+colour turns with it. All of it can be baked into the stored parameters.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32, Float64, Int, UInt16
+from numpy import ndarray
+
+from instdrive_core.maths.rotations import multiplied, normalized, quaternion_from_matrix
+from instdrive_core.maths.sh_rotation import rotated_rest
+from instdrive_core.scene.entry_palette import EntryPalette
+from instdrive_core.scene.gaussians import Gaussians
+
+Similarity = Float64[ndarray, "3 4"]
+"""[s R | t]."""
+
+
+class TransformPalette(EntryPalette):
+    """A similarity per entry, float64; entry 0 moves nothing."""
+
+    name = "transform palette"
+
+    def __init__(self, count: int) -> None:
+        super().__init__(count, np.eye(3, 4).reshape(-1))
+
+    @property
+    def matrices(self) -> Float64[ndarray, "p 3 4"]:
+        """[s R | t] of each entry, a read-only view."""
+        return self.values.reshape(-1, 3, 4)
+
+    def add(self, matrix: Similarity) -> int:
+        """As `add_values`."""
+        return self.add_values(matrix.reshape(-1))
+
+
+def composed(outer: Similarity, inner: Similarity) -> Similarity:
+    """First `inner`, then `outer`."""
+    result = outer[:, :3] @ inner
+    result[:, 3] += outer[:, 3]
+    return result
+
+
+def scale_of(matrix: Float[ndarray, "3 4"]) -> float:
+    """The uniform scale s of [s R | t]."""
+    return float(np.linalg.norm(matrix[:, 0]))
+
+
+def current_means(
+    gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"] | None = None
+) -> Float32[ndarray, "m 3"]:
+    """Means of `rows` (of all by default) with their moves applied, in their nodes' frames; read only."""
+    means, entries = gaussians.means, palette.indices
+    if rows is not None:
+        means, entries = means[rows], entries[rows]
+    moved = np.flatnonzero(entries)
+    if not len(moved):
+        return means
+    means, matrices = means.copy(), palette.matrices[entries[moved]]
+    means[moved] = np.einsum("nij,nj->ni", matrices[:, :, :3], means[moved]) + matrices[:, :, 3]
+    return means
+
+
+def transform_rows(gaussians: Gaussians, palette: TransformPalette, entries: UInt16[ndarray, " n"]) -> None:
+    """Bake moves: write means, quaternions, scales and SH rest of all rows whose entry is not 0. `entries` (n,)."""
+    for entry in np.unique(entries[entries > 0]).tolist():
+        rows = np.flatnonzero(entries == entry)
+        matrix = palette.matrices[entry]
+        scale = scale_of(matrix)
+        rotation = matrix[:, :3] / scale
+        gaussians.means[rows] = gaussians.means[rows] @ matrix[:, :3].T + matrix[:, 3]
+        gaussians.log_scales[rows] += np.float32(np.log(scale))
+        if not np.array_equal(rotation, np.eye(3)):
+            turns = np.broadcast_to(quaternion_from_matrix(rotation), (len(rows), 4))
+            gaussians.quats[rows] = multiplied(turns, normalized(gaussians.quats[rows]))
+            gaussians.sh_rest[rows] = rotated_rest(gaussians.sh_rest[rows], rotation)
