@@ -35,7 +35,7 @@ def apply(
 
     Args:
         scene: Scene file, or run folder.
-        out: File to write (.ply), or a folder, which keeps tracks, cameras and sky.
+        out: File to write (.ply or another format), or a folder, which keeps tracks, cameras and sky.
         delete: IDs of instances to delete.
         recolor: Recolours as ID=#rrggbb.
         recolor_mode: `tint` keeps light and shade, `solid` is the plain colour from everywhere.
