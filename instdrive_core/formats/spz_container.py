@@ -128,13 +128,13 @@ def _unpacked(packed: gzip.GzipFile, wanted: int, name: str, path: Path, short: 
             try:
                 read = packed.readinto(view[start:])
             except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-                raise DataError(path, f"its {name} are damaged or cut off ({error})", REMEDY) from error
+                raise DataError(path, f"the part {name!r} is damaged or cut off ({error})", REMEDY) from error
             if not read:
                 break
             start += read
     if start < wanted:
         if not short:
-            raise DataError(path, f"the content ends after {start} of {wanted} bytes of its {name}", REMEDY)
+            raise DataError(path, f"the part {name!r} ends after {start} of {wanted} bytes", REMEDY)
         del data[start:]
     return data
 
