@@ -35,7 +35,8 @@ def agreement(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Float32[ndar
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _end_of_view(masks, view_of_mask, entry, end):
+def end_of_view(masks, view_of_mask, entry, end):
+    """The first of a row's entries after `entry` that lies in another view; compiled."""
     view = view_of_mask[masks[entry]]
     while entry < end and view_of_mask[masks[entry]] == view:
         entry += 1
@@ -68,9 +69,9 @@ def _agree(starts, masks, values, view_of_mask, pairs, result):
             view_a, view_b = view_of_mask[masks[a]], view_of_mask[masks[b]]
             next_a, next_b = a, b
             if view_a <= view_b:
-                next_a = _end_of_view(masks, view_of_mask, a, a_end)
+                next_a = end_of_view(masks, view_of_mask, a, a_end)
             if view_b <= view_a:
-                next_b = _end_of_view(masks, view_of_mask, b, b_end)
+                next_b = end_of_view(masks, view_of_mask, b, b_end)
             if view_a == view_b:
                 shared, smaller = _overlap(masks, values, a, next_a, b, next_b)
                 agreed += smaller * shared

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.training.agreement import summed_by_group
+from instdrive_core.training.agreement import end_of_view, summed_by_group
 from instdrive_core.training.config import GraphConfig
 from instdrive_core.training.mask_weights import MaskWeights
 
@@ -100,10 +100,8 @@ def _own(starts, masks, values, view_of_mask, areas, owners, best):
     for group in range(len(starts) - 1):
         entry, end = starts[group], starts[group + 1]
         while entry < end:
-            view, total, last = view_of_mask[masks[entry]], np.float32(0), entry
-            while last < end and view_of_mask[masks[last]] == view:
-                total += values[last]
-                last += 1
+            last = end_of_view(masks, view_of_mask, entry, end)
+            total = values[entry:last].sum()
             for e in range(entry, last):
                 iou = values[e] / (total + areas[masks[e]] - values[e])
                 if iou > best[masks[e]]:
@@ -117,10 +115,8 @@ def _fit(starts, masks, values, view_of_mask, areas, fits):
         entry, end = starts[group], starts[group + 1]
         weight, fit = np.float32(0), np.float32(0)
         while entry < end:
-            view, total, last, best = view_of_mask[masks[entry]], np.float32(0), entry, np.float32(0)
-            while last < end and view_of_mask[masks[last]] == view:
-                total += values[last]
-                last += 1
+            last, best = end_of_view(masks, view_of_mask, entry, end), np.float32(0)
+            total = values[entry:last].sum()
             for e in range(entry, last):
                 best = max(best, values[e] / (total + areas[masks[e]] - values[e]))
             weight += total
