@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32, Int, Int64, UInt32
@@ -14,6 +15,7 @@ from instdrive_core.edits.history import History
 from instdrive_core.edits.row_index import RowIndex
 from instdrive_core.errors import EditError
 from instdrive_core.scene.palette import ColorPalette
+from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag, SplatState
 from instdrive_core.scene.track import Track
@@ -81,8 +83,13 @@ class Document:
         self.history = History()
         self.table_version = 0
         """Rises when the instance table or the instance IDs change."""
+        self.open_scene: Callable[[Path], Scene] | None = None
+        """How edits that insert files open them; whoever knows formats says so."""
+        self._buffers = RowBuffers()
         self.track_version = 0
         """Rises when an actor's track changes."""
+        self.rows_version = 0
+        """Rises when splats are added, or taken away again by undo: whoever holds rows per splat starts afresh."""
         self.first_free_id = _first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
         self._by_instance: RowIndex | None = None
@@ -137,11 +144,47 @@ class Document:
 
     def replace_tracks(self, tracks: Mapping[int, Track]) -> None:
         """Give actors other tracks; keys are nodes, from 1."""
-        actors = list(self.scene.actors)
-        for node, track in tracks.items():
-            actors[node - 1] = track
-        self.scene.actors = tuple(actors)
+        self.set_actors(tuple(tracks.get(node, track) for node, track in enumerate(self.scene.actors, start=1)))
+
+    def set_actors(self, actors: tuple[Track, ...]) -> None:
+        """Replace the list of actors; node k is ``actors[k - 1]``."""
+        self.scene.actors = actors
         self.track_version += 1
+
+    def append_rows(self, added: Scene) -> None:
+        """Add splats at the end, neither coloured nor moved, with no state bit set; told by edits of kind `AppendEdit`.
+
+        SH, feature and extra columns must be the scene's, nodes those of its actors.
+        """
+        scene, count = self.scene, len(added)
+        for name, array in scene.gaussians.arrays().items():
+            tail = getattr(added.gaussians, name)
+            setattr(scene.gaussians, name, self._buffers.extended(name, array, tail))
+        for name in ("instance_ids", "codewords", "nodes"):
+            setattr(scene, name, self._buffers.extended(name, getattr(scene, name), getattr(added, name)))
+        for name, column in scene.extra.items():
+            scene.extra[name] = self._buffers.extended(f"extra {name}", column, added.extra[name])
+        for part in (self.state, self.colors, self.transforms):
+            part.append(count)
+        self._rows_changed()
+
+    def drop_rows(self, count: int) -> None:
+        """Take the last `count` splats away; the inverse of `append_rows`."""
+        scene, left = self.scene, len(self.scene) - count
+        for name, array in scene.gaussians.arrays().items():
+            setattr(scene.gaussians, name, array[:left])
+        for name in ("instance_ids", "codewords", "nodes"):
+            setattr(scene, name, getattr(scene, name)[:left])
+        for name, column in scene.extra.items():
+            scene.extra[name] = column[:left]
+        for part in (self.state, self.colors, self.transforms):
+            part.drop_rows(count)
+        self._rows_changed()
+
+    def _rows_changed(self) -> None:
+        self._by_codeword = None
+        self.rows_version += 1
+        self.instances_changed(ids_changed=True)
 
     def counts(self) -> InstanceCounts:
         """The states of all instances, counted once per change of state or IDs."""

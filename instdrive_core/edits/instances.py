@@ -85,6 +85,16 @@ def recount(document: Document, ids: Iterable[int]) -> None:
             del table.instances[instance_id]
 
 
+def add_entries(document: Document, entries: Iterable[Instance]) -> None:
+    """Put new instances, whose rows are in the scene already, into the table and count them."""
+    entries = tuple(entries)
+    for entry in entries:
+        document.scene.table.set(entry)
+    document.first_free_id = max(document.first_free_id, max((entry.id for entry in entries), default=0) + 1)
+    document.instances_changed(ids_changed=True)
+    recount(document, [entry.id for entry in entries])
+
+
 def restore_entries(document: Document, entries: dict[int, Instance | None]) -> None:
     """Put entries of the table back as they were; None = there was none."""
     for instance_id, entry in entries.items():

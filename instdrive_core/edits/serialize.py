@@ -12,6 +12,8 @@ from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
@@ -27,7 +29,9 @@ EDITS: dict[str, type[Edit]] = {
         CompoundEdit,
         DeleteInstances,
         DeleteSelected,
+        DuplicateInstances,
         HideInstances,
+        InsertScene,
         LockInstances,
         MergeInstances,
         MoveInstances,

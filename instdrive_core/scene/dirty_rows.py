@@ -18,3 +18,9 @@ class DirtyRows:
         """The range since the last call, or None."""
         taken, self._range = self._range, None
         return taken
+
+    def shorten(self, count: int) -> None:
+        """Forget rows from `count` on."""
+        if self._range is not None:
+            start, stop = min(self._range[0], count), min(self._range[1], count)
+            self._range = (start, stop) if start < stop else None

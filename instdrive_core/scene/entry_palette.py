@@ -109,6 +109,7 @@ class EntryPalette:
     def drop_rows(self, count: int) -> None:
         """Take the last `count` splats away again."""
         self._indices = self._indices[: len(self._indices) - count].copy()
+        self._dirty.shorten(len(self._indices))
         self.version += 1
 
     def take_dirty(self) -> tuple[int, int] | None:

@@ -71,6 +71,12 @@ class SplatState:
         self._flags = np.concatenate([self._flags, np.zeros(count, np.uint8)])
         self._touch(start, start + count)
 
+    def drop_rows(self, count: int) -> None:
+        """Take the last `count` splats away again."""
+        self._flags = self._flags[: len(self._flags) - count].copy()
+        self._dirty.shorten(len(self._flags))
+        self.version += 1
+
     def take_dirty(self) -> tuple[int, int] | None:
         """The row range changed since the last call, or None."""
         return self._dirty.take()

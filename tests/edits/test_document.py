@@ -303,14 +303,22 @@ simple_edits = st.one_of(
         along_lane=st.booleans(),
         on_ground=st.booleans(),
     ),
+    entries("duplicate_instances", ids=ids, translation=st.sampled_from([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0]])),
+    entries("insert_scene", path=st.just("other.ply")),
 )
 edits = simple_edits | entries("compound", edits=st.lists(simple_edits, max_size=3), name=st.just("several"))
+
+
+def small_document():
+    document = Document(random_scene(count=60))
+    document.open_scene = lambda path: random_scene(seed=1, count=15, instances=2, actors=1)
+    return document
 
 
 @settings(deadline=None)
 @given(st.lists(st.tuples(edits, st.sampled_from([None, None, "drag"])), max_size=12))
 def test_undone_and_redone_edits_restore_every_bit(steps):
-    document = Document(random_scene(count=60))
+    document = small_document()
     snapshots = [snapshot(document)]
     for entry, gesture in steps:
         edit = edit_from_json(entry)
@@ -350,14 +358,14 @@ def check_invariants(document):
 @settings(deadline=None)
 @given(st.lists(edits, max_size=8))
 def test_serialised_edits_replay_to_the_same_state(steps):
-    document = Document(random_scene(count=60))
+    document = small_document()
     for entry in steps:
         try:
             document.apply(edit_from_json(entry))
         except EditError:
             continue
     lines = edits_to_lines(document.history.done)
-    replayed = Document(random_scene(count=60))
+    replayed = small_document()
     for edit in edits_from_lines(lines):
         replayed.apply(edit)
     assert snapshot(replayed) == snapshot(document)
@@ -409,6 +417,8 @@ BAD_ENTRIES = [
     ({"kind": "move_instances", "ids": [1], "scale": 0}, "scale"),
     ({"kind": "move_instances", "ids": [1], "scale": float("nan")}, "scale"),
     ({"kind": "move_instances", "ids": [1], "on_ground": 1}, "on_ground"),
+    ({"kind": "duplicate_instances", "ids": [1], "translation": None}, "duplicate"),
+    ({"kind": "insert_scene", "path": 7}, "7"),
     ({"kind": "compound", "edits": [{"kind": "explode"}], "name": "x"}, "explode"),
     ({"kind": "compound", "edits": 5, "name": "x"}, "compound"),
     ({"kind": "compound", "edits": [], "name": 5}, "5"),
