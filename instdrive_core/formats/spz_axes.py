@@ -29,7 +29,8 @@ class AxisFlips:
 
     def apply(self, gaussians: Gaussians) -> None:
         """Flip in place."""
-        gaussians.means *= self.means
+        with np.errstate(invalid="ignore"):  # version 1 can hold numbers that are none
+            gaussians.means *= self.means
         gaussians.quats *= self.quats
         gaussians.sh_rest *= self.sh_rest[: gaussians.sh_rest.shape[1]]
 

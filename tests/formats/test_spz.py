@@ -86,6 +86,13 @@ def test_the_turned_scene_looks_the_same_from_the_turned_direction(tmp_path):
     np.testing.assert_allclose(opened_colors, in_file, atol=1e-6)
 
 
+def test_positions_that_are_no_numbers_are_kept(tmp_path):
+    """Half floats have them, signalling ones too, for which NumPy warns."""
+    parts = hand_made(1)
+    parts["streams"][0] = bytes([1, 0x7D, 0, 0x7C, 1, 0xFE])
+    assert not np.isfinite(opened(tmp_path, made(parts)).means).any()
+
+
 def test_sh_of_degree_4_is_read_as_degree_3_and_said_so(tmp_path, caplog):
     gaussians = opened(tmp_path, made(hand_made(4, bytes(range(72)), degree=4)))
     assert gaussians.sh_degree == 3
