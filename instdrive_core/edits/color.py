@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from instdrive_core.edits.adjustments import LUMA
 from instdrive_core.edits.base import Edit, checked_ids, counted
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
@@ -16,27 +18,55 @@ from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.palette import PaletteFullError
+from instdrive_core.scene.palette import PaletteFullError, color_values
 
 RecolorMode = Literal["tint", "solid"]
-LUMA = np.array([0.2126, 0.7152, 0.0722])
-"""Rec. 709 weights of R, G, B."""
 MEAN_LUMA_FLOOR = 0.05
 """Darker instances are not brightened by more than 20 times."""
 
 
 @dataclass
-class RecolorInstances(Edit):
-    """Give instances a colour: `tint` keeps light, shade and view dependence; `solid` is the colour from everywhere."""
+class ColorEdit(Edit):
+    """An edit of palette entries: subclasses say how entries change for which rows, this class does and undoes it."""
+
+    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _size_before: int = field(default=1, init=False, repr=False, compare=False)
+
+    def assign(self, document: Document, parts: Sequence[tuple[ndarray, Callable[[ndarray], ndarray]]]) -> bool:
+        """For rows and a change of entry values each: add the changed entries, point the rows at them, remember."""
+        palette, size = document.colors, len(document.colors)
+        try:
+            wanted = np.concatenate([palette.add_changed(rows, change) for rows, change in parts])
+        except PaletteFullError as error:
+            palette.truncate(size)
+            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
+        rows = np.concatenate([part for part, _ in parts])
+        changed = palette.indices[rows] != wanted
+        self._rows, self._size_before = rows[changed].astype(np.int32), size
+        self._before = palette.assign(self._rows, wanted[changed])
+        return len(self._rows) > 0
+
+    def undo(self, document: Document) -> None:
+        """Point the rows back and drop the entries this edit added."""
+        assert self._rows is not None
+        assert self._before is not None
+        document.colors.assign(self._rows, self._before)
+        document.colors.truncate(self._size_before)
+
+
+@dataclass
+class RecolorInstances(ColorEdit):
+    """Give instances a colour: `tint` keeps light, shade and view dependence; `solid` is the colour from everywhere.
+
+    What they were recoloured or adjusted to before is replaced; an opacity factor stays.
+    """
 
     kind: ClassVar[str] = "recolor_instances"
     ids: tuple[int, ...]
     mode: RecolorMode
     color: tuple[float, float, float]
     """RGB in [0, 1]."""
-    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _size_before: int = field(default=1, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
@@ -54,27 +84,13 @@ class RecolorInstances(Edit):
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance and point the instance's rows at it."""
-        rows = [editable(document, (instance_id,)) for instance_id in self.ids]
-        matrices = [recolor_matrix(document.scene.gaussians, part, self.mode, self.color) for part in rows]
-        size = len(document.colors)
-        try:
-            entries = [document.colors.add(matrix) for matrix in matrices]
-        except PaletteFullError as error:
-            document.colors.truncate(size)
-            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
-        all_rows = np.concatenate(rows)
-        wanted = np.repeat(np.array(entries, np.uint16), [len(part) for part in rows])
-        changed = document.colors.indices[all_rows] != wanted
-        self._rows, self._size_before = all_rows[changed].astype(np.int32), size
-        self._before = document.colors.assign(self._rows, wanted[changed])
-        return len(self._rows) > 0
+        parts = [editable(document, (instance_id,)) for instance_id in self.ids]
+        matrices = [recolor_matrix(document.scene.gaussians, rows, self.mode, self.color) for rows in parts]
+        return self.assign(document, [(rows, _replacing(matrix)) for rows, matrix in zip(parts, matrices, strict=True)])
 
-    def undo(self, document: Document) -> None:
-        """Point the rows back and drop the entries this edit added."""
-        assert self._rows is not None
-        assert self._before is not None
-        document.colors.assign(self._rows, self._before)
-        document.colors.truncate(self._size_before)
+
+def _replacing(matrix: Float32[ndarray, "3 4"]) -> Callable[[ndarray], ndarray]:
+    return lambda values: color_values(matrix, float(values[12]))
 
 
 def recolor_matrix(

@@ -8,6 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 from instdrive_core.edits.absorb import AbsorbFloaters
+from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.compound import CompoundEdit
@@ -26,6 +27,7 @@ EDITS: dict[str, type[Edit]] = {
     edit.kind: edit
     for edit in (
         AbsorbFloaters,
+        AdjustInstances,
         CompoundEdit,
         DeleteInstances,
         DeleteSelected,

@@ -287,6 +287,9 @@ simple_edits = st.one_of(
         mode=st.sampled_from(["tint", "solid"]),
         color=st.lists(channels, min_size=3, max_size=3),
     ),
+    st.sampled_from(
+        [("hue", 40.0), ("contrast", 1.5), ("temperature", -0.5), ("opacity", 0.5), ("saturation", 1.0)]
+    ).flatmap(lambda pair: entries("adjust_instances", ids=ids, what=st.just(pair[0]), amount=st.just(pair[1]))),
     entries("rename_instance", id=st.integers(1, 9), name=st.sampled_from(["car", "bus"])),
     entries("set_instance_class", id=st.integers(1, 9), class_name=st.sampled_from(["", "Car"])),
     entries("merge_instances", ids=ids, into=st.integers(1, 9)),
@@ -419,6 +422,10 @@ BAD_ENTRIES = [
     ({"kind": "move_instances", "ids": [1], "on_ground": 1}, "on_ground"),
     ({"kind": "duplicate_instances", "ids": [1], "translation": None}, "duplicate"),
     ({"kind": "insert_scene", "path": 7}, "7"),
+    ({"kind": "adjust_instances", "ids": [1], "what": "gloss", "amount": 1}, "gloss"),
+    ({"kind": "adjust_instances", "ids": [1], "what": "hue", "amount": 181}, "181"),
+    ({"kind": "adjust_instances", "ids": [1], "what": "opacity", "amount": 1.5}, "1.5"),
+    ({"kind": "adjust_instances", "ids": [1], "what": "hue", "amount": "30"}, "30"),
     ({"kind": "compound", "edits": [{"kind": "explode"}], "name": "x"}, "explode"),
     ({"kind": "compound", "edits": 5, "name": "x"}, "compound"),
     ({"kind": "compound", "edits": [], "name": 5}, "5"),

@@ -1,0 +1,69 @@
+"""Adjustments of colour as affine maps of RGB: what multiplies a colour may be applied to its SH rest as it is."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+"""Rec. 709 weights of R, G, B."""
+AdjustKind = Literal["hue", "brightness", "contrast", "saturation", "temperature", "opacity"]
+TEMPERATURE_STOPS = 0.5
+"""At temperature 1 red is multiplied by 2 to this power, blue divided by it."""
+
+
+class Range(NamedTuple):
+    """What the amount of an adjustment may be."""
+
+    low: float
+    high: float
+    neutral: float
+    """The amount that changes nothing."""
+
+
+RANGES: dict[AdjustKind, Range] = {
+    "hue": Range(-180.0, 180.0, 0.0),
+    "brightness": Range(0.0, 4.0, 1.0),
+    "contrast": Range(0.0, 4.0, 1.0),
+    "saturation": Range(0.0, 4.0, 1.0),
+    "temperature": Range(-1.0, 1.0, 0.0),
+    "opacity": Range(0.0, 1.0, 1.0),
+}
+"""Hue in degrees; temperature from cool to warm; the others are factors."""
+
+
+def adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Float64[ndarray, "3 4"]:
+    """[M | c] with colour' = M colour + c; the identity for `opacity`.
+
+    Hue and saturation keep the luma of every colour, so light and shade stay; temperature keeps that of greys; contrast
+    is the distance from the `mean` colour.
+    """
+    matrix = np.eye(3, 4)
+    if kind == "hue":
+        matrix[:, :3] = hue_rotation(amount)
+    elif kind == "saturation":
+        gray = np.tile(LUMA, (3, 1))
+        matrix[:, :3] = gray + amount * (np.eye(3) - gray)
+    elif kind == "temperature":
+        gains = 2.0 ** (TEMPERATURE_STOPS * amount * np.array([1.0, 0.0, -1.0]))
+        matrix[:, :3] = np.diag(gains / (LUMA @ gains))
+    elif kind in ("brightness", "contrast"):
+        matrix[:, :3] *= amount
+        matrix[:, 3] = (1 - amount) * np.asarray(mean) if kind == "contrast" else 0
+    return matrix
+
+
+def hue_rotation(degrees: float) -> Float64[ndarray, "3 3"]:
+    """Rotation of hue that leaves greys and every colour's luma as they are; red turns towards green.
+
+    With L the projection to grey along the plane of equal luma and J the cross product with the unit grey axis,
+    K = (I - L) J has K² = -(I - L), so L + cos(h) (I - L) + sin(h) K is a rotation within planes of equal luma.
+    """
+    angle = np.deg2rad(degrees)
+    gray = np.tile(LUMA, (3, 1))
+    cross = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]) / np.sqrt(3)
+    rest = np.eye(3) - gray
+    return gray + np.cos(angle) * rest + np.sin(angle) * rest @ cross
