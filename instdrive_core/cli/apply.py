@@ -30,6 +30,7 @@ def apply(
     rename: tuple[str, ...] = (),
     edits: Path | None = None,
     time: float | None = None,
+    sibr: bool = False,
 ) -> None:
     """Edit a scene without a window and export it.
 
@@ -42,6 +43,7 @@ def apply(
         rename: New names as ID=NAME.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
+        sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
     """
     document = Document(open_scene(scene))
     for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits):
@@ -50,7 +52,7 @@ def apply(
         time = default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     result = baked(document, time)
-    save_scene(out, result)
+    save_scene(out, result, sibr=sibr)
     print(f"{out}: {len(result):,} splats, {len(result.table)} instances ({len(document.history.done)} edits applied)")
 
 

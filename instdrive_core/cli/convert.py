@@ -13,13 +13,20 @@ from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.scene.scene import Scene
 
 
-def convert(scene: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path], *, time: float | None = None) -> None:
+def convert(
+    scene: tyro.conf.Positional[Path],
+    out: tyro.conf.Positional[Path],
+    *,
+    time: float | None = None,
+    sibr: bool = False,
+) -> None:
     """Convert a scene into the format that the new name ends in.
 
     Args:
         scene: Scene file, or run folder.
         out: File to write, e.g. street.compressed.ply, or a folder; docs/formats.md says what each format keeps.
         time: Seconds into the drive at which a file shows moving objects; default: the first photo's.
+        sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
     """
     opened = open_scene(scene)
     if out.suffix and not out.is_dir() and opened.actors:
@@ -28,7 +35,7 @@ def convert(scene: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path], 
     if time is not None:
         opened = frozen_at(opened, time)
     before = _contents(opened)
-    save_scene(out, opened)
+    save_scene(out, opened, sibr=sibr)
     # Two scenes at once would not fit where one just does.
     del opened
     after = _contents(open_scene(out))
@@ -36,9 +43,16 @@ def convert(scene: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path], 
         problem = f"{after['splats']} came back when the file was read again, not {before['splats']}"
         raise DataError(out, problem, "Look whether another program writes to the file, and try again")
     print(f"{out}: {after['splats']}")
-    left_out = [text for label, text in before.items() if after.get(label) != text]
+    left_out = [text for label, text in before.items() if not _is_kept(label, text, after)]
     if left_out:
         print(f"left out or changed, as the format has no place for it: {', '.join(left_out)} (docs/formats.md)")
+
+
+def _is_kept(label: str, text: str, after: dict[str, str]) -> bool:
+    if label == "sh":
+        # Zeros above the scene's own degree change nothing; degrees have one digit, so that texts compare as numbers.
+        return after.get(label, "") >= text
+    return after.get(label) == text
 
 
 def _contents(scene: Scene) -> dict[str, str]:

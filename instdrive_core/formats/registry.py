@@ -10,11 +10,14 @@ from instdrive_core.errors import DataError
 from instdrive_core.formats.compressed_ply import read_compressed_ply, write_compressed_ply
 from instdrive_core.formats.ply import read_ply, write_ply
 from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
+from instdrive_core.formats.sibr_ply import write_sibr_ply
 from instdrive_core.formats.sog import META, read_sog
 from instdrive_core.formats.sog_levels import is_sog_folder, read_sog_folder
 from instdrive_core.formats.splat import read_splat, write_splat
 from instdrive_core.formats.spz import read_spz, write_spz
 from instdrive_core.scene.scene import Scene
+
+SIBR = ".sibr.ply"
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Format:
 
 FORMATS = (
     Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply),
+    Format("INRIA layout for SIBR viewers: 62 floats, nothing else", SIBR, read_ply, write_sibr_ply),
     Format("Packed .ply of SuperSplat and PlayCanvas", ".compressed.ply", read_compressed_ply, write_compressed_ply),
     Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat),
     Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz),
@@ -57,13 +61,22 @@ def open_scene(path: str | Path) -> Scene:
         ) from error
 
 
-def save_scene(path: str | Path, scene: Scene) -> None:
+def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
     """Write a scene in the format of the path's ending; a path without one becomes a scene folder. Atomic.
+
+    Args:
+        path: file or folder to write.
+        scene: what to write.
+        sibr: whether a .ply of any name is written as ``.sibr.ply`` ones are; SIBR viewers want ``point_cloud.ply``.
 
     Raises DataError for an ending that is not known or a scene that the format cannot hold.
     """
     path = Path(path)
     fmt = _folder_format() if path.is_dir() or not path.suffix else _format_of(path)
+    if sibr:
+        if fmt.suffix not in (".ply", SIBR):
+            raise DataError(path, "SIBR viewers read plain .ply files only", "Give a name that ends in .ply")
+        fmt = next(known for known in FORMATS if known.suffix == SIBR)
     if fmt.write is None:
         known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
         raise DataError(path, f"{fmt.suffix} can be opened but not written", f"Save as one of {known}, or to a folder")
