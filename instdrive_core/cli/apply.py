@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from instdrive_core.cli.arguments import default_time, known_ids, parsed_assignment, parsed_color
+from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode
@@ -28,6 +29,7 @@ def apply(
     recolor: tuple[str, ...] = (),
     recolor_mode: RecolorMode = "tint",
     rename: tuple[str, ...] = (),
+    more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
     sibr: bool = False,
@@ -41,12 +43,15 @@ def apply(
         recolor: Recolours as ID=#rrggbb.
         recolor_mode: `tint` keeps light and shade, `solid` is the plain colour from everywhere.
         rename: New names as ID=NAME.
+        more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
     """
     document = Document(open_scene(scene))
-    for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits):
+    document.open_scene = open_scene
+    shown = default_time(document.scene) if time is None else time
+    for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits, more, shown):
         document.apply(edit)
     if time is None and out.suffix and not out.is_dir() and document.scene.actors:
         time = default_time(document.scene)
@@ -63,8 +68,11 @@ def _edits(
     mode: RecolorMode,
     rename: tuple[str, ...],
     log: Path | None,
+    more: EditOptions,
+    time: float,
 ) -> list[Edit]:
     steps = _edits_of_log(log) if log else []
+    steps += more.edits(scene.table, time)
     for text in rename:
         instance_id, name = parsed_assignment(text, "--rename 4=taxi")
         known_ids([instance_id], scene.table)

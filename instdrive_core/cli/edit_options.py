@@ -1,0 +1,113 @@
+"""The edits of ``instdrive apply`` that move, copy, adjust and relabel instances, as options of the command line."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from instdrive_core.cli.arguments import known_ids, parsed_assignment
+from instdrive_core.edits.absorb import AbsorbFloaters
+from instdrive_core.edits.adjust import AdjustInstances
+from instdrive_core.edits.adjustments import RANGES
+from instdrive_core.edits.base import Edit
+from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.insert import InsertScene
+from instdrive_core.edits.instances import MergeInstances, SetInstanceClass
+from instdrive_core.edits.move import MoveInstances
+from instdrive_core.edits.split import SplitInstance
+from instdrive_core.errors import OptionError
+from instdrive_core.instances.table import InstanceTable
+
+
+@dataclass(frozen=True)
+class EditOptions:
+    """Done in the order listed here."""
+
+    insert: tuple[Path, ...] = ()
+    """Scene files whose splats are added."""
+    absorb: tuple[int, ...] = ()
+    """IDs of compact instances that take in the floaters in and around them."""
+    merge: tuple[str, ...] = ()
+    """Instances that become part of another, as INTO=ID,ID,…"""
+    split: tuple[int, ...] = ()
+    """IDs of instances to be split into the parts that do not hang together."""
+    set_class: tuple[str, ...] = ()
+    """New classes as ID=CLASS."""
+    adjust: tuple[str, ...] = ()
+    """Adjustments of colour as ID=WHAT:AMOUNT, e.g. 4=hue:30. Hue is in degrees, temperature from -1 (cool) to 1
+    (warm); brightness, contrast, saturation and opacity are factors."""
+    move: tuple[str, ...] = ()
+    """Moves as ID=X,Y,Z in metres, or ID=X,Y,Z,YAW,SCALE with degrees about the vertical axis and a factor; moving
+    objects are turned where they are at --time."""
+    ground_snap: bool = False
+    """Set what is moved down on the ground."""
+    along_lane: bool = False
+    """Move along the lane only."""
+    duplicate: tuple[str, ...] = ()
+    """Copies as ID=X,Y,Z in metres from the original."""
+
+    def edits(self, table: InstanceTable, time: float) -> list[Edit]:
+        """The edits in order; `time` in seconds. Raises OptionError where an option cannot be read."""
+        steps: list[Edit] = [InsertScene(str(path)) for path in self.insert]
+        steps += [AbsorbFloaters(number) for number in known_ids(self.absorb, table)] if self.absorb else []
+        steps += [_merge(text, table) for text in self.merge]
+        steps += [SplitInstance(number) for number in known_ids(self.split, table)] if self.split else []
+        for text in self.set_class:
+            number, name = parsed_assignment(text, "--set-class 4=Car")
+            steps.append(SetInstanceClass(known_ids([number], table)[0], name))
+        steps += [_adjustment(text, table) for text in self.adjust]
+        steps += [self._move(text, table, time) for text in self.move]
+        for text in self.duplicate:
+            ids, (x, y, z) = _numbers(text, "--duplicate 4=0,6,0", table, 3, 3)
+            steps.append(DuplicateInstances(ids, (x, y, z)))
+        return steps
+
+    def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:
+        ids, values = _numbers(text, "--move 4=1.5,0,0 or --move 4=0,0,0,90", table, 3, 5)
+        x, y, z, yaw, scale = [*values, *(0.0, 0.0, 0.0, 0.0, 1.0)[len(values) :]]
+        half = math.radians(yaw) / 2
+        return MoveInstances(
+            ids,
+            (x, y, z),
+            (math.cos(half), 0.0, 0.0, math.sin(half)),
+            scale,
+            time=time,
+            along_lane=self.along_lane,
+            on_ground=self.ground_snap,
+        )
+
+
+def _numbers(
+    text: str, example: str, table: InstanceTable, least: int, most: int
+) -> tuple[tuple[int, ...], list[float]]:
+    number, values = parsed_assignment(text, example)
+    try:
+        found = [float(value) for value in values.split(",")]
+    except ValueError:
+        found = []
+    if not least <= len(found) <= most or not all(math.isfinite(value) for value in found):
+        raise OptionError(f"{values!r} in {text!r} is not a list of {least} numbers; write e.g. {example}")
+    return known_ids([number], table), found
+
+
+def _merge(text: str, table: InstanceTable) -> MergeInstances:
+    example = "--merge 4=7,9"
+    into, names = parsed_assignment(text, example)
+    parts = names.split(",")
+    if not all(part.strip().isdecimal() for part in parts):
+        raise OptionError(f"{names!r} in {text!r} is not a list of IDs; write e.g. {example}")
+    return MergeInstances(known_ids([int(part) for part in parts], table), known_ids([into], table)[0])
+
+
+def _adjustment(text: str, table: InstanceTable) -> AdjustInstances:
+    example = "--adjust 4=hue:30"
+    number, setting = parsed_assignment(text, example)
+    what, _, amount = setting.partition(":")
+    for kind in RANGES:
+        if kind == what:
+            try:
+                return AdjustInstances(known_ids([number], table), kind, float(amount))
+            except ValueError as error:
+                raise OptionError(f"{amount!r} in {text!r} is not a number; write e.g. {example}") from error
+    raise OptionError(f"{what!r} in {text!r} is not one of {', '.join(RANGES)}; write e.g. {example}")

@@ -1,0 +1,62 @@
+"""Moves, copies, adjustments and label repair with `instdrive apply`."""
+
+import numpy as np
+import pytest
+from random_scene import random_scene
+
+from instdrive_app.main import main
+from instdrive_core.formats.registry import open_scene, save_scene
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run folder with two moving actors (instances 7 and 8) and instances 1 to 6."""
+    save_scene(tmp_path / "run", random_scene())
+    return tmp_path / "run"
+
+
+def test_edits_by_options(run, tmp_path):
+    save_scene(tmp_path / "other.ply", random_scene(seed=1, count=40, actors=0))
+    options = ["--insert", str(tmp_path / "other.ply"), "--merge", "4=5,6", "--set-class", "3=Van"]
+    options += ["--adjust", "2=opacity:0.5", "--move", "2=1,0,-2", "3=0,0,0,90,2", "--duplicate", "1=0,6,0"]
+    assert main(["apply", str(run), *options, "--delete", "1", "-o", str(tmp_path / "out")]) == 0
+    before, after = random_scene(), open_scene(tmp_path / "out")
+    mine, moved = (np.flatnonzero(scene.instance_ids == 2) for scene in (before, after))
+    shift = after.gaussians.means[moved] - before.gaussians.means[mine]
+    np.testing.assert_allclose(shift, np.tile([1, 0, -2], (len(mine), 1)), atol=1e-5)
+    np.testing.assert_allclose(after.gaussians.opacities[moved], 0.5 * before.gaussians.opacities[mine], atol=1e-6)
+    mine, turned = (np.flatnonzero(scene.instance_ids == 3) for scene in (before, after))
+    old, new = (
+        scene.gaussians.means[rows] - scene.gaussians.means[rows].mean(axis=0)
+        for scene, rows in ((before, mine), (after, turned))
+    )
+    np.testing.assert_allclose(new, 2 * np.stack([-old[:, 1], old[:, 0], old[:, 2]], axis=1), atol=1e-4)
+    assert after.table[3].class_name == "Van"
+    assert {5, 6} & {instance.id for instance in after.table} == set()
+    copied = [instance for instance in after.table if instance.name.startswith("parked – “taxi” (")]
+    assert len(copied) == 1
+    originals = before.gaussians.means[before.instance_ids == 1]
+    copies = after.gaussians.means[after.instance_ids == copied[0].id]
+    np.testing.assert_allclose(copies, originals + np.float32([0, 6, 0]), atol=1e-5)
+    assert len(after) == 200 + 40 + len(copies) - len(originals)
+
+
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        (["--move", "2=1,2"], "3 numbers"),
+        (["--move", "2=1,2,nan"], "3 numbers"),
+        (["--move", "77=1,2,3"], "77"),
+        (["--adjust", "2=gloss:1"], "gloss"),
+        (["--adjust", "2=hue:far"], "far"),
+        (["--merge", "2=a"], "'a'"),
+        (["--duplicate", "2"], "ID=VALUE"),
+        (["--insert", "absent.ply"], "absent.ply"),
+        (["--absorb", "77"], "77"),
+        (["--split", "2", "--adjust", "2=hue:200"], "180"),
+    ],
+)
+def test_options_that_cannot_be_read_are_explained(run, tmp_path, capsys, option, named):
+    assert main(["apply", str(run), *option, "-o", str(tmp_path / "out.ply")]) == 2
+    assert named in capsys.readouterr().err
+    assert not (tmp_path / "out.ply").exists()
