@@ -64,6 +64,13 @@ def current_means(
     return means
 
 
+def transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"]) -> Gaussians:
+    """Copies of `rows` with their moves applied: what is drawn of them, in their nodes' frames."""
+    part = gaussians.select(rows)
+    transform_rows(part, palette, palette.indices[rows])
+    return part
+
+
 def transform_rows(gaussians: Gaussians, palette: TransformPalette, entries: UInt16[ndarray, " n"]) -> None:
     """Bake moves: write means, quaternions, scales and SH rest of all rows whose entry is not 0. `entries` (n,)."""
     for entry in np.unique(entries[entries > 0]).tolist():

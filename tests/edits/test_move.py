@@ -19,7 +19,7 @@ from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.lane import street_direction, travel_direction
 from instdrive_core.scene.scene import scene_from_gaussians
-from instdrive_core.scene.transforms import current_means
+from instdrive_core.scene.transforms import current_means, transformed
 
 YAW_90 = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 
@@ -248,3 +248,13 @@ def test_memory_is_that_of_the_rows_moved():
     document.apply(edit)
     assert edit._rows.nbytes + edit._before.nbytes == 6 * len(document.rows_of((5,)))
     assert current_means(document.scene.gaussians, document.transforms, document.rows_of((6,))).base is None
+
+
+def test_what_is_drawn_of_some_rows_is_what_is_exported():
+    document = Document(random_scene())
+    document.apply(MoveInstances((2, 7), (1.0, 0.0, 0.0), (0.5, 0.5, 0.1, 0.2), 1.5))
+    rows = np.array([5, 17, 150, 199, *document.rows_of((2,))[:5]])
+    drawn, exported = transformed(document.scene.gaussians, document.transforms, rows), baked(document).gaussians
+    for name, array in drawn.arrays().items():
+        np.testing.assert_allclose(array, getattr(exported, name)[rows], atol=2e-6, err_msg=name)
+    np.testing.assert_allclose(document.means_of(rows), drawn.means, atol=1e-5)
