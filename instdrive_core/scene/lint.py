@@ -1,0 +1,206 @@
+"""What is odd about a scene's splats: values that break programs, and splats that nobody will ever see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, UInt64
+from numpy import ndarray
+
+from instdrive_core.maths.spherical_harmonics import REST_COUNTS
+from instdrive_core.scene.scene import Scene
+
+FindingKind = Literal[
+    "not_finite", "zero_quaternion", "giant_scale", "far_outlier", "never_shown", "duplicate", "empty_sh"
+]
+
+VISIBLE_OPACITY = 1 / 255
+"""Rasterizers pass over what covers less than one step of an 8-bit picture (Kerbl et al. 2023)."""
+SHORTEST_QUATERNION = 1e-6
+"""Shorter ones are as good as zero: float32 squares lose their digits, and the direction is noise."""
+MIN_ROWS = 20
+"""Fewer splats have no extent to measure others by."""
+CORE_SHARE = 0.95
+"""The share of splats whose distance from the median is the scene's radius."""
+FAR_RADII = 20.0
+"""A splat this many radii away is an outlier; distant buildings and hills of a drive are nearer."""
+CHUNK_ROWS = 65536
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One kind of oddity."""
+
+    kind: FindingKind
+    what: str
+    """A sentence with its figures, without a full stop."""
+    count: int
+    """How many splats; for `empty_sh`, how many coefficients per splat."""
+    rows: Int64[ndarray, " m"]
+    """The splats, ascending; none where all are concerned (`empty_sh`)."""
+    remedy: str
+
+
+@dataclass(frozen=True)
+class _Extent:
+    """How far the background reaches."""
+
+    rows: Int64[ndarray, " m"]
+    """Background splats at finite places."""
+    distances: Float64[ndarray, " m"]
+    """Metres from the median of each axis."""
+    radius: float
+    """Metres that hold `CORE_SHARE` of them; above 0."""
+
+
+def linted(scene: Scene) -> tuple[Finding, ...]:
+    """Everything odd about a scene, the most harmful first; nothing is changed.
+
+    Infinite opacity logits are opacities of exactly 0 or 1 and are no fault. Extents are measured on the background
+    only: actors lie in frames of their own.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        extent = _extent(scene)
+        findings = (
+            _not_finite(scene),
+            _zero_quaternions(scene),
+            _giant_scales(scene, extent),
+            _far_outliers(scene, extent),
+            _never_shown(scene),
+            _duplicates(scene),
+            _empty_sh(scene),
+        )
+    return tuple(finding for finding in findings if finding is not None)
+
+
+def _finding(kind: FindingKind, wrong: Bool[ndarray, " n"], what: str, remedy: str) -> Finding | None:
+    rows = np.flatnonzero(wrong)
+    return Finding(kind, f"{len(rows):,} splats {what}", len(rows), rows, remedy) if len(rows) else None
+
+
+def _not_finite(scene: Scene) -> Finding | None:
+    wrong, parts = np.zeros(len(scene), bool), []
+    for name, values in scene.gaussians.arrays().items():
+        broken = np.isnan(values) if name == "opacity_logits" else _rows_not_finite(values)
+        if broken.any():
+            parts.append(f"{name} of {np.count_nonzero(broken):,}")
+            wrong |= broken
+    what = f"hold values that are not finite ({', '.join(parts)})"
+    return _finding("not_finite", wrong, what, "Delete them; most viewers draw nothing or fail where one is in view")
+
+
+def _rows_not_finite(values: ndarray) -> Bool[ndarray, " n"]:
+    """Rows with NaN or infinity; chunk by chunk, as a mask of all SH coefficients would be as large as the scene."""
+    wrong = np.zeros(len(values), bool)
+    flat = _flat(values)
+    for start in range(0, len(flat), CHUNK_ROWS):
+        finite = np.isfinite(flat[start : start + CHUNK_ROWS])
+        if not finite.all():
+            wrong[start : start + CHUNK_ROWS] = ~finite.all(axis=1)
+    return wrong
+
+
+def _flat(values: ndarray) -> ndarray:
+    """One row per splat, also where there is none, which leaves -1 undefined."""
+    return values.reshape(len(values), int(np.prod(values.shape[1:])))
+
+
+def _zero_quaternions(scene: Scene) -> Finding | None:
+    quats = scene.gaussians.quats
+    squares = np.einsum("ni,ni->n", quats, quats)
+    what = "have a rotation of length 0"
+    remedy = "Set them to 1 0 0 0, or delete them; programs that normalise them get NaN"
+    return _finding("zero_quaternion", squares < SHORTEST_QUATERNION**2, what, remedy)
+
+
+def _extent(scene: Scene) -> _Extent | None:
+    """None where too few splats, or most of them in one point, leave nothing to measure by."""
+    means = scene.gaussians.means
+    rows = np.flatnonzero((scene.nodes == 0) & ~_rows_not_finite(means))
+    if len(rows) < MIN_ROWS:
+        return None
+    offsets = means[rows].astype(np.float64)
+    offsets -= np.median(offsets, axis=0)
+    distances = np.sqrt(np.einsum("ni,ni->n", offsets, offsets))
+    radius = float(np.quantile(distances, CORE_SHARE))
+    return _Extent(rows, distances, radius) if radius > 0 else None
+
+
+def _giant_scales(scene: Scene, extent: _Extent | None) -> Finding | None:
+    if extent is None:
+        return None
+    longest = scene.gaussians.log_scales.max(axis=1)
+    wrong = np.isfinite(longest) & (longest > np.log(extent.radius))
+    what = f"are larger than the scene (standard deviation above {extent.radius:.3g} m)"
+    return _finding("giant_scale", wrong, what, "Delete them if they veil the view; sky belongs into a sky map")
+
+
+def _far_outliers(scene: Scene, extent: _Extent | None) -> Finding | None:
+    if extent is None:
+        return None
+    limit = FAR_RADII * extent.radius
+    wrong = np.zeros(len(scene), bool)
+    wrong[extent.rows] = extent.distances > limit
+    what = f"lie more than {limit:.3g} m from the middle; {CORE_SHARE:.0%} lie within {extent.radius:.3g} m"
+    return _finding("far_outlier", wrong, what, "Delete them; they spoil framing, bounds and quantised formats")
+
+
+def _never_shown(scene: Scene) -> Finding | None:
+    # logit(1/255): comparing logits spares a million exponentials.
+    limit = np.float32(np.log(VISIBLE_OPACITY / (1 - VISIBLE_OPACITY)))
+    wrong = scene.gaussians.opacity_logits < limit
+    return _finding("never_shown", wrong, "have an opacity below 1/255 and never show", "Delete them to save memory")
+
+
+def _duplicates(scene: Scene) -> Finding | None:
+    """Splats of the same place, shape, opacity and base colour, bit by bit, as an earlier one."""
+    gaussians = scene.gaussians
+    names = ("means", "quats", "log_scales", "opacity_logits", "sh_dc")
+    words = [_flat(getattr(gaussians, name)).view(np.uint32) for name in names]
+    words.append(scene.nodes.astype(np.uint32)[:, None])
+    hashes = _hashes(words)
+    ordered = np.sort(hashes)
+    if not (ordered[1:] == ordered[:-1]).any():
+        return None
+    # Stable, so that the first of equal splats is the one that stays.
+    order = np.argsort(hashes, kind="stable")
+    pairs = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
+    later, earlier = order[pairs + 1], order[pairs]
+    same = np.ones(len(pairs), bool)
+    for part in words:
+        same &= (part[later] == part[earlier]).all(axis=1)
+    wrong = np.zeros(len(scene), bool)
+    wrong[later[same]] = True
+    return _finding("duplicate", wrong, "repeat an earlier one exactly", "Delete them; the picture gets too opaque")
+
+
+def _hashes(parts: list[ndarray]) -> UInt64[ndarray, " n"]:
+    """One number per row of 32-bit words: multiply and add, with a shift that carries high bits down (splitmix)."""
+    hashes = np.zeros(len(parts[0]), np.uint64)
+    for part in parts:
+        for column in part.T:
+            hashes += column
+            hashes *= np.uint64(0x9E3779B97F4A7C15)
+            hashes ^= hashes >> np.uint64(29)
+    return hashes
+
+
+def _empty_sh(scene: Scene) -> Finding | None:
+    """SH columns above the degree that the scene makes use of."""
+    rest = scene.gaussians.sh_rest
+    if not rest.size:
+        return None
+    used = np.zeros(rest.shape[1], bool)
+    for start in range(0, len(rest), CHUNK_ROWS):
+        used |= rest[start : start + CHUNK_ROWS].any(axis=(0, 2))
+        if used[-1]:
+            break
+    needed = int(np.max(np.flatnonzero(used), initial=-1)) + 1
+    degree = next(degree for degree, count in enumerate(REST_COUNTS) if count >= needed)
+    empty = rest.shape[1] - REST_COUNTS[degree]
+    if not empty:
+        return None
+    what = f"{empty} of {rest.shape[1]} SH coefficients are zero in every splat (degree {degree} would do)"
+    return Finding("empty_sh", what, empty, np.zeros(0, np.int64), "Nothing is wrong; the file is larger than needed")
