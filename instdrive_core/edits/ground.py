@@ -36,7 +36,8 @@ def ground_height(points: Float32[ndarray, "n 3"], place: Float[ndarray, "3"]) -
 
 def _plane_at_zero(offsets: Float64[ndarray, "k 2"], heights: Float64[ndarray, " k"]) -> float:
     """Height at offset 0 of a plane that grows from the lowest points to all that agree with it."""
-    low = np.quantile(heights, LOWEST_SHARE)
+    # One of the points, not between two: the band around it is never empty.
+    low = np.quantile(heights, LOWEST_SHARE, method="nearest")
     kept = (heights >= low - TOLERANCE) & (heights <= low + BAND)
     level = float(np.median(heights[kept]))
     columns = np.c_[np.ones(len(offsets)), offsets]

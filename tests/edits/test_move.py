@@ -200,6 +200,13 @@ def test_ground_ignores_what_stands_on_it_and_a_few_floaters_below():
     assert ground_height(points, np.array([40.0, 0, 0])) is None
 
 
+def test_two_layers_far_apart_still_have_a_ground():
+    heights = np.repeat([0.0, 9.0], [2, 18]).astype(np.float32)
+    offsets = np.random.default_rng(7).uniform(-1, 1, (20, 2))
+    height = ground_height(np.c_[offsets, heights].astype(np.float32), np.zeros(3))
+    assert height in (0.0, pytest.approx(9.0))
+
+
 def test_yaw_only_drops_the_tilt():
     document = Document(street())
     tilted = MoveInstances((1,), rotation=(0.9, 0.2, -0.1, 0.3), yaw_only=True).matrix(document)
