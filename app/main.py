@@ -36,6 +36,9 @@ COMMANDS = {
     ),
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
+    "doctor": Command(
+        "instdrive_app.doctor_command:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
+    ),
 }
 
 

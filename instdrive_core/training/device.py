@@ -64,6 +64,14 @@ def missing_for_cuda() -> str | None:
     return _unsuitable_gsplat()
 
 
+def gpu_name() -> str:
+    """Name and memory of the GPU that trains; only where `missing_for_cuda` is None."""
+    import torch
+
+    properties = torch.cuda.get_device_properties(torch.cuda.current_device())
+    return f"{properties.name}, {properties.total_memory / 2**30:.0f} GiB, CUDA {torch.version.cuda}"
+
+
 def _unsuitable_gsplat() -> str | None:
     try:
         version = str(importlib.import_module("gsplat").__version__)  # quick: kernels are compiled when first used

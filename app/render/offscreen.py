@@ -1,0 +1,65 @@
+"""OpenGL without a window, and one picture drawn with it against the CPU rasterizer."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from instdrive_app.render.renderer import Renderer
+from instdrive_app.state import FrameSnapshot
+from instdrive_core.edits.document import Document
+from instdrive_core.errors import InstDriveError
+
+
+class GraphicsError(InstDriveError):
+    """OpenGL 3.3 cannot be had."""
+
+
+@contextmanager
+def offscreen_context() -> Iterator[moderngl.Context]:
+    """An OpenGL 3.3 context of its own, released at the end; on Linux through EGL, which needs no display.
+
+    Raises GraphicsError with the driver's words where there is none.
+    """
+    options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
+    try:
+        context = moderngl.create_context(standalone=True, require=330, **options)
+    except Exception as error:  # the loader of each platform raises its own kinds, plain Exception among them
+        raise GraphicsError(
+            f"no OpenGL 3.3 context off screen ({error}). Install or update the graphics driver "
+            "(Debian without a graphics card: apt install libegl1 libgl1-mesa-dri)"
+        ) from error
+    try:
+        yield context
+    finally:
+        context.release()
+
+
+def driver_facts(context: moderngl.Context) -> str:
+    """Version, renderer, vendor and the largest picture."""
+    info = context.info
+    side = info["GL_MAX_TEXTURE_SIZE"]
+    return f"{info['GL_VERSION']}; {info['GL_RENDERER']}; {info['GL_VENDOR']}; pictures up to {side} px"
+
+
+def drawn_blend(context: moderngl.Context, document: Document, snapshot: FrameSnapshot) -> Float32[ndarray, "h w 4"]:
+    """One colour frame: premultiplied over the sky; alpha is coverage. Raises ShaderError or GraphicsError."""
+    renderer = Renderer(context, document)
+    try:
+        renderer.render(snapshot)
+        blended = renderer.read_blended()
+    finally:
+        renderer.release()
+    fault = context.error
+    if fault != "GL_NO_ERROR":
+        raise GraphicsError(f"the OpenGL driver reports {fault} after drawing; update the graphics driver")
+    if not np.isfinite(blended).all():
+        raise GraphicsError("the picture drawn by OpenGL holds values that are not finite; update the graphics driver")
+    return blended
