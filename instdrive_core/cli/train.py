@@ -30,7 +30,7 @@ def train(
     """Train a driving clip into Gaussians with instance IDs.
 
     Args:
-        clip: Folder of the clip, in PandaSet's layout.
+        clip: Folder of the clip: in PandaSet's layout, of a COLMAP model, or with nerfstudio's transforms.json.
         out: Folder of the run; `instdrive edit` opens it.
         method: How instances are learned: `instdrive` (ours), `paper` (the printed losses), `mask-graph` (no training)
             or a baseline, `gaussian-grouping` or `opengaussian`.

@@ -62,6 +62,15 @@ class Sweep:
 
 
 @dataclass(frozen=True)
+class SparsePoints:
+    """Coloured points that came with the cameras (structure from motion), relative to the clip's origin."""
+
+    points: Float32[ndarray, "n 3"]
+    """World coordinates in the clip's unit."""
+    colors: UInt8[ndarray, "n 3"]
+
+
+@dataclass(frozen=True)
 class Clip:
     """Cameras, LiDAR, cuboids of one drive. Times are seconds since the first time step listed on disk."""
 
@@ -77,6 +86,10 @@ class Clip:
     class_names: dict[int, str]
     """Semantic classes; empty where the clip has none."""
     camera_names: tuple[str, ...]
+    points: SparsePoints | None = None
+    """What training starts from where there is no LiDAR, maybe no point at all; None = LiDAR is needed."""
+    notes: tuple[str, ...] = ()
+    """What a user should know of the clip before training, e.g. that its scale is unknown."""
 
     def training_frames(self) -> tuple[Frame, ...]:
         """Frames that may train."""
@@ -96,7 +109,8 @@ class ClipOptions:
     """Which part of a clip to load, and at which size."""
 
     cameras: str = "6"
-    """Camera set: 1 (front), 3 (front and front sides), 6 (all), or names joined by commas."""
+    """Camera set: 1 (front), 3 (front and front sides), 6 (all), or names joined by commas; where cameras have no known
+    place: the first, the first three, all."""
     scale: float | None = None
     """Image scale relative to the photos on disk, up to 1; default: makes them 480 pixels wide (PandaSet: 0.25)."""
     first_frame: int | None = None
@@ -110,8 +124,14 @@ def load_clip(path: str, options: ClipOptions) -> Clip:
 
     Raises DataError where the folder is no clip or a file in it is damaged, OptionError for unknown cameras.
     """
+    from instdrive_core.datasets.colmap import holds_colmap, load_colmap
+    from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
     from instdrive_core.datasets.pandaset import load_pandaset
 
+    if holds_nerfstudio(path):
+        return load_nerfstudio(path, options)
+    if holds_colmap(path):
+        return load_colmap(path, options)
     return load_pandaset(path, options)
 
 

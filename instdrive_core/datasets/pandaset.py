@@ -20,22 +20,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64, UInt8
+from jaxtyping import Bool, Float64
 from numpy import ndarray
-from PIL import Image, UnidentifiedImageError
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, Sweep, center_of, is_held_out
 from instdrive_core.datasets.json_file import field, number, numbers, read_json
 from instdrive_core.datasets.pandaset_cuboids import load_tracks
 from instdrive_core.datasets.pandaset_lidar import load_sweep
+from instdrive_core.datasets.photos import load_photo, photo_size
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera, CameraView
 
 logger = logging.getLogger(__name__)
-
-_DAMAGED = (OSError, UnidentifiedImageError, SyntaxError, ValueError)
-"""What Pillow raises for files that are no photo, or half of one."""
 
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
 CAMERA_SETS = {"1": CAMERAS[:1], "3": CAMERAS[:3], "6": CAMERAS}
@@ -67,7 +64,10 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     """
     root = Path(path)
     if not (root / "camera").is_dir():
-        remedy = "Give the folder of one PandaSet sequence, e.g. pandaset/002"
+        remedy = (
+            "Give the folder of one PandaSet sequence, e.g. pandaset/002, of a COLMAP model (sparse/0) with its photos "
+            "(images), or one that holds a transforms.json"
+        )
         raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
@@ -165,7 +165,7 @@ def _load_camera(folder: Path) -> _CameraFiles:
     if photos and max(photos) >= len(poses):
         problem = f"lists {len(poses)} poses, yet there is a photo {photos[max(photos)].name}"
         raise DataError(poses_file, problem, "Get the file again, or remove photos without a pose")
-    width, height = _photo_size(photos[min(photos)]) if photos else (0, 0)
+    width, height = photo_size(photos[min(photos)]) if photos else (0, 0)
     fx, fy, cx, cy = (
         number(intrinsics_file, field(intrinsics_file, intrinsics, key), key) for key in ("fx", "fy", "cx", "cy")
     )
@@ -229,31 +229,6 @@ def _ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:
     valid = np.ones((camera.height, camera.width), bool)
     valid[camera.height - int(np.ceil(camera.height * EGO_ROWS)) :] = False
     return valid
-
-
-def _photo_size(photo: Path) -> tuple[int, int]:
-    try:
-        with Image.open(photo) as image:
-            return image.size
-    except _DAMAGED as error:
-        raise DataError(photo, f"is no readable photo ({error})", "Get the file again") from error
-
-
-def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -> UInt8[ndarray, "h w 3"]:
-    """The photo in RGB, averaged down to `size` (width, height); JPEGs skip what their decoder can.
-
-    Raises DataError where it is damaged or its size on disk is not `full_size`.
-    """
-    try:
-        with Image.open(photo) as image:
-            if image.size != full_size:
-                problem = f"is {image.size[0]}×{image.size[1]}, the camera's first photo {full_size[0]}×{full_size[1]}"
-                raise DataError(photo, problem, "Photos of one camera must have one size")
-            image.draft("RGB", size)
-            rgb = image.convert("RGB")
-            return np.asarray(rgb if rgb.size == size else rgb.resize(size, Image.Resampling.BOX)).copy()
-    except _DAMAGED as error:
-        raise DataError(photo, f"is no readable photo ({error})", "Get the file again") from error
 
 
 def _class_names(root: Path) -> dict[int, str]:

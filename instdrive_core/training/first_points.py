@@ -113,7 +113,7 @@ def _of_view(
     view = views.get(number)
     if cloud is not None:
         cloud.add(view)
-    return _points_beyond_lidar(view, config, len(views), np.random.default_rng((seed, _BEYOND, number)))
+    return points_beyond_lidar(view, config, len(views), np.random.default_rng((seed, _BEYOND, number)))
 
 
 def some(points: ColoredPoints, limit: int, rng: np.random.Generator) -> ColoredPoints:
@@ -158,7 +158,7 @@ def _split(cloud: _SweepColors, time: float, tracks: list[Track]) -> tuple[dict[
     return actors, cloud.take(np.flatnonzero(background))
 
 
-def _points_beyond_lidar(
+def points_beyond_lidar(
     view: TrainingView, config: InitConfig, view_count: int, rng: np.random.Generator
 ) -> tuple[ColoredPoints, ColoredPoints]:
     """Points on rays of pixels where LiDAR is silent and no sky is known: near ones and far ones.
@@ -170,7 +170,7 @@ def _points_beyond_lidar(
 
     def on_rays(spread: ndarray) -> ColoredPoints:
         chosen = rng.choice(len(pixels), len(spread), replace=False)
-        return _on_rays(view, pixels[chosen], depths[chosen] * spread)
+        return points_on_rays(view, pixels[chosen], depths[chosen] * spread)
 
     near, far = (min(len(pixels), -(-count // view_count)) for count in (config.near_points, config.far_points))
     return (
@@ -214,7 +214,7 @@ def _block_depths(view: TrainingView, block: int) -> Float32[ndarray, "h w"]:
     return depth
 
 
-def _on_rays(view: TrainingView, pixels: Int64[ndarray, " k"], z: ndarray) -> ColoredPoints:
+def points_on_rays(view: TrainingView, pixels: Int64[ndarray, " k"], z: ndarray) -> ColoredPoints:
     """Points at depths `z` (metres along the optical axis) behind pixels, in their colours."""
     camera = view.camera
     v, u = np.divmod(pixels, camera.width)

@@ -19,6 +19,7 @@ from instdrive_core.scene.gaussians import Gaussians, concatenated
 from instdrive_core.scene.track import Track
 from instdrive_core.training.config import InitConfig
 from instdrive_core.training.first_points import ColoredPoints, first_points, joined, some
+from instdrive_core.training.sparse_start import points_without_lidar
 from instdrive_core.training.view_store import ViewStore
 from instdrive_core.training.voxel_thinning import thinned_rows
 
@@ -57,18 +58,25 @@ def initial_scene(
         seed: of everything random.
         moving_actors: whether moving objects become actors of their own; else their points stay in the background.
 
+    A clip without LiDAR starts from the points that came with its cameras, else from random ones (`sparse_start`).
+
     Raises DataError where the clip has no photo or LiDAR sweep of a training time step, no camera sees a LiDAR point,
     or a photo, mask or sweep is damaged.
     """
     _check_has_data(clip, views)
     rng = np.random.default_rng((seed, 0))
-    points = first_points(clip, views, config, seed, moving_actors)
-    if not len(points.lidar):
-        problem = "no camera sees a LiDAR point of the training time steps"
-        raise DataError(clip.path, problem, "Check that poses and sweeps belong together, or choose other cameras")
     centers = np.stack([facts.camera.position for facts in views.facts]).astype(np.float32)
-    lidar = points.lidar.take(thinned_rows(points.lidar.positions, centers, config.lidar_points, rng))
-    background = joined([lidar, points.near, points.far])
+    if clip.training_sweeps():
+        points = first_points(clip, views, config, seed, moving_actors)
+        if not len(points.lidar):
+            problem = "no camera sees a LiDAR point of the training time steps"
+            raise DataError(clip.path, problem, "Check that poses and sweeps belong together, or choose other cameras")
+    else:
+        points = points_without_lidar(clip, views, config, seed)
+    seen = points.lidar
+    if len(seen):
+        seen = seen.take(thinned_rows(seen.positions, centers, config.lidar_points, rng))
+    background = joined([seen, points.near, points.far])
     parts = [_gaussians_from_points(background, centers, config.opacity, sh_degree)]
     nodes, actors = [np.zeros(len(background), np.uint16)], []
     for track in clip.tracks:
@@ -106,7 +114,7 @@ def _check_has_data(clip: Clip, views: ViewStore) -> None:
     if not len(views):
         problem = "has no photo of a training time step (every tenth is kept for evaluation)"
         raise DataError(clip.path, problem, "Choose other cameras or a wider frame range")
-    if not clip.training_sweeps():
+    if not clip.training_sweeps() and clip.points is None:
         problem = "has no LiDAR sweep of a training time step (lidar/NN.pkl.gz)"
         raise DataError(clip.path, problem, "Add sweeps, choose a wider frame range, or start from a scene with --init")
 

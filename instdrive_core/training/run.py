@@ -75,6 +75,8 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
         f"{len(clip.training_frames())} training photos, {len(clip.held_out_frames())} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
     )
+    for note in clip.notes:
+        on_note(note)
     _say_what_is_missing(clip, request.config, on_note)
     with view_store(clip, masks) as store:
         compile_kernels(on_note)

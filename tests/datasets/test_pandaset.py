@@ -247,7 +247,7 @@ def test_a_damaged_pose_is_named_with_its_place(root):
 def test_a_photo_of_another_size_is_refused_when_read(root):
     Image.fromarray(photo_at(0)[:10]).save(root / FRONT / "05.jpg")
     frame = next(frame for frame in load(root).frames if frame.key == "front_camera/05")
-    with pytest.raises(DataError, match=r"05\.jpg: is 64×10, the camera's first photo 64×36"):
+    with pytest.raises(DataError, match=r"05\.jpg: is 64×10, the camera's photos 64×36"):
         frame.load_image()
 
 

@@ -1,0 +1,86 @@
+"""Lens distortion, and its removal from photos: everything after this sees a pinhole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, UInt8
+from numpy import ndarray
+from scipy import ndimage
+
+from instdrive_core.scene.camera import Camera
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Brown's model as OpenCV and COLMAP write it, on coordinates x/z, y/z with r² = x² + y².
+
+    The radial factor is (1 + Σ radial[i] r^(2i+2)) / (1 + Σ divided_by[i] r^(2i+2)); p1, p2 shift tangentially.
+    """
+
+    radial: tuple[float, ...] = ()
+    tangential: tuple[float, float] = (0.0, 0.0)
+    divided_by: tuple[float, ...] = ()
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether nothing is to be removed."""
+        return not any((*self.radial, *self.tangential, *self.divided_by))
+
+    def distorted(
+        self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]
+    ) -> tuple[Float64[ndarray, "*n"], Float64[ndarray, "*n"]]:
+        """Where the lens shows what a pinhole would show at x, y."""
+        r2 = x * x + y * y
+        factor = (1 + _series(self.radial, r2)) / (1 + _series(self.divided_by, r2))
+        p1, p2 = self.tangential
+        return (
+            x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * factor + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
+        )
+
+
+def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Lens) -> UInt8[ndarray, "h w 3"]:
+    """The photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
+    rows, columns = _sources(camera, lens)
+    channels = [
+        ndimage.map_coordinates(image[:, :, channel].astype(np.float32), (rows, columns), order=1, mode="nearest")
+        for channel in range(3)
+    ]
+    return np.clip(np.round(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
+
+
+def covered_by_photo(camera: Camera, lens: Lens) -> Bool[ndarray, "h w"]:
+    """Pixels of the undistorted photo that the photo on disk shows."""
+    rows, columns = _sources(camera, lens)
+    inside = (rows >= -0.5) & (rows <= camera.height - 0.5) & (columns >= -0.5) & (columns <= camera.width - 0.5)
+    return inside & _unfolded(camera, lens)
+
+
+def _sources(camera: Camera, lens: Lens) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
+    """Row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
+    x, y = lens.distorted(*_pinhole_coordinates(camera))
+    return y * camera.fy + camera.cy - 0.5, x * camera.fx + camera.cx - 0.5
+
+
+def _pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    return (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
+
+
+def _unfolded(camera: Camera, lens: Lens) -> Bool[ndarray, "h w"]:
+    """Where the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
+    x, y = _pinhole_coordinates(camera)
+    radius = np.hypot(x, y)
+    steps = np.linspace(0, radius.max(), 512)
+    shown = lens.distorted(steps, np.zeros_like(steps))[0] - lens.tangential[1] * 3 * steps**2
+    falling = np.flatnonzero(np.diff(shown) <= 0)
+    return radius <= (steps[falling[0]] if len(falling) else np.inf)
+
+
+def _series(coefficients: tuple[float, ...], r2: Float64[ndarray, "*n"]) -> Float64[ndarray, "*n"]:
+    total = np.zeros_like(r2)
+    for coefficient in reversed(coefficients):
+        total = (total + coefficient) * r2
+    return total

@@ -1,0 +1,128 @@
+"""Folders with nerfstudio's ``transforms.json``: poses in OpenGL axes, intrinsics for all photos or for each.
+
+Fields after nerfstudio's page on its data format; ``ply_file_path`` names a point cloud in the same world.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.json_file import field, number, read_json
+from instdrive_core.datasets.lens import Lens
+from instdrive_core.datasets.photos import photo_size
+from instdrive_core.datasets.point_ply import read_point_ply
+from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, checked_camera, clip_of_photos, inner_path
+from instdrive_core.errors import DataError
+from instdrive_core.scene.camera import Camera
+
+LISTING = "transforms.json"
+_REMEDY = "Export the data set again, or correct the file"
+_SUFFIXES = ("", ".png", ".jpg", ".jpeg")
+"""Tried in turn: files of the first NeRFs name photos without."""
+_PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
+_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def holds_nerfstudio(path: str | Path) -> bool:
+    """Whether the folder holds a ``transforms.json``."""
+    return (Path(path) / LISTING).is_file()
+
+
+def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
+    """Open a folder with a ``transforms.json``: a static clip; photos that are missing are left out.
+
+    Raises DataError where the file is damaged or no photo is there, UntrustedDataError where a path leads out of the
+    folder, OptionError for options that do not fit.
+    """
+    root, listing = Path(path), Path(path) / LISTING
+    content = read_json(listing)
+    frames = field(listing, content, "frames")
+    if not isinstance(frames, list):
+        problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
+        raise DataError(listing, problem, _REMEDY)
+    photos = [_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
+    found = [photo for photo in photos if photo is not None]
+    if frames and not found:
+        problem = f"no size is given and none of the {len(frames)} photos that it lists is there"
+        raise DataError(listing, problem, "Put the photos into the folder under the names that the file lists")
+    return clip_of_photos(root, listing, found, _points(root, content), options)
+
+
+def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto | None:
+    """One listed photo; None where it is missing and so is its size, without which it is no camera."""
+    listing = root / LISTING
+    name = field(listing, frame, "file_path", where)
+    file = inner_path(listing, root, name)
+    file = next((other for suffix in _SUFFIXES if (other := file.with_name(file.name + suffix)).is_file()), file)
+    known = content | frame
+    if not {"w", "h"} <= known.keys() and not file.is_file():
+        return None
+    camera, lens = _camera(listing, known, file, where)
+    pose = _pose(listing, field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
+    return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), lens)
+
+
+def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Lens]:
+    """Intrinsics of a photo from its own fields, else those of all; the size from the photo where none is given."""
+    model = known.get("camera_model", "OPENCV")
+    if model not in _PINHOLES:
+        problem = f"the field 'camera_model' is {model!r}, expected one of {', '.join(_PINHOLES)}"
+        raise DataError(listing, problem, "Undistort the photos, e.g. with 'colmap image_undistorter'")
+
+    def value(key: str, default: float | None = None) -> float:
+        found = known.get(key, default)
+        return number(listing, field(listing, known, key, where) if found is None else found, where + key)
+
+    width, height = (value("w"), value("h")) if {"w", "h"} <= known.keys() else photo_size(file)
+    if width != int(width) or height != int(height):
+        raise DataError(listing, f"{where}w, h are {width}, {height}, expected whole numbers", _REMEDY)
+    if "fl_x" in known or "camera_angle_x" not in known:
+        fx = value("fl_x")
+    else:
+        fx = _focal_length(listing, value("camera_angle_x"), width, where)
+    intrinsics = (fx, value("fl_y", fx), value("cx", width / 2), value("cy", height / 2))
+    lens = Lens(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
+    return checked_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), lens
+
+
+def _focal_length(listing: Path, angle: float, width: float, where: str) -> float:
+    if not 0 < angle < math.pi:
+        problem = f"the field '{where}camera_angle_x' is {angle}, expected radians between 0 and π"
+        raise DataError(listing, problem, _REMEDY)
+    return width / 2 / math.tan(angle / 2)
+
+
+def _pose(listing: Path, value: Any, name: str) -> Float64[ndarray, "4 4"]:
+    """World from camera in OpenCV axes."""
+    rows = value if isinstance(value, list) else []
+    if len(rows) not in (3, 4) or any(not isinstance(row, list) or len(row) != 4 for row in rows):
+        raise DataError(listing, f"the field '{name}' is no matrix of 4×4 or 3×4 numbers", _REMEDY)
+    pose = np.eye(4)
+    pose[: len(rows)] = [[number(listing, entry, name) for entry in row] for row in rows]
+    rotation = pose[:3, :3]
+    is_rigid = np.abs(rotation).max() < 2 and np.abs(rotation @ rotation.T - np.eye(3)).max() < 0.01
+    if not is_rigid or np.linalg.det(rotation) < 0 or np.abs(pose[:3, 3]).max() >= 1e9:
+        problem = f"the field '{name}' is no rotation and position: {pose.tolist()}"
+        raise DataError(listing, problem, _REMEDY)
+    left, _, right = np.linalg.svd(rotation)
+    pose[:3, :3], pose[3] = left @ right, (0, 0, 0, 1)
+    return pose @ _FROM_OPENGL
+
+
+def _points(root: Path, content: dict[str, Any]) -> ListedPoints:
+    name = content.get("ply_file_path")
+    if name is None:
+        return ListedPoints.none()
+    file = inner_path(root / LISTING, root, name)
+    if not file.is_file():
+        problem = f"the field 'ply_file_path' names {name!r}, which is missing"
+        raise DataError(root / LISTING, problem, "Put the file there, or remove the field to start from random points")
+    return read_point_ply(file)

@@ -1,0 +1,215 @@
+"""A clip from nothing but posed photos and maybe sparse points: what COLMAP's and nerfstudio's folders come down to."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, UInt8
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, center_of, is_held_out
+from instdrive_core.datasets.lens import Lens, covered_by_photo, undistorted
+from instdrive_core.datasets.photos import load_photo
+from instdrive_core.datasets.upright import upright_world
+from instdrive_core.errors import DataError, OptionError, UntrustedDataError
+from instdrive_core.scene.camera import Camera, CameraView
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_WIDTH = 480
+"""Pixels to which photos are scaled where no scale is asked for."""
+STEP_SECONDS = 0.1
+"""Assumed between photos, as the files have no times."""
+MAX_PIXELS = 1 << 28
+_CAMERA_COUNTS = {"1": 1, "3": 3, "6": None}
+
+
+@dataclass(frozen=True)
+class PosedPhoto:
+    """One photo as a file lists it."""
+
+    name: str
+    """Path as listed; photos of one camera are ordered by it, and their folder is the camera's name."""
+    file: Path
+    """Where it should be."""
+    camera: Camera
+    """At full size, in the file's world."""
+    lens: Lens
+
+
+@dataclass(frozen=True)
+class ListedPoints:
+    """Points in the file's world."""
+
+    points: Float64[ndarray, "n 3"]
+    colors: UInt8[ndarray, "n 3"]
+
+    @staticmethod
+    def none() -> ListedPoints:
+        """No points at all."""
+        return ListedPoints(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+
+
+def inner_path(listing: Path, folder: Path, name: Any) -> Path:
+    """The file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of it."""
+    if not isinstance(name, str) or not name:
+        raise DataError(listing, f"{name!r} stands where a file's name should", "Export the data set again")
+    parts = PurePosixPath(name)
+    if parts.is_absolute() or ".." in parts.parts or any(sign in name for sign in "\\:\0") or not parts.parts:
+        problem = f"the file name {name[:200]!r} leads out of {folder}"
+        raise UntrustedDataError(listing, problem, "Do not use this data set unless you know who made it")
+    return folder / parts
+
+
+def clip_of_photos(
+    root: Path, listing: Path, photos: list[PosedPhoto], points: ListedPoints, options: ClipOptions
+) -> Clip:
+    """A static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
+
+    Args:
+        root: the clip's folder.
+        listing: the file that lists the photos, for messages.
+        photos: all that are listed.
+        points: what training starts from, maybe none.
+        options: which part to load.
+
+    Raises DataError where no photo is there, OptionError for an unknown camera, an empty frame range or a bad scale.
+    """
+    if not photos:
+        raise DataError(listing, "lists no photo", "Export the data set again")
+    if options.scale is not None and not 0 < options.scale <= 1:
+        raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
+    ordered = _ordered(root, photos, options.cameras)
+    present = [entry for entry in ordered if entry[1].file.is_file()]
+    _say_missing(listing, ordered, present)
+    chosen = [entry for entry in present if _in_range(entry[0], options)]
+    if not chosen:
+        raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
+    world = upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
+    poses = world.poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
+    origin = center_of(poses[:, :3, 3])
+    poses[:, :3, 3] -= origin
+    chosen = [
+        (step, replace(photo, camera=replace(photo.camera, world_from_camera=pose)))
+        for (step, photo), pose in zip(chosen, poses, strict=True)
+    ]
+    scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
+    coverage = _coverage()
+    return Clip(
+        path=str(root),
+        name=root.resolve().name,
+        origin=origin,
+        frames=tuple(_frame(step, photo, scale, coverage) for step, photo in chosen),
+        sweeps=(),
+        tracks=(),
+        class_names={},
+        camera_names=tuple(dict.fromkeys(camera_name(photo) for _, photo in chosen)),
+        points=SparsePoints((world.points(points.points) - origin).astype(np.float32), points.colors),
+        notes=(*world.notes, _start_note(len(points.points))),
+    )
+
+
+def camera_name(photo: PosedPhoto) -> str:
+    """The folder of a photo below ``images``, or ``camera`` where there is none."""
+    folders = [part for part in PurePosixPath(photo.name).parts[:-1] if part != "images"]
+    return "_".join(folders) or "camera"
+
+
+def checked_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size: tuple[int, int]) -> Camera:
+    """A camera without pose from fx, fy, cx, cy. Raises DataError where no photo can have been taken with it."""
+    fx, fy, cx, cy = intrinsics
+    width, height = size
+    if not (0 < width < 1 << 16 and 0 < height < 1 << 16 and width * height <= MAX_PIXELS):
+        raise DataError(listing, f"{where}: the size is {width}×{height} pixels", "Export the data set again")
+    if not all(map(math.isfinite, intrinsics)) or fx <= 0 or fy <= 0:
+        problem = f"{where}: fx, fy, cx, cy are {fx}, {fy}, {cx}, {cy}; expected numbers, the first two positive"
+        raise DataError(listing, problem, "Export the data set again")
+    return Camera(fx, fy, cx, cy, width, height, np.eye(4))
+
+
+def check_points(listing: Path, points: Float64[ndarray, "n 3"]) -> None:
+    """Raises DataError where a coordinate is no number that positions can have."""
+    bad = np.flatnonzero(~(np.abs(points) < 1e9).all(axis=1))
+    if len(bad):
+        problem = f"point {bad[0]} lies at {points[bad[0]].tolist()} ({len(bad)} such points)"
+        raise DataError(listing, problem, "Export the points again")
+
+
+def _ordered(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int, PosedPhoto]]:
+    """Photos of the asked cameras with their time steps: their places in their own camera's order."""
+    by_camera: dict[str, list[PosedPhoto]] = {}
+    for photo in sorted(photos, key=lambda photo: photo.name):
+        by_camera.setdefault(camera_name(photo), []).append(photo)
+    names = _chosen_cameras(root, tuple(by_camera), asked)
+    steps = [(step, rank, photo) for rank, name in enumerate(names) for step, photo in enumerate(by_camera[name])]
+    return [(step, photo) for step, _, photo in sorted(steps, key=lambda entry: entry[:2])]
+
+
+def _chosen_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
+    if asked in _CAMERA_COUNTS:
+        return present[: _CAMERA_COUNTS[asked]]
+    names = tuple(dict.fromkeys(name.strip() for name in asked.split(",") if name.strip()))
+    unknown = [name for name in names if name not in present]
+    if unknown or not names:
+        raise OptionError(
+            f"{root} has no camera '{', '.join(unknown) or asked}'; "
+            f"choose {', '.join(_CAMERA_COUNTS)} or names of {', '.join(present)}"
+        )
+    return names
+
+
+def _say_missing(listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]) -> None:
+    missing = [photo.file for _, photo in listed if not photo.file.is_file()]
+    if not present:
+        problem = f"none of the {len(listed)} photos that it lists is there, e.g. {missing[0]}"
+        raise DataError(listing, problem, "Put the photos into the folder under the names that the file lists")
+    if missing:
+        logger.warning("%s: %d of %d photos are missing, e.g. %s", listing, len(missing), len(listed), missing[0])
+
+
+def _in_range(step: int, options: ClipOptions) -> bool:
+    return (options.first_frame or 0) <= step and (options.last_frame is None or step <= options.last_frame)
+
+
+Coverage = Callable[[Camera, Lens], Bool[ndarray, "h w"] | None]
+
+
+def _coverage() -> Coverage:
+    """Which pixels undistorted photos fill; photos of one camera share one mask."""
+
+    @lru_cache(maxsize=64)
+    def of(fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Lens) -> ndarray:
+        return covered_by_photo(Camera(fx, fy, cx, cy, width, height, np.eye(4)), lens)
+
+    def coverage(camera: Camera, lens: Lens) -> ndarray | None:
+        if lens.is_pinhole:
+            return None
+        return of(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, lens)
+
+    return coverage
+
+
+def _frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
+    full = photo.camera
+    camera = full.scaled(scale)
+    view = CameraView(camera, camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
+    load = partial(_load, photo.file, (full.width, full.height), camera, photo.lens)
+    return Frame(view, load, coverage(camera, photo.lens))
+
+
+def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Lens) -> UInt8[ndarray, "h w 3"]:
+    image = load_photo(file, full_size, (camera.width, camera.height))
+    return image if lens.is_pinhole else undistorted(image, camera, lens)
+
+
+def _start_note(count: int) -> str:
+    if count:
+        return f"no LiDAR: starting from {count:,} sparse points"
+    return "no LiDAR and no points: starting from random points before the cameras"

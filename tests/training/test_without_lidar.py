@@ -1,0 +1,84 @@
+"""Clips of photos alone train: from sparse points or random ones, static, without masks, and it says so."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from photo_models import photo_model, write_colmap_binary, write_nerfstudio
+
+from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.errors import DataError
+from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.training.config import InitConfig, train_config
+from instdrive_core.training.events import StepDone
+from instdrive_core.training.initialize import initial_scene
+from instdrive_core.training.run import RunRequest, run_training
+from instdrive_core.training.sparse_start import points_without_lidar
+from instdrive_core.training.view_store import view_store
+
+INIT = InitConfig(lidar_points=400, near_points=100, far_points=100)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return photo_model()
+
+
+def run(clip, out, iterations=12):
+    config = train_config("instdrive", "demo", seed=1)
+    geometry = replace(config.geometry, iterations=iterations, coarse_iterations=4, sky_resolution=8)
+    notes, losses = [], []
+    run_training(
+        RunRequest(clip, out, ClipOptions(), replace(config, init=INIT, geometry=geometry)),
+        lambda event: losses.append(event) if isinstance(event, StepDone) else None,
+        notes.append,
+    )
+    return " | ".join(notes), losses
+
+
+def test_a_colmap_model_trains_rgb_only_and_says_so(model, tmp_path):
+    notes, steps = run(write_colmap_binary(tmp_path / "clip", model), tmp_path / "run")
+    assert len(steps) > 0
+    for note in ("scale is unknown", "starting from 40 sparse points", "no cuboids", "no masks: training RGB only"):
+        assert note in notes
+    scene, facts = read_scene_folder(tmp_path / "run"), json.loads((tmp_path / "run" / "run.json").read_text())
+    assert facts["masks"] is None
+    assert len(scene) == facts["n_gaussians"] > 0
+    assert len(scene.table) == 0
+    assert [view.held_out for view in scene.views] == [False] * 4 + [True]
+
+
+def test_without_points_training_starts_from_random_ones(model, tmp_path):
+    root = write_nerfstudio(tmp_path / "clip", model)
+    content = json.loads((root / "transforms.json").read_text())
+    del content["ply_file_path"]
+    (root / "transforms.json").write_text(json.dumps(content))
+    clip = load_clip(str(root), ClipOptions())
+    with view_store(clip, None) as store:
+        start = initial_scene(clip, store, INIT, 0, seed=1)
+        again = initial_scene(clip, store, INIT, 0, seed=1)
+        depths = np.concatenate([facts.camera.project(start.gaussians.means)[1] for facts in store.facts])
+    assert len(start.gaussians) == 600
+    assert np.isfinite(start.gaussians.means).all()
+    assert depths.max() > 20
+    np.testing.assert_array_equal(start.gaussians.means, again.gaussians.means)
+    notes, _ = run(root, tmp_path / "run")
+    assert "starting from random points" in notes
+
+
+def test_sparse_points_are_taken_with_their_colours(model, tmp_path):
+    clip = load_clip(str(write_colmap_binary(tmp_path / "clip", model)), ClipOptions())
+    with view_store(clip, None) as store:
+        points = points_without_lidar(clip, store, INIT, seed=1)
+    assert len(points.lidar) == 40
+    np.testing.assert_allclose(points.lidar.colors, model.colors / 255, atol=1e-6)
+    assert len(points.near) > 0
+    assert len(points.far) > 0
+
+
+def test_points_that_no_photo_sees_are_an_error(model, tmp_path):
+    clip = load_clip(str(write_colmap_binary(tmp_path / "clip", model)), ClipOptions())
+    above = replace(clip.points, points=clip.points.points + np.float32([0, 0, 500]))
+    with view_store(clip, None) as store, pytest.raises(DataError, match="no training photo sees one of its 40 points"):
+        initial_scene(replace(clip, points=above), store, INIT, 0, seed=1)
