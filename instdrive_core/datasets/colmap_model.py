@@ -7,6 +7,7 @@ pycolmap is not used to read: it takes memory by counts before it checks them, a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,7 +95,7 @@ def world_from_camera(
     file: Path, where: str, quat: Sequence[float], translation: Sequence[float]
 ) -> Float64[ndarray, "4 4"]:
     """The inverse of COLMAP's camera-from-world pose (quaternion w first). Raises DataError where it is no pose."""
-    norm = float(np.linalg.norm(quat))
+    norm = math.hypot(*quat)
     if not abs(norm - 1) < 0.01 or not (np.abs(translation) < 1e9).all():
         problem = f"{where}: the pose is {[*quat]}, {[*translation]}; expected a unit quaternion and a position"
         raise DataError(file, problem, REMEDY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -47,17 +48,17 @@ def read_images(file: Path) -> tuple[ColmapImage, ...]:
 
 def read_points(file: Path) -> ListedPoints:
     """``points3D.txt`` without its tracks. Raises DataError where anything about it is wrong."""
-    points, colors = [], []
+    points, colors = array("d"), bytearray()
     for number, line in _entries(file, 1):
         words = line.split(maxsplit=8)
         if len(words) < 8:
             raise _misread(file, number, line, "ID X Y Z R G B ERROR TRACK")
-        points.append(_floats(file, number, words[1:4]))
+        points.extend(_floats(file, number, words[1:4]))
         color = _whole(file, number, words[4:7])
         if max(color) > 255:
             raise _misread(file, number, line, "R G B from 0 to 255")
-        colors.append(color)
-    found = ListedPoints(np.array(points).reshape(-1, 3), np.array(colors, np.uint8).reshape(-1, 3))
+        colors.extend(color)
+    found = ListedPoints(np.array(points).reshape(-1, 3), np.frombuffer(colors, np.uint8).reshape(-1, 3))
     check_points(file, found.points)
     return found
 

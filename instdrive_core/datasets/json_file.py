@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ def read_json(file: Path) -> Any:
         return json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(file, f"is no readable JSON ({error})", _REMEDY) from error
 
 
@@ -31,7 +31,7 @@ def field(file: Path, entry: Any, key: str, where: str = "") -> Any:
 
 def number(file: Path, value: Any, name: str) -> float:
     """A finite number. Raises DataError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise DataError(file, f"the field '{name}' is {value!r}, expected a number", _REMEDY)
     return float(value)
 

@@ -49,29 +49,24 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
         problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
         raise DataError(listing, problem, _REMEDY)
     photos = [_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
-    found = [photo for photo in photos if photo is not None]
-    if frames and not found:
-        problem = f"no size is given and none of the {len(frames)} photos that it lists is there"
-        raise DataError(listing, problem, "Put the photos into the folder under the names that the file lists")
-    return clip_of_photos(root, listing, found, _points(root, content), options)
+    return clip_of_photos(root, listing, photos, _points(root, content), options)
 
 
-def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto | None:
-    """One listed photo; None where it is missing and so is its size, without which it is no camera."""
+def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto:
     listing = root / LISTING
     name = field(listing, frame, "file_path", where)
     file = inner_path(listing, root, name)
     file = next((other for suffix in _SUFFIXES if (other := file.with_name(file.name + suffix)).is_file()), file)
-    known = content | frame
-    if not {"w", "h"} <= known.keys() and not file.is_file():
-        return None
-    camera, lens = _camera(listing, known, file, where)
+    camera, lens = _camera(listing, content | frame, file, where)
     pose = _pose(listing, field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
     return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), lens)
 
 
 def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Lens]:
-    """Intrinsics of a photo from its own fields, else those of all; the size from the photo where none is given."""
+    """Intrinsics of a photo from its own fields, else those of all.
+
+    The size is the photo's where none is given; a missing photo, which nobody will see, counts as one pixel.
+    """
     model = known.get("camera_model", "OPENCV")
     if model not in _PINHOLES:
         problem = f"the field 'camera_model' is {model!r}, expected one of {', '.join(_PINHOLES)}"
@@ -81,7 +76,10 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
         found = known.get(key, default)
         return number(listing, field(listing, known, key, where) if found is None else found, where + key)
 
-    width, height = (value("w"), value("h")) if {"w", "h"} <= known.keys() else photo_size(file)
+    if {"w", "h"} <= known.keys():
+        width, height = value("w"), value("h")
+    else:
+        width, height = photo_size(file) if file.is_file() else (1, 1)
     if width != int(width) or height != int(height):
         raise DataError(listing, f"{where}w, h are {width}, {height}, expected whole numbers", _REMEDY)
     if "fl_x" in known or "camera_angle_x" not in known:

@@ -54,7 +54,8 @@ def read_point_ply(path: Path) -> ListedPoints:
             rows = _rows(file, header, path)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error})", _REMEDY) from error
-    points = np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # NaN of every kind is found below
+        points = np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
     check_points(path, points)
     return ListedPoints(points, _colors(rows, header))
 

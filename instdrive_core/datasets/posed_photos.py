@@ -28,6 +28,8 @@ DEFAULT_WIDTH = 480
 STEP_SECONDS = 0.1
 """Assumed between photos, as the files have no times."""
 MAX_PIXELS = 1 << 28
+_LONGEST_NAME, _LONGEST_PATH = 255, 2000
+"""Bytes of one file's name, characters of a path: file systems know no longer ones."""
 _CAMERA_COUNTS = {"1": 1, "3": 3, "6": None}
 
 
@@ -61,6 +63,10 @@ def inner_path(listing: Path, folder: Path, name: Any) -> Path:
     """The file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of it."""
     if not isinstance(name, str) or not name:
         raise DataError(listing, f"{name!r} stands where a file's name should", "Export the data set again")
+    is_writable = not any(sign < " " or "\ud800" <= sign <= "\udfff" for sign in name)
+    if not is_writable or len(name) > _LONGEST_PATH or max(map(len, name.encode().split(b"/"))) > _LONGEST_NAME:
+        problem = f"{name[:80]!a} with {len(name)} characters stands where a file's name should"
+        raise DataError(listing, problem, "Export the data set again")
     parts = PurePosixPath(name)
     if parts.is_absolute() or ".." in parts.parts or any(sign in name for sign in "\\:\0") or not parts.parts:
         problem = f"the file name {name[:200]!r} leads out of {folder}"

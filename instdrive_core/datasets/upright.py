@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
+from scipy.spatial import KDTree
 
 _CLEAR = 0.3
 """Length that the mean of unit up vectors needs to mean anything."""
-PLAUSIBLE = (2.0, 200.0)
-"""Median distance from a street's cameras to what they see, were it metres."""
+PLAUSIBLE_REACH = (1.0, 100.0)
+"""Median distance of points from the nearest camera of a drive, were it metres."""
+PLAUSIBLE_SPREAD = (1.0, 10_000.0)
+"""Largest distance of a camera from the cameras' mean, were it metres; looked at where there are no points."""
 ASSUMED = 15.0
-"""Metres that an implausible median distance is taken for."""
-_MOST_LOOKED_AT = 2_000
+"""Metres that an implausible distance is taken for."""
+_MOST_LOOKED_AT = 20_000
 
 
 @dataclass(frozen=True)
@@ -58,22 +61,25 @@ def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[nd
 
 
 def rotation_to_z(up: Float64[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
-    """The smallest rotation that carries the unit vector `up` to (0, 0, 1)."""
-    axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), up[2]
-    if cosine < -1 + 1e-9:
-        return np.diag([1.0, -1.0, -1.0])
+    """A rotation that carries the unit vector `up` to (0, 0, 1), the smallest where it points up at all."""
+    if up[2] < 0:
+        over = np.diag([1.0, -1.0, -1.0])  # first turned over: the formula below loses its digits near (0, 0, -1)
+        return rotation_to_z(over @ up) @ over
+    axis = np.cross(up, [0.0, 0.0, 1.0])
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + cross + cross @ cross / (1 + cosine)
+    return np.eye(3) + cross + cross @ cross / (1 + up[2])
 
 
 def _unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:
     """Metres per unit, and how that was chosen."""
     if len(points):
         some = points[:: max(1, len(points) // _MOST_LOOKED_AT)]
-        reach = float(np.median(np.linalg.norm(some - centers[np.arange(len(some)) % len(centers)], axis=1)))
+        distance, plausible = float(np.median(KDTree(centers).query(some)[0])), PLAUSIBLE_REACH
+        what = f"half of the points lie within {ASSUMED:g} m of a camera"
     else:
-        reach = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
-    if reach == 0 or PLAUSIBLE[0] <= reach <= PLAUSIBLE[1]:
+        distance, plausible = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()), PLAUSIBLE_SPREAD
+        what = f"the cameras lie within {ASSUMED:g} m of their middle"
+    if distance == 0 or plausible[0] <= distance <= plausible[1]:
         return 1.0, "a unit of the file is taken for a metre"
-    scale = ASSUMED / reach
-    return scale, f"a unit of the file is taken for {scale:.3g} m, so that things are {ASSUMED:g} m away in the middle"
+    scale = ASSUMED / distance
+    return scale, f"a unit of the file is taken for {scale:.3g} m, so that {what}"

@@ -131,7 +131,7 @@ def test_a_model_in_an_implausible_unit_is_rescaled_and_says_so(text, model):
             lines.append(" ".join(words))
         (folder / name).write_text("\n".join(lines) + "\n")
     clip = load(text)
-    assert any("is taken for" in note and "15 m away" in note for note in clip.notes)
+    assert any("is taken for" in note and "half of the points lie within 15 m" in note for note in clip.notes)
     pixels, depths = clip.frames[0].view.camera.project(clip.points.points)
     np.testing.assert_allclose(pixels, model.cameras[0].project(model.points)[0], atol=1e-2)
     assert 10 < np.median(depths) < 20

@@ -132,3 +132,22 @@ def test_points_of_any_form_read_the_same_and_none_is_read_short(root, model, fo
         file.write_bytes(whole.replace(b"vertex 40", count))
         with pytest.raises(DataError, match=r"points\.ply"):
             load(root)
+
+
+def test_numbers_and_names_of_absurd_length_are_refused(root):
+    listing = root / "transforms.json"
+    whole = listing.read_text()
+    for old, new in (('"fl_x": 50.0', f'"fl_x": {"9" * 400}'), ('"fl_x": 50.0', f'"fl_x": {"9" * 5000}')):
+        listing.write_text(whole.replace(old, new))
+        with pytest.raises(DataError, match=r"transforms\.json"):
+            load(root)
+    for name in ("a" * 5000, "\\ud800", "\\u0007"):
+        listing.write_text(whole.replace("images/000.png", name))
+        with pytest.raises(DataError, match="stands where a file's name should"):
+            load(root)
+
+
+def test_missing_photos_without_a_size_keep_their_place_too(root):
+    edit(root, lambda content: [content.pop(key) for key in ("w", "h")])
+    (root / "images" / "000.png").unlink()
+    assert [frame.view.index for frame in load(root).frames] == [1, 2, 3, 4]
