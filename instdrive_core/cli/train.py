@@ -32,8 +32,8 @@ def train(
     Args:
         clip: Folder of the clip: in PandaSet's layout, of a COLMAP model, or with nerfstudio's transforms.json.
         out: Folder of the run; `instdrive edit` opens it.
-        method: How instances are learned: `instdrive` (ours), `paper` (the printed losses), `mask-graph` (no training)
-            or a baseline, `gaussian-grouping` or `opengaussian`.
+        method: Where instances come from: `instdrive` (ours: photos' masks vote), `paper` (the printed losses), or a
+            baseline: `mask-graph`, `gaussian-grouping`, `opengaussian`.
         preset: Length: `demo` (≤ 5 minutes on 2 cores), `quick` (≤ 20 minutes) or `paper` (30,000 iterations).
         seed: Of everything random.
         masks: Folder of masks; default: the clip's own `masks/`, else masks made from its annotations.

@@ -104,3 +104,10 @@ def test_wrong_options_exit_with_2_and_command_help_with_0(fake, capsys):
     assert main(["fake", "--volume", "11"]) == 2
     assert main(["fake", "--help"]) == 0
     assert "Anything." in capsys.readouterr().out
+
+
+def test_a_reader_that_has_seen_enough_gets_no_traceback():
+    command = f"{sys.executable} -m instdrive_app.main train --help | head -1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+    assert done.stdout.startswith("usage: instdrive train")
+    assert done.stderr == ""
