@@ -138,7 +138,7 @@ class InstanceConfig:
     min_alpha: float = 0.5
     """Pixels with less accumulated opacity are left out."""
     whole_actors: bool = True
-    """A moving object is one instance: its Gaussians take the codeword most of them have."""
+    """A moving object is one instance, whatever the codewords of its Gaussians."""
 
 
 @dataclass(frozen=True)

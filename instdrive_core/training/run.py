@@ -21,7 +21,7 @@ from instdrive_core.masks.sources import ensure_masks
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.training.backend import Backend
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
-from instdrive_core.training.config import Device, TrainConfig
+from instdrive_core.training.config import LEARNED_ELSEWHERE, Device, TrainConfig
 from instdrive_core.training.device import chosen_backend
 from instdrive_core.training.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.exposures import finished_exposures
@@ -132,6 +132,8 @@ def _check_output(request: RunRequest) -> None:
         raise OptionError(f"{request.out}: no run to resume. Leave --resume out to start one.")
     if has_run and not request.resume:
         raise OptionError(f"{request.out}: already holds a run. Add --resume to go on, or choose another --out.")
+    if request.config.method in LEARNED_ELSEWHERE and request.learner is None:
+        raise OptionError(f"method '{request.config.method}' needs its learner: see baselines/registry.py.")
     if request.config.freeze_geometry and request.init is None:
         raise OptionError("--freeze-geometry needs the scene whose geometry to keep: add --init SCENE.")
 
