@@ -14,6 +14,7 @@ from instdrive_core.edits.base import Edit
 from instdrive_core.edits.history import History
 from instdrive_core.edits.row_index import RowIndex
 from instdrive_core.errors import EditError
+from instdrive_core.scene.dirty_rows import DirtyRows
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import Scene
@@ -89,7 +90,9 @@ class Document:
         self.track_version = 0
         """Rises when an actor's track changes."""
         self.rows_version = 0
-        """Rises when splats are added, or taken away again by undo: whoever holds rows per splat starts afresh."""
+        """Rises when splats are added, or taken away again by undo."""
+        self.new_rows = DirtyRows(len(scene))
+        """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
         self.first_free_id = _first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
         self._by_instance: RowIndex | None = None
@@ -166,6 +169,7 @@ class Document:
             scene.extra[name] = self._buffers.extended(f"extra {name}", column, added.extra[name])
         for part in (self.state, self.colors, self.transforms):
             part.append(count)
+        self.new_rows.touch(len(scene) - count, len(scene))
         self._rows_changed()
 
     def drop_rows(self, count: int) -> None:
@@ -179,6 +183,7 @@ class Document:
             scene.extra[name] = column[:left]
         for part in (self.state, self.colors, self.transforms):
             part.drop_rows(count)
+        self.new_rows.shorten(left)
         self._rows_changed()
 
     def _rows_changed(self) -> None:

@@ -2,25 +2,58 @@
 
 from __future__ import annotations
 
+_REMEMBERED = 64
+"""Ranges kept apart; older ones are merged."""
+
 
 class DirtyRows:
-    """One growing range of rows; starts with all `count` of them."""
+    """A log of touched ranges that any number of readers follow, each at its own pace.
+
+    A reader that falls far behind is told a wider range, never a narrower one, so the log stays short without knowing
+    its readers. All `count` rows are dirty to begin with.
+    """
 
     def __init__(self, count: int) -> None:
-        self._range: tuple[int, int] | None = (0, count)
+        self._log = [(1, 0, count)]
+        self._serial = 1
+        self._own = DirtyReader(self)
 
     def touch(self, start: int, stop: int) -> None:
-        """Widen the range to hold rows `start` … `stop` - 1."""
-        known = self._range
-        self._range = (start, stop) if known is None else (min(start, known[0]), max(stop, known[1]))
-
-    def take(self) -> tuple[int, int] | None:
-        """The range since the last call, or None."""
-        taken, self._range = self._range, None
-        return taken
+        """Tell every reader of rows `start` … `stop` - 1."""
+        self._serial += 1
+        self._log.append((self._serial, start, stop))
+        if len(self._log) > _REMEMBERED:
+            oldest, second = self._log[:2]
+            self._log[:2] = [(second[0], min(oldest[1], second[1]), max(oldest[2], second[2]))]
 
     def shorten(self, count: int) -> None:
         """Forget rows from `count` on."""
-        if self._range is not None:
-            start, stop = min(self._range[0], count), min(self._range[1], count)
-            self._range = (start, stop) if start < stop else None
+        clipped = ((serial, start, min(stop, count)) for serial, start, stop in self._log)
+        self._log = [entry for entry in clipped if entry[1] < entry[2]]
+
+    def reader(self) -> DirtyReader:
+        """A reader of its own; to it all rows are dirty at first."""
+        return DirtyReader(self)
+
+    def take(self) -> tuple[int, int] | None:
+        """What one more reader, the log's own, would take."""
+        return self._own.take()
+
+    def since(self, serial: int) -> tuple[tuple[int, int] | None, int]:
+        """The range that holds all rows touched after `serial` (0 = from the beginning), and the present serial."""
+        newer = [(start, stop) for number, start, stop in self._log if number > serial and start < stop]
+        if not newer:
+            return None, self._serial
+        return (min(start for start, _ in newer), max(stop for _, stop in newer)), self._serial
+
+
+class DirtyReader:
+    """One follower of a `DirtyRows`."""
+
+    def __init__(self, rows: DirtyRows) -> None:
+        self._rows, self._serial = rows, 0
+
+    def take(self) -> tuple[int, int] | None:
+        """The range ``(start, stop)`` that holds all rows touched since this reader's last call, or None."""
+        taken, self._serial = self._rows.since(self._serial)
+        return taken

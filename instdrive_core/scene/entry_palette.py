@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt16
 from numpy import ndarray
 
-from instdrive_core.scene.dirty_rows import DirtyRows
+from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
 
 MAX_ENTRIES = 1 << 16
 
@@ -115,6 +115,10 @@ class EntryPalette:
     def take_dirty(self) -> tuple[int, int] | None:
         """The row range whose indices changed since the last call, or None."""
         return self._dirty.take()
+
+    def dirty_reader(self) -> DirtyReader:
+        """Follows changes of the indices for one more reader, independent of `take_dirty`; to it all rows are new."""
+        return self._dirty.reader()
 
     def _touch(self, start: int, stop: int) -> None:
         self.version += 1

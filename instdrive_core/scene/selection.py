@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
-from instdrive_core.scene.dirty_rows import DirtyRows
+from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
 
 
 class Flag(IntFlag):
@@ -80,6 +80,10 @@ class SplatState:
     def take_dirty(self) -> tuple[int, int] | None:
         """The row range changed since the last call, or None."""
         return self._dirty.take()
+
+    def dirty_reader(self) -> DirtyReader:
+        """Follows changes for one more reader, independent of `take_dirty`; to it all rows are new."""
+        return self._dirty.reader()
 
     def _touch(self, start: int, stop: int) -> None:
         self.version += 1
