@@ -41,7 +41,7 @@ def edit(
     require_display()
     session = EditorSession()
     window = EditorWindow(session, WindowOptions(size, report, remember_layout))
-    session.open(path)
+    session.files.open(path)
     window.run()
 
 

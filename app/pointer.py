@@ -1,4 +1,4 @@
-"""What a tool is to the viewport: it is told where the pointer is and where it clicked."""
+"""What a tool is to the viewport: it is told where the pointer is, where it clicked and what it dragged over."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from instdrive_app.state import FrameSnapshot
+
+Point = tuple[float, float]
+"""x, y in pixels of the picture, from its top left."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,11 @@ class Click:
 class Tool(Protocol):
     """Turns pointing into commands and edits."""
 
+    drags: bool
+    """Whether a drag with the left button is the tool's; otherwise it turns the camera."""
+    outline: tuple[Point, ...]
+    """The closed line that is being dragged; empty while nothing is."""
+
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
         """The pointer is at this place of the frame `snapshot`."""
 
@@ -31,3 +39,12 @@ class Tool(Protocol):
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
         """A click on the frame `snapshot`; returns the instance that was clicked, 0 for none."""
         ...
+
+    def drag(self, start: Point, to: Point) -> None:
+        """The left button was pressed at `start` and the pointer is at `to`; told every frame, where `drags`."""
+
+    def release(self, click: Click, snapshot: FrameSnapshot) -> None:
+        """The drag has ended at the place of `click`, with the keys of then held."""
+
+    def cancel(self) -> None:
+        """Forget the drag under way."""

@@ -47,7 +47,7 @@ def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tupl
     session = EditorSession()
     with nullcontext() if has_display() else virtual_display(size):
         window = EditorWindow(session, WindowOptions(size, remember_layout=False))
-        session.open(Path(scene_path))
+        session.files.open(Path(scene_path))
         window.run(lambda running: ScriptedSession(running, out).play())
 
 
@@ -103,7 +103,7 @@ class ScriptedSession:
         assert document is not None
         if document.scene.views:
             index = best_view(self._renderer, self._session)
-            self._session.look_through(index)
+            self._session.navigation.look_through(index)
             view = document.scene.views[index]
             self._protocol["view"] = {"camera": view.name, "index": view.index, "time": view.time}
         yield from self._drawn()
@@ -141,7 +141,7 @@ class ScriptedSession:
         self._session.export(target)
         while self._session.jobs.current is not None:
             yield
-        if self._session.last_export != target:
+        if self._session.files.last_export != target:
             raise ScriptError(self._session.messages.log[-1].text)
         self._protocol["exported"] = target.name
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from instdrive_app import camera
 from instdrive_app.commands import Commands
+from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
-from instdrive_app.state import EditorState, Viewpoint
-from instdrive_app.timeline import Timeline
-from instdrive_core.edits.bake import baked
+from instdrive_app.navigation import Navigation
+from instdrive_app.state import EditorState
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.delete import DeleteInstances
@@ -23,8 +19,6 @@ from instdrive_core.edits.instances import RenameInstance
 from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectMode, SelectNone
 from instdrive_core.edits.visibility import HideInstances, ShowAll
 from instdrive_core.errors import EditError
-from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 
 
@@ -37,58 +31,30 @@ class EditorSession:
         self.jobs = Jobs(self.messages.error, wake)
         self.commands = Commands()
         self.document: Document | None = None
-        self.path: Path | None = None
-        self.timeline = Timeline(())
+        self.navigation = Navigation(self.state, lambda: self.document)
+        self.files = Files(self.jobs, self.messages, self.show)
         self.dialog: str | None = None
-        """The dialog to open in the next frame: ``open``, ``export``, ``rename`` or ``shortcuts``."""
+        """Name of the dialog to open in the next frame."""
         self.renamed: int = 0
         """The instance that the rename dialog is about."""
         self.recolor_mode: RecolorMode = "tint"
         self.recolor_color: tuple[float, float, float] = (0.82, 0.13, 0.13)
         """What the inspector's colour picker holds."""
-        self.playing = False
         self.quitting = False
-        self.last_export: Path | None = None
-        self._play_clock = 0.0
-
-    # ------------------------------------------------------------------ files
-
-    def open(self, path: Path) -> None:
-        """Open a scene in the background."""
-        self.jobs.submit(f"Opening {path.name}", lambda: _opened(path), lambda document: self.show(document, path))
 
     def show(self, document: Document, path: Path | None = None) -> None:
         """Make a document the one that is edited."""
         scene = document.scene
-        self.document, self.path = document, path
-        self.timeline = Timeline(scene.views, scene.actors)
-        self.state = replace(self.state, hovered=0, time=self.timeline.start, dataset_view=None)
-        if scene.views:
-            self.look_through(0)
-        else:
-            self.look_from(camera.overview(scene.gaussians.means))
+        self.document, self.files.path = document, path
+        self.state.hovered = 0
+        self.navigation.enter(document)
         name = path.name if path else "the scene"
         self.messages.info(f"Opened {name}: {len(scene):,} splats, {len(scene.table):,} instances")
 
     def export(self, path: Path) -> None:
-        """Write the edited scene in the background: a file holds the shown moment, a folder keeps the tracks."""
-        document = self.document
-        if document is None:
-            return
-        moment = self.state.time if path.suffix else None
-
-        def work() -> tuple[Path, int]:
-            scene = baked(document, moment)
-            save_scene(path, scene)
-            return path, len(scene)
-
-        self.jobs.submit(f"Exporting {path.name}", work, self._exported)
-
-    def _exported(self, result: tuple[Path, int]) -> None:
-        self.last_export, count = result
-        self.messages.info(f"Exported {count:,} splats to {self.last_export}")
-
-    # ------------------------------------------------------------------ edits
+        """Write the edited scene as it is at the shown moment."""
+        if self.document is not None:
+            self.files.export(self.document, path, self.state.time)
 
     def apply(self, make: Callable[..., Edit], *parameters: object, gesture: str | None = None) -> bool:
         """Make an edit and do it; returns whether it was done. What hinders it is told to the user."""
@@ -190,71 +156,11 @@ class EditorSession:
         """Give an instance another name."""
         self.apply(RenameInstance, instance, name)
 
-    # ------------------------------------------------------------------ view
-
-    def look_from(self, viewpoint: Viewpoint) -> None:
-        """Leave the dataset camera and look from elsewhere."""
-        self.state.viewpoint, self.state.dataset_view = viewpoint, None
-
-    def look_through(self, index: int) -> None:
-        """Look through a dataset camera, at its moment."""
-        assert self.document is not None
-        view = self.document.scene.views[index]
-        self.state.viewpoint = camera.through(view, self.state.viewpoint.pivot_distance)
-        self.state.dataset_view, self.state.time = index, view.time
-
-    def set_time(self, time: float) -> None:
-        """Show another moment; a dataset camera moves along to its nearest photo, the moment is then the photo's."""
-        self.state.time = time
-        current = self.state.dataset_view
-        if current is not None and self.document is not None:
-            name = self.document.scene.views[current].name
-            self.look_through(self.timeline.nearest_view(name, time))
-
-    def step(self, count: int) -> None:
-        """Go `count` time steps onwards, around the ends."""
-        if self.timeline.steps:
-            self.set_time(self.timeline.stepped(self.state.time, count))
-
-    def choose_camera(self, name: str) -> None:
-        """Look through the dataset camera of this name at the present moment."""
-        self.look_through(self.timeline.nearest_view(name, self.state.time))
-
-    def frame(self, ids: tuple[int, ...]) -> None:
-        """Bring instances, or everything, into view."""
-        if self.document is None:
-            return
-        means = self.world_means(ids)
-        if len(means):
-            self.look_from(camera.framed_points(self.state.viewpoint, means))
-
-    def world_means(self, ids: tuple[int, ...]) -> np.ndarray:
-        """World positions (n, 3) of instances at the shown moment, deleted splats left out; of all for no IDs."""
-        assert self.document is not None
-        scene, state = self.document.scene, self.document.state
-        rows = self.document.rows_of(ids) if ids else np.arange(len(scene))
-        rows = rows[(state.flags[rows] & Flag.DELETED) == 0]
-        poses, _ = scene.at(self.state.time)
-        matrices = poses[scene.nodes[rows]]
-        return np.einsum("nij,nj->ni", matrices[:, :3, :3], scene.gaussians.means[rows]) + matrices[:, :3, 3]
-
     def tick(self, seconds: float) -> None:
-        """Once a frame: deliver finished jobs; where the drive plays, go on by `seconds`."""
+        """Once a frame, `seconds` after the last: deliver finished jobs, let the drive play."""
         self.jobs.poll()
-        if self.playing and len(self.timeline.steps) > 1:
-            self._play_clock += seconds
-            pace = (self.timeline.end - self.timeline.start) / (len(self.timeline.steps) - 1)
-            if self._play_clock >= pace:
-                self._play_clock = min(self._play_clock - pace, pace)
-                self.step(1)
+        self.navigation.tick(seconds)
 
     def close(self) -> None:
         """Wait for running work."""
         self.jobs.close()
-
-
-def _opened(path: Path) -> Document:
-    scene: Scene = open_scene(path)
-    document = Document(scene)
-    document.counts()  # builds the index of instances here, so that the first click finds it built
-    return document

@@ -106,6 +106,8 @@ class EditorState:
     """Index into the scene's views while the viewport looks through one of them."""
     hovered: int = 0
     """Instance under the cursor; 0 = none."""
+    tool: str = "pick"
+    """Name of the tool in the user's hand."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     show_outlines: bool = True

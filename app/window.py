@@ -15,11 +15,19 @@ from numpy import ndarray
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.dialogs.rename import RenameDialog
+from instdrive_app.panels.dialogs.scene_files import FileDialog
+from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector import InspectorPanel
 from instdrive_app.panels.instances import InstancesPanel
 from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
+from instdrive_app.panels.overlays.camera_tag import CameraTag
+from instdrive_app.panels.overlays.depth_legend import DepthLegend
+from instdrive_app.panels.overlays.hover_label import HoverLabel
+from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
+from instdrive_app.panels.overlays.view_switch import ViewSwitch
 from instdrive_app.panels.status import draw_status
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
@@ -58,9 +66,9 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs = DialogHost()
+        self._dialogs = DialogHost((FileDialog(), RenameDialog(), ShortcutSheet()))
         self._panels = {
-            "View": ViewportPanel(),
+            "View": ViewportPanel((ViewSwitch(), CameraTag(), DepthLegend(), OpacitySlider(), HoverLabel())),
             "Instances": InstancesPanel(),
             "Inspector": InspectorPanel(),
             "History": HistoryPanel(),
@@ -211,7 +219,7 @@ class EditorWindow:
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context)
-        self._ui = Ui(self._session, view, PickTool(self._session), load_fonts())
+        self._ui = Ui(self._session, view, {"pick": PickTool(self._session)}, load_fonts())
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
 
@@ -221,7 +229,7 @@ class EditorWindow:
 
     def _is_lively(self) -> bool:
         """Whether frames must follow each other without an event."""
-        busy = self._session.jobs.current is not None or self._session.playing
+        busy = self._session.jobs.current is not None or self._session.navigation.playing
         return busy or self._steps is not None or not self.ui.view.settled
 
     def _after_panels(self) -> None:

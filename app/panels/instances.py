@@ -120,7 +120,7 @@ class InstancesPanel:
         if imgui.is_item_hovered():
             ui.session.state.hovered = instance.id if summary.drawn else 0
             if imgui.is_mouse_double_clicked(0):
-                ui.session.frame((instance.id,))
+                ui.session.navigation.frame((instance.id,))
         if imgui.begin_popup_context_item("##menu"):
             instance_menu(ui, instance.id)
             imgui.end_popup()

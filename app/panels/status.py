@@ -16,7 +16,7 @@ def draw_status(ui: Ui) -> None:
         imgui.text_colored(rgba(ACCENT), f"{icon('ICON_FA_SPINNER')}  {job.title}…")
     elif document is not None:
         edits = document.history.cursor
-        name = session.path.name if session.path else "scene"
+        name = session.files.path.name if session.files.path else "scene"
         dim_text(f"{name}   ·   {edits} edit{'' if edits == 1 else 's'}")
     else:
         dim_text("Ready")

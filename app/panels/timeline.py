@@ -13,7 +13,7 @@ class TimelinePanel:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         session = ui.session
-        document, timeline = session.document, session.timeline
+        document, timeline = session.document, session.navigation.timeline
         if document is None or not timeline.steps:
             imgui.text_disabled("The scene has no cameras and no moving objects." if document else "No scene is open.")
             return
@@ -31,7 +31,7 @@ class TimelinePanel:
         imgui.same_line()
         dim_text(label)
         if changed:
-            session.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
+            session.navigation.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
 
     def _cameras(self, ui: Ui) -> None:
         session = ui.session
@@ -40,9 +40,9 @@ class TimelinePanel:
         name = session.document.scene.views[current].name if current is not None else "Free camera"
         imgui.set_next_item_width(imgui.get_font_size() * 12)
         if imgui.begin_combo("##camera", f"{icon('ICON_FA_VIDEO')}  {name.replace('_', ' ')}"):
-            for camera in session.timeline.camera_names:
+            for camera in session.navigation.timeline.camera_names:
                 if imgui.selectable(camera.replace("_", " "), current is not None and camera == name)[0]:
-                    session.choose_camera(camera)
+                    session.navigation.choose_camera(camera)
                 ui.mark(f"timeline.camera.{camera}")
             imgui.end_combo()
         ui.mark("timeline.camera")

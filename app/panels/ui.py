@@ -17,18 +17,36 @@ from instdrive_core.instances.table import Instance
 Rect = tuple[float, float, float, float]
 
 
+@dataclass(frozen=True)
+class Rectangle:
+    """A place in the window, in pixels."""
+
+    x: float
+    y: float
+    width: int
+    height: int
+
+
 @dataclass
 class Ui:
     """Handed to every panel."""
 
     session: EditorSession
     view: LiveView
-    tool: Tool
+    tools: dict[str, Tool]
+    """By the names that `EditorState.tool` takes."""
     fonts: Fonts
+    pointer: tuple[float, float] | None = None
+    """Where the mouse points in the picture (pixels), while it does."""
     script_pointer: tuple[float, float] | None = None
     """Where a script holds the pointer over the picture (pixels), instead of the mouse."""
     marks: dict[str, Rect] = field(default_factory=dict)
     """Left, top, right, bottom of named widgets in window pixels, of this frame."""
+
+    @property
+    def tool(self) -> Tool:
+        """The tool in the user's hand."""
+        return self.tools[self.session.state.tool]
 
     def mark(self, name: str) -> None:
         """Note where the last widget is."""

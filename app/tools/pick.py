@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from instdrive_app.pointer import Click
+from instdrive_app.pointer import Click, Point
 from instdrive_app.render.picking import Picker
 from instdrive_app.session import EditorSession
 from instdrive_app.state import FrameSnapshot
@@ -13,6 +13,9 @@ SAME_PLACE = 4.0
 
 class PickTool:
     """Whole instances: click selects, again takes the next behind, Shift adds, Ctrl removes, Alt takes the codeword."""
+
+    drags: bool = False
+    outline: tuple[Point, ...] = ()
 
     def __init__(self, session: EditorSession) -> None:
         self._session = session
@@ -35,6 +38,15 @@ class PickTool:
         instance = below[self._turn(click, snapshot) % len(below)] if below else 0
         self._select(instance, click)
         return instance
+
+    def drag(self, start: Point, to: Point) -> None:
+        """Drags are the camera's."""
+
+    def release(self, click: Click, snapshot: FrameSnapshot) -> None:
+        """Drags are the camera's."""
+
+    def cancel(self) -> None:
+        """Nothing is ever under way."""
 
     def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
         document = self._session.document

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 
 from instdrive_app import edit_command
 from instdrive_app.actions import register_commands
-from instdrive_app.panels.file_dialog import _listing, _problem, has_desktop_dialogs
+from instdrive_app.panels.dialogs.scene_files import _listing, _problem, has_desktop_dialogs
 from instdrive_app.panels.instances import _matches
 from instdrive_app.panels.menus import key_chord
 from instdrive_app.panels.ui import icon

@@ -42,7 +42,7 @@ def test_opening_looks_through_the_first_dataset_camera(session, street):
     np.testing.assert_array_equal(
         session.state.viewpoint.world_from_camera, street.scene.views[0].camera.world_from_camera
     )
-    assert session.timeline.steps == (0.0, 0.5, 1.0, 1.5)
+    assert session.navigation.timeline.steps == (0.0, 0.5, 1.0, 1.5)
 
 
 def test_delete_undo_redo_and_jump(session, street):
@@ -103,14 +103,14 @@ def test_what_cannot_be_done_is_told_and_changes_nothing(session, street):
 
 
 def test_the_dataset_camera_follows_the_time_and_orbiting_leaves_it(session, street):
-    session.choose_camera("right_camera")
-    session.step(1)
+    session.navigation.choose_camera("right_camera")
+    session.navigation.step(1)
     view = street.scene.views[session.state.dataset_view]
     assert (view.name, view.time) == ("right_camera", 0.5)
-    session.step(-2)
+    session.navigation.step(-2)
     assert session.state.time == 1.5, "around the ends"
-    session.look_from(session.state.viewpoint)
-    session.set_time(0.7)
+    session.navigation.look_from(session.state.viewpoint)
+    session.navigation.set_time(0.7)
     assert (session.state.dataset_view, session.state.time) == (None, 0.7)
 
 
@@ -126,20 +126,20 @@ def test_playing_steps_at_the_pace_of_the_drive(session):
 
 
 def test_framing_a_moving_car_looks_at_where_it_is_now(session, street):
-    session.set_time(1.0)
-    session.frame((DRIVING_CAR,))
+    session.navigation.set_time(1.0)
+    session.navigation.frame((DRIVING_CAR,))
     place = street.scene.actors[0].pose_at(1.0)[:3, 3]
     assert np.linalg.norm(session.state.viewpoint.pivot - place) < 0.5
 
 
 def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(session, street, tmp_path):
-    session.look_from(session.state.viewpoint)
-    session.set_time(1.0)
+    session.navigation.look_from(session.state.viewpoint)
+    session.navigation.set_time(1.0)
     session.delete((FIRST_CAR,))
     for name in ("edited.compressed.ply", "edited.splat", "edited.ply", "edited_run"):
         session.export(tmp_path / name)
         finish(session)
-        assert session.last_export == tmp_path / name
+        assert session.files.last_export == tmp_path / name
     file, folder = open_scene(tmp_path / "edited.ply"), open_scene(tmp_path / "edited_run")
     gone = street.scene.table[FIRST_CAR].count
     assert len(file) == len(folder) == len(street.scene) - gone
@@ -152,17 +152,17 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
 
 def test_opening_and_exporting_run_beside_the_window_and_failures_become_messages(session, tmp_path):
     save_scene(tmp_path / "other.ply", frozen_at(procedural_street(0.4), 0.0))
-    session.open(tmp_path / "other.ply")
+    session.files.open(tmp_path / "other.ply")
     assert session.jobs.blocking
     session.delete((FIRST_CAR,))
     assert "wait" in errors(session)[-1]
     finish(session)
-    assert session.path == tmp_path / "other.ply"
+    assert session.files.path == tmp_path / "other.ply"
     (tmp_path / "broken.ply").write_bytes(b"ply\nnonsense")
-    session.open(tmp_path / "broken.ply")
+    session.files.open(tmp_path / "broken.ply")
     finish(session)
     assert "broken.ply" in errors(session)[-1]
-    assert session.path == tmp_path / "other.ply"
+    assert session.files.path == tmp_path / "other.ply"
 
 
 def test_a_defect_in_a_job_is_reported_with_its_traceback(session):

@@ -9,6 +9,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as desktop
 
+from instdrive_app.panels.dialogs.frame import confirmed
 from instdrive_app.panels.ui import Ui, dim_text, icon
 from instdrive_app.theme import ERROR, rgba
 from instdrive_core.formats.registry import FORMATS
@@ -22,7 +23,9 @@ WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not
 
 
 class FileDialog:
-    """`ask` once, then `draw` every frame; the answer goes to the session."""
+    """The answer goes to the session."""
+
+    names: tuple[str, ...] = ("open", "export")
 
     def __init__(self) -> None:
         self._purpose = "open"
@@ -30,10 +33,10 @@ class FileDialog:
         self._text = ""
         self._pending: desktop.open_file | desktop.save_file | None = None
 
-    def ask(self, ui: Ui, purpose: str) -> None:
+    def ask(self, ui: Ui, name: str) -> None:
         """Ask for the scene to ``open`` or the file to ``export`` to."""
-        self._purpose = purpose
-        current = ui.session.last_export or ui.session.path
+        purpose = self._purpose = name
+        current = ui.session.files.last_export or ui.session.files.path
         self._folder = current.resolve().parent if current else Path.cwd()
         self._text = str(self._suggestion(ui)) if purpose == "export" else str(self._folder) + "/"
         if not has_desktop_dialogs():
@@ -63,14 +66,12 @@ class FileDialog:
                 imgui.end_popup()
 
     def _suggestion(self, ui: Ui) -> Path:
-        if ui.session.last_export is not None:
-            return ui.session.last_export
-        stem = ui.session.path.stem if ui.session.path else "scene"
+        if ui.session.files.last_export is not None:
+            return ui.session.files.last_export
+        stem = ui.session.files.path.stem if ui.session.files.path else "scene"
         return self._folder / f"{stem}_edited.ply"
 
     def _browser(self, ui: Ui, purpose: str) -> None:
-        from instdrive_app.panels.dialogs import confirmed
-
         imgui.set_next_item_width(-1)
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
@@ -100,7 +101,7 @@ class FileDialog:
 
     def _finish(self, ui: Ui, path: Path) -> None:
         if self._purpose == "open":
-            ui.session.open(path)
+            ui.session.files.open(path)
         else:
             ui.session.export(path)
 

@@ -1,0 +1,97 @@
+"""Undo, redo, and what is done to the selected instances."""
+
+from __future__ import annotations
+
+from instdrive_app.actions.conditions import editable
+from instdrive_app.commands import Command
+from instdrive_app.session import EditorSession
+
+
+def commands(session: EditorSession) -> list[Command]:
+    """The Edit menu."""
+
+    def history_reaches(back: bool) -> bool:
+        if session.document is None:
+            return False
+        history = session.document.history
+        return history.cursor > 0 if back else history.cursor < len(history.edits)
+
+    def selected() -> bool:
+        return bool(session.selected)
+
+    return [
+        Command(
+            "edit.undo",
+            "Undo",
+            session.undo,
+            "Edit",
+            ("Ctrl+Z",),
+            enabled=lambda: history_reaches(back=True),
+            icon="ICON_FA_ROTATE_LEFT",
+        ),
+        Command(
+            "edit.redo",
+            "Redo",
+            session.redo,
+            "Edit",
+            ("Ctrl+Shift+Z", "Ctrl+Y"),
+            enabled=lambda: history_reaches(back=False),
+            icon="ICON_FA_ROTATE_RIGHT",
+        ),
+        Command(
+            "edit.delete",
+            "Delete",
+            lambda: session.delete(session.selected),
+            "Edit",
+            ("Delete",),
+            enabled=selected,
+            icon="ICON_FA_TRASH",
+            separator=True,
+        ),
+        Command(
+            "edit.recolor",
+            "Recolour",
+            lambda: session.recolor(session.selected, session.recolor_mode, session.recolor_color),
+            "Edit",
+            ("C",),
+            enabled=selected,
+            icon="ICON_FA_PAINTBRUSH",
+        ),
+        Command(
+            "edit.rename",
+            "Rename…",
+            lambda: session.ask_name(session.selected[0]),
+            "Edit",
+            ("F2",),
+            enabled=lambda: len(session.selected) == 1,
+            icon="ICON_FA_PEN",
+        ),
+        Command(
+            "edit.hide",
+            "Hide",
+            lambda: session.hide(session.selected),
+            "Edit",
+            ("H",),
+            enabled=selected,
+            icon="ICON_FA_EYE_SLASH",
+            separator=True,
+        ),
+        Command(
+            "edit.solo",
+            "Show only the selection",
+            lambda: session.solo(session.selected),
+            "Edit",
+            ("I",),
+            enabled=selected,
+            icon="ICON_FA_BULLSEYE",
+        ),
+        Command(
+            "edit.show_all",
+            "Show all",
+            session.show_all,
+            "Edit",
+            ("Alt+H",),
+            enabled=lambda: editable(session),
+            icon="ICON_FA_EYE",
+        ),
+    ]

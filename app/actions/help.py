@@ -1,0 +1,21 @@
+"""What the user can look up."""
+
+from __future__ import annotations
+
+from instdrive_app.actions.conditions import asking
+from instdrive_app.commands import Command
+from instdrive_app.session import EditorSession
+
+
+def commands(session: EditorSession) -> list[Command]:
+    """The Help menu."""
+    return [
+        Command(
+            "help.shortcuts",
+            "Keys and mouse",
+            asking(session, "shortcuts"),
+            "Help",
+            ("F1",),
+            icon="ICON_FA_KEYBOARD",
+        ),
+    ]

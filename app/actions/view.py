@@ -1,0 +1,83 @@
+"""What the viewport paints, and where it looks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from instdrive_app.commands import Command
+from instdrive_app.session import EditorSession
+from instdrive_app.state import ViewMode
+
+VIEW_MODE_ICONS = {
+    ViewMode.COLOR: "ICON_FA_PALETTE",
+    ViewMode.INSTANCE: "ICON_FA_SHAPES",
+    ViewMode.CODEWORD: "ICON_FA_BARCODE",
+    ViewMode.DEPTH: "ICON_FA_LAYER_GROUP",
+}
+
+
+def commands(session: EditorSession) -> list[Command]:
+    """The View menu."""
+
+    def show(mode: ViewMode) -> Callable[[], None]:
+        def run() -> None:
+            session.state.view_mode = mode
+
+        return run
+
+    def shown(mode: ViewMode) -> Callable[[], bool]:
+        return lambda: session.state.view_mode is mode
+
+    modes = [
+        Command(
+            f"view.{mode.name.lower()}",
+            mode.value,
+            show(mode),
+            "View",
+            (str(number),),
+            checked=shown(mode),
+            icon=VIEW_MODE_ICONS[mode],
+        )
+        for number, mode in enumerate(ViewMode, start=1)
+    ]
+    return [
+        *modes,
+        Command(
+            "view.frame",
+            "Frame the selection",
+            lambda: session.navigation.frame(session.selected),
+            "View",
+            ("F",),
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_EXPAND",
+            separator=True,
+        ),
+        Command(
+            "view.frame_all",
+            "Frame everything",
+            lambda: session.navigation.frame(()),
+            "View",
+            ("Home",),
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_MAXIMIZE",
+        ),
+        _switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
+        _switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+    ]
+
+
+def _switch(
+    session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False
+) -> Command:
+    def flip() -> None:
+        setattr(session.state, field, not getattr(session.state, field))
+
+    return Command(
+        command_id,
+        title,
+        flip,
+        "View",
+        checked=lambda: getattr(session.state, field),
+        icon=icon,
+        separator=separator,
+    )

@@ -1,0 +1,95 @@
+"""Where the user looks from and at which moment of the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from instdrive_app import camera
+from instdrive_app.state import EditorState, Viewpoint
+from instdrive_app.timeline import Timeline
+from instdrive_core.edits.document import Document
+from instdrive_core.scene.selection import Flag
+
+
+class Navigation:
+    """Writes camera and time of the view state; dataset cameras and moments come from the open document."""
+
+    def __init__(self, state: EditorState, document: Callable[[], Document | None]) -> None:
+        self._state, self._document = state, document
+        self.timeline = Timeline(())
+        self.playing = False
+        """Whether the drive plays."""
+        self._play_clock = 0.0
+
+    def enter(self, document: Document) -> None:
+        """Look at a document for the first time: through its first dataset camera, else from where it fits."""
+        scene = document.scene
+        self.timeline = Timeline(scene.views, scene.actors)
+        self._state.time, self._state.dataset_view = self.timeline.start, None
+        if scene.views:
+            self.look_through(0)
+        else:
+            self.look_from(camera.overview(scene.gaussians.means))
+
+    def look_from(self, viewpoint: Viewpoint) -> None:
+        """Leave the dataset camera and look from elsewhere."""
+        self._state.viewpoint, self._state.dataset_view = viewpoint, None
+
+    def look_through(self, index: int) -> None:
+        """Look through a dataset camera, at its moment."""
+        document = self._document()
+        assert document is not None
+        view = document.scene.views[index]
+        self._state.viewpoint = camera.through(view, self._state.viewpoint.pivot_distance)
+        self._state.dataset_view, self._state.time = index, view.time
+
+    def set_time(self, time: float) -> None:
+        """Show another moment; a dataset camera moves along to its nearest photo, the moment is then the photo's."""
+        self._state.time = time
+        current, document = self._state.dataset_view, self._document()
+        if current is not None and document is not None:
+            name = document.scene.views[current].name
+            self.look_through(self.timeline.nearest_view(name, time))
+
+    def step(self, count: int) -> None:
+        """Go `count` time steps onwards, around the ends."""
+        if self.timeline.steps:
+            self.set_time(self.timeline.stepped(self._state.time, count))
+
+    def choose_camera(self, name: str) -> None:
+        """Look through the dataset camera of this name at the present moment."""
+        self.look_through(self.timeline.nearest_view(name, self._state.time))
+
+    def frame(self, ids: tuple[int, ...]) -> None:
+        """Bring instances, or everything, into view."""
+        if self._document() is None:
+            return
+        means = self.world_means(ids)
+        if len(means):
+            self.look_from(camera.framed_points(self._state.viewpoint, means))
+
+    def world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
+        """World positions of instances at the shown moment, deleted splats left out; of all for no IDs."""
+        document = self._document()
+        assert document is not None
+        scene = document.scene
+        rows = document.rows_of(ids) if ids else np.arange(len(scene))
+        rows = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
+        poses, _ = scene.at(self._state.time)
+        matrices = poses[scene.nodes[rows]]
+        return np.einsum("nij,nj->ni", matrices[:, :3, :3], document.means_of(rows)) + matrices[:, :3, 3]
+
+    def tick(self, seconds: float) -> None:
+        """Once a frame: where the drive plays, go on by `seconds`."""
+        steps = self.timeline.steps
+        if not self.playing or len(steps) < 2:
+            return
+        self._play_clock += seconds
+        pace = (self.timeline.end - self.timeline.start) / (len(steps) - 1)
+        if self._play_clock >= pace:
+            self._play_clock = min(self._play_clock - pace, pace)
+            self.step(1)

@@ -1,0 +1,35 @@
+"""What dialogs share: their place and the two buttons at their end."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Ui
+from instdrive_app.theme import ACCENT, BACKGROUND, rgba
+
+
+def centered(size: ImVec2) -> None:
+    """Place the next window in the middle when it appears; a height of 0 fits its content."""
+    imgui.set_next_window_pos(imgui.get_main_viewport().get_center(), imgui.Cond_.appearing, ImVec2(0.5, 0.5))
+    imgui.set_next_window_size(size)
+
+
+def confirmed(ui: Ui, title: str, entered: bool, valid: bool) -> bool:
+    """The two buttons at the end of a dialog; closes it where one is pressed, or Escape."""
+    imgui.spacing()
+    width = 92.0
+    imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - 18)
+    cancelled = imgui.button("Cancel", ImVec2(width, 0)) or imgui.is_key_pressed(imgui.Key.escape)
+    ui.mark("dialog.cancel")
+    imgui.same_line()
+    imgui.begin_disabled(not valid)
+    imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
+    imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+    accepted = imgui.button(title, ImVec2(width, 0))
+    imgui.pop_style_color(2)
+    ui.mark("dialog.accept")
+    imgui.end_disabled()
+    accepted = valid and (accepted or entered)
+    if accepted or cancelled:
+        imgui.close_current_popup()
+    return accepted

@@ -1,0 +1,21 @@
+"""What is drawn over the picture, one file each.
+
+A new overlay is a file and a line in `window.py`. The list's order is the order of drawing.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from instdrive_app.panels.ui import Rectangle, Ui
+
+
+class Overlay(Protocol):
+    """Something over the picture."""
+
+    holds_mouse: bool
+    """Whether it has the mouse now: then a press neither moves the camera nor goes to the tool."""
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame; `place` is where the picture is in the window."""
+        ...

@@ -1,0 +1,31 @@
+"""Which camera the viewport looks through."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui, icon
+from instdrive_app.theme import BACKGROUND, TEXT, packed
+
+
+class CameraTag:
+    """Through which camera the viewport looks, at the top right."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        state, document = ui.session.state, ui.session.document
+        assert document is not None
+        name = "Free camera"
+        if state.dataset_view is not None:
+            view = document.scene.views[state.dataset_view]
+            name = f"{view.name.replace('_', ' ')}  ·  {view.index}"
+        text = f"{icon('ICON_FA_VIDEO')}  {name}"
+        size = imgui.calc_text_size(text)
+        right, top = place.x + place.width - 10, place.y + 10
+        draw = imgui.get_window_draw_list()
+        draw.add_rect_filled(
+            ImVec2(right - size.x - 20, top), ImVec2(right, top + size.y + 10), packed(BACKGROUND, 0.78), 4
+        )
+        draw.add_text(ImVec2(right - size.x - 10, top + 5), packed(TEXT), text)

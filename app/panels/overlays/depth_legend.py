@@ -1,0 +1,40 @@
+"""The scale of the depth view."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.render.present_pass import DEPTH_RAMP
+from instdrive_app.state import ViewMode
+from instdrive_app.theme import BACKGROUND, TEXT, packed
+
+
+class DepthLegend:
+    """The ramp with metres at its ends and in the middle."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        if ui.session.state.view_mode is not ViewMode.DEPTH:
+            return
+        near, far = ui.view.renderer.depth_range
+        width, height = 220.0, 10.0
+        left, top = place.x + 16, place.y + place.height - 42
+        draw = imgui.get_window_draw_list()
+        draw.add_rect_filled(
+            ImVec2(left - 10, top - 8), ImVec2(left + width + 10, top + 34), packed(BACKGROUND, 0.78), 4
+        )
+        part = width / (len(DEPTH_RAMP) - 1)
+        for number, (first, second) in enumerate(pairwise(DEPTH_RAMP)):
+            low, high = ImVec2(left + number * part, top), ImVec2(left + (number + 1) * part, top + height)
+            a, b = packed(first), packed(second)
+            draw.add_rect_filled_multi_color(low, high, a, b, b, a)
+        for place_on_ramp in (0.0, 0.5, 1.0):
+            label = f"{near * math.pow(far / near, place_on_ramp):.3g} m"
+            shift = imgui.calc_text_size(label).x * place_on_ramp
+            draw.add_text(ImVec2(left + width * place_on_ramp - shift, top + height + 3), packed(TEXT), label)

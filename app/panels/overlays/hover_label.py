@@ -1,0 +1,47 @@
+"""What is under the cursor, next to it."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui, swatch
+from instdrive_app.theme import BACKGROUND, DIM, rgba
+
+
+class HoverLabel:
+    """What is under the cursor, next to it."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        document = ui.session.document
+        if document is None or ui.pointer is None or ui.session.state.hovered not in document.scene.table:
+            return
+        x, y = ui.pointer
+        instance = document.scene.table[ui.session.state.hovered]
+        facts = [instance.class_name] if instance.class_name else []
+        facts.append(f"#{instance.id}")
+        if document.scene.code_bits:
+            facts.append(f"code {instance.codeword}")
+        facts.append(f"{document.instance_flags(instance.id).drawn:,} splats")
+        text = "  ·  ".join(facts)
+        line, gap = imgui.get_text_line_height_with_spacing(), 18.0
+        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(instance.name).x * 1.1 + 2 * line) + 24
+        left = min(x + gap, place.width - width - 6)
+        top = y + gap if y + gap + 2 * line + 20 < place.height else y - gap - 2 * line - 10
+        imgui.set_next_window_pos(ImVec2(place.x + max(left, 6), place.y + max(top, 6)))
+        flags = imgui.WindowFlags_
+        passive = flags.no_inputs | flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings
+        imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.92))
+        imgui.begin("##hover label", None, passive | flags.no_docking | flags.no_focus_on_appearing | flags.no_nav)
+        swatch(instance)
+        imgui.same_line()
+        imgui.push_font(ui.fonts.bold, 0.0)
+        imgui.text(instance.name)
+        imgui.pop_font()
+        imgui.text_colored(rgba(DIM), text)
+        size, corner = imgui.get_window_size(), imgui.get_window_pos()
+        ui.marks["hover label"] = (corner.x, corner.y, corner.x + size.x, corner.y + size.y)
+        imgui.end()
+        imgui.pop_style_color()

@@ -1,0 +1,29 @@
+"""The opacity that a splat needs in the ID views."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.state import ViewMode
+from instdrive_app.theme import BACKGROUND, rgba
+
+
+class OpacitySlider:
+    """From which opacity on splats are drawn in the ID views and can be clicked."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        if ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
+            return
+        imgui.set_cursor_screen_pos(ImVec2(place.x + 10, place.y + place.height - imgui.get_frame_height() - 10))
+        imgui.set_next_item_width(200)
+        imgui.push_style_color(imgui.Col_.frame_bg, rgba(BACKGROUND, 0.85))
+        state, form = ui.session.state, "Opacity from %.2f"
+        _, state.id_opacity = imgui.slider_float("##id opacity", state.id_opacity, 0.0, 0.95, form)
+        imgui.pop_style_color()
+        ui.mark("viewport.opacity")
+        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+            imgui.set_tooltip("Fainter splats are left out of this view and cannot be clicked")

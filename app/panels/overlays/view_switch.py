@@ -1,0 +1,33 @@
+"""The buttons that choose the view mode, at the top left."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui, icon
+from instdrive_app.state import ViewMode
+from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, rgba
+
+
+class ViewSwitch:
+    """Four buttons, the present mode highlighted."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        imgui.set_cursor_screen_pos(ImVec2(place.x + 10, place.y + 10))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(2, 0))
+        for mode in ViewMode:
+            command = ui.session.commands[f"view.{mode.name.lower()}"]
+            on = ui.session.state.view_mode is mode
+            imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
+            imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
+            if imgui.button(f"{icon(command.icon)}  {mode.value}"):
+                command.run()
+            imgui.pop_style_color(2)
+            ui.mark(command.id)
+            if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+                imgui.set_tooltip(f"{mode.value}  ({command.shortcuts[0]})")
+            imgui.same_line()
+        imgui.pop_style_var()
