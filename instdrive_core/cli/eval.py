@@ -18,6 +18,8 @@ def evaluate(
 ) -> None:
     """Measure a trained run against held-out photos and labels.
 
+    A clip that has no labels, such as one of photos alone, is measured against its photos only.
+
     Args:
         run: Folder of the run that `train` wrote.
         json: File to write every figure into.
@@ -29,12 +31,24 @@ def evaluate(
     from instdrive_core.cli.eval_progress import eval_progress
     from instdrive_core.evaluation.html_report import write_report
     from instdrive_core.evaluation.protocol import evaluation_of_run
-    from instdrive_core.evaluation.report import instance_table, point_table, summary_table, write_figures
+    from instdrive_core.evaluation.report import (
+        IMAGES_ONLY,
+        instance_table,
+        point_table,
+        split_text,
+        summary_table,
+        write_figures,
+    )
 
     console = Console()
     with eval_progress(console) as show:
         evaluation = evaluation_of_run(run, show)
-    console.print(instance_table(evaluation))
+    if evaluation.has_truth:
+        console.print(instance_table(evaluation))
+    else:
+        clip = evaluation.figures["clip"]
+        console.print(f"{clip}: {IMAGES_ONLY}", markup=False, highlight=False, soft_wrap=True)
+        console.print(split_text(evaluation), markup=False, highlight=False, soft_wrap=True)
     points = point_table(evaluation)
     if points is not None:
         console.print(points)

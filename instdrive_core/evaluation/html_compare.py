@@ -27,7 +27,7 @@ from instdrive_core.evaluation.object_rows import over_all_views
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
 from instdrive_core.evaluation.training_log import read_log
 from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.masks.ground_truth import open_ground_truth
+from instdrive_core.masks.ground_truth import known_ground_truth
 
 _FACTS = ("method", "preset", "masks", "seed", "scale", "clip", "cameras", "backend", "threads")
 
@@ -93,7 +93,9 @@ def _views(folders: dict[str, Path]) -> Markup | None:
             break
         rows.append(row)
     note = "In ID maps an instance has the colour of the object that it is matched to in these views; grey: of none."
-    return section("Held-out views", element("p", note, class_="dim small"), color_switch(), *notes, *rows)
+    has_maps = any(view.truth.any() for run in drawn.values() for view in run.views.values())
+    legend = (element("p", note, class_="dim small"), color_switch()) if has_maps else ()
+    return section("Held-out views", *legend, *notes, *rows)
 
 
 class _RunViews:
@@ -106,7 +108,7 @@ class _RunViews:
 def _run_views(run: Path) -> _RunViews:
     facts = read_run_facts(run)
     scene, clip = read_scene_folder(run), load_clip(facts["clip"], clip_options(facts))
-    ground_truth = open_ground_truth(clip)
+    ground_truth = known_ground_truth(clip)
     frames = clip.held_out_frames()
     steps = sorted({frame.view.index for frame in frames})
     measured = [
@@ -139,5 +141,6 @@ def _view_row(title: str, runs: dict[str, _RunViews]) -> Markup:
         text = f"{name}, instance map: {title}"
         maps.append(captioned(id_map(view.predicted, run.truth_of, text), f"{name}{right}"))
     columns = f"grid-template-columns:repeat({len(images)},minmax(180px,1fr));overflow-x:auto"
-    grid = element("div", *images, *maps, class_="views", style=columns)
+    shown = images + maps if first.truth.any() else images
+    grid = element("div", *shown, class_="views", style=columns)
     return joined(element("h3", title), grid)

@@ -16,6 +16,7 @@ from instdrive_core.evaluation.html_views import PICTURE_BUDGET, error_legend, v
 from instdrive_core.evaluation.object_rows import ObjectRow
 from instdrive_core.evaluation.protocol import Evaluation
 from instdrive_core.evaluation.report import (
+    IMAGES_ONLY,
     MAP_COLUMNS,
     POINT_COLUMNS,
     figure_text,
@@ -42,20 +43,23 @@ def write_report(path: Path, run: Path, evaluation: Evaluation) -> None:
         f"{name}: evaluation",
         element("h1", name),
         element("p", split_text(evaluation), class_="dim"),
-        _privileged_note(evaluation),
+        _note(evaluation),
         _headline(evaluation),
-        section("Predicted maps, oracle and controls", _map_table(evaluation)),
+        section("Predicted maps, oracle and controls", _map_table(evaluation)) if evaluation.has_truth else None,
         _points(evaluation),
-        section("Images, clicks, cost", _pairs(summary_rows(evaluation))),
+        section("Images, clicks, cost" if evaluation.has_truth else "Images, cost", _pairs(summary_rows(evaluation))),
         _views(evaluation),
-        _objects(evaluation),
-        _confusions(evaluation),
+        _objects(evaluation) if evaluation.has_truth else None,
+        _confusions(evaluation) if evaluation.has_truth else None,
         section("Training", training_charts(read_log(run)) or element("p", "This run kept no log.", class_="dim")),
         section("Run", _pairs({key: _fact_text(value) for key, value in read_run_facts(run).items()})),
     )
 
 
-def _privileged_note(evaluation: Evaluation) -> Markup | None:
+def _note(evaluation: Evaluation) -> Markup | None:
+    """What a reader must know before the figures."""
+    if not evaluation.has_truth:
+        return element("p", f"RGB only: {IMAGES_ONLY}.", class_="warning")
     if not evaluation.privileged:
         return None
     text = "Privileged: this run was trained with the annotations that it is measured with."
@@ -64,17 +68,20 @@ def _privileged_note(evaluation: Evaluation) -> Markup | None:
 
 def _headline(evaluation: Evaluation) -> Markup:
     figures = evaluation.figures
+    cards = _instance_cards(figures) if evaluation.has_truth else {"SSIM": figure_text(figures["ssim"])}
+    cards |= {"PSNR (dB)": figure_text(figures["psnr"], 2), "training (s)": f"{figures['train_seconds']:.0f}"}
+    return element("div", *(card(value, name) for name, value in cards.items()), class_="cards")
+
+
+def _instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
     scene, click = figures["scene"], figures["click"]
-    cards = {
+    return {
         "scene mIoU": figure_text(scene["miou"]),
         "of the oracle's": _ratio(scene["miou"], scene["oracle_miou"]),
         "PQ": figure_text(scene["pq"]),
         "of the oracle's PQ": _ratio(scene["pq"], scene["oracle_pq"]),
         "clicks that hit": _percent(click["hit_rate"]),
-        "PSNR (dB)": figure_text(figures["psnr"], 2),
-        "training (s)": f"{figures['train_seconds']:.0f}",
     }
-    return element("div", *(card(value, name) for name, value in cards.items()), class_="cards")
 
 
 def _map_table(evaluation: Evaluation) -> Markup:
@@ -98,17 +105,16 @@ def _points(evaluation: Evaluation) -> Markup | None:
 
 def _views(evaluation: Evaluation) -> Markup:
     truth_of = {row.predicted_id: row.id for row in evaluation.objects if row.predicted_id is not None}
-    rows = view_rows(evaluation.scene, evaluation.views, truth_of, PICTURE_BUDGET)
+    rows = view_rows(evaluation.scene, evaluation.views, truth_of if evaluation.has_truth else None, PICTURE_BUDGET)
     note = (
         "An object and the instance matched to it (one match for the whole scene) share a colour in both maps; grey "
         "with stripes are instances that match no object, and objects that no instance matches."
     )
     left_out = len(evaluation.views) - len(rows)
+    legend = (element("p", note, class_="dim small"), color_switch(), error_legend()) if evaluation.has_truth else ()
     return section(
         "Held-out views",
-        element("p", note, class_="dim small"),
-        color_switch(),
-        error_legend(),
+        *legend,
         element("p", f"{left_out} further views are left out to keep this page small.", class_="dim")
         if left_out
         else None,

@@ -63,11 +63,14 @@ def view_title(frame: Frame) -> str:
     return f"{frame.view.name}, step {frame.view.index}"
 
 
-def view_rows(scene: Scene, views: Sequence[HeldOutView], truth_of: Mapping[int, int], budget: int) -> list[Markup]:
+def view_rows(
+    scene: Scene, views: Sequence[HeldOutView], truth_of: Mapping[int, int] | None, budget: int
+) -> list[Markup]:
     """As many views as fit into `budget` bytes, at most `MAX_VIEWS`, spread over the time steps, in the order given.
 
     Args:
-        truth_of: the ground-truth ID that each matched predicted ID stands for.
+        truth_of: the ground-truth ID that each matched predicted ID stands for; None where nothing is labelled, so
+            that there is neither ground truth nor error to show.
     """
     rows: dict[int, Markup] = {}
     for number in islice(spread_over_steps([view.frame.view.index for view in views]), MAX_VIEWS):
@@ -116,13 +119,24 @@ def right_share(truth: ndarray, predicted: ndarray, truth_of: Mapping[int, int])
     return shares[1] if shares is not None else None
 
 
-def _view_row(view: DrawnView, truth_of: Mapping[int, int]) -> Markup:
-    categories = error_categories(view.truth, view.predicted, truth_of)
-    matched = self_matched(truth_of.values())
+def _view_row(view: DrawnView, truth_of: Mapping[int, int] | None) -> Markup:
     psnr = "" if view.psnr is None else f", PSNR {view.psnr:.2f} dB"
     pictures = [
         captioned(photo_picture(view.photo, f"photo: {view.title}"), "photo"),
         captioned(photo_picture(view.image, f"image: {view.title}"), f"image{psnr}"),
+    ]
+    if truth_of is not None:
+        pictures += _compared_maps(view, truth_of)
+    elif view.predicted.any():
+        shown = map_picture(bijective_colors(view.predicted), f"instance map: {view.title}", class_="map")
+        pictures.append(captioned(shown, "instance map"))
+    return joined(element("h3", view.title), element("div", *pictures, class_="views"))
+
+
+def _compared_maps(view: DrawnView, truth_of: Mapping[int, int]) -> list[Markup]:
+    categories = error_categories(view.truth, view.predicted, truth_of)
+    matched = self_matched(truth_of.values())
+    return [
         captioned(id_map(view.predicted, truth_of, f"instance map: {view.title}"), "instance map"),
         captioned(id_map(view.truth, matched, f"ground truth: {view.title}"), "ground truth"),
         captioned(
@@ -130,7 +144,6 @@ def _view_row(view: DrawnView, truth_of: Mapping[int, int]) -> Markup:
             _error_caption(categories),
         ),
     ]
-    return joined(element("h3", view.title), element("div", *pictures, class_="views"))
 
 
 def self_matched(truth_ids: Collection[int]) -> dict[int, int]:

@@ -31,7 +31,12 @@ from instdrive_core.evaluation.oracle import true_instance_ids
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
 from instdrive_core.evaluation.sharing import shared_ids
 from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance, open_ground_truth
+from instdrive_core.masks.ground_truth import (
+    NOT_KNOWN,
+    GroundTruth,
+    GroundTruthInstance,
+    known_ground_truth,
+)
 from instdrive_core.scene.scene import Scene
 
 MAX_ORACLE_VIEWS = 120
@@ -64,6 +69,8 @@ class Evaluation:
     `view_scene(scene, frame.view.camera, frame.view.time).color`."""
     truth_instances: dict[int, GroundTruthInstance]
     """What each ID of the ground truth is."""
+    has_truth: bool
+    """Whether the clip says what is which instance; without it nothing but images is measured."""
     objects: tuple[ObjectRow, ...]
     """Every object that the held-out views show; empty where the scene has no instances."""
 
@@ -92,7 +99,7 @@ def evaluation_of_run(run: Path, progress: Progress = lambda stage, done, total:
     if not np.allclose(clip.origin, scene.origin):
         problem = f"its origin {scene.origin} is not that of {clip.path}, {clip.origin}"
         raise DataError(run, problem, "Evaluate with the clip as it was when the run was trained.")
-    return evaluate_scene(scene, clip, open_ground_truth(clip), facts, progress)
+    return evaluate_scene(scene, clip, known_ground_truth(clip), facts, progress)
 
 
 def evaluate_scene(
@@ -108,9 +115,10 @@ def evaluate_scene(
     Without `oracle_too` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
     """
     views = _held_out_views(scene, clip, ground_truth, progress)
+    has_truth = ground_truth.source != NOT_KNOWN
     measure = id_measure(scene, views, clip, ground_truth, progress)
     learned, objects = nothing_measured(), ()
-    if scene.instance_ids.any():
+    if scene.instance_ids.any() and has_truth:
         learned = _measured(measure, scene.instance_ids, codes_of(scene), "deletions", progress)
         objects = measure.objects(scene.instance_ids, codes_of(scene))
     oracle = nothing_measured()
@@ -123,18 +131,21 @@ def evaluate_scene(
         "codeword": _codeword_scores(views),
         "per_view": learned["per_view"],
         **{part: learned[part] | bounds[part] for part in ("scene", "lidar", "click")},
+        "ground_truth": ground_truth.source,
         "n_gaussians": len(scene),
         "n_instances": len(scene.table),
         **{key: facts[key] for key in FACT_KEYS},
     }
+    controls = _controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
-        controls={name: measure.scores(ids) for name, ids in _controls(scene, clip, ground_truth).items()},
+        controls={name: measure.scores(ids) for name, ids in controls.items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
         scene=scene,
         views=measure.views,
         truth_instances=ground_truth.instances,
+        has_truth=has_truth,
         objects=objects,
     )
 

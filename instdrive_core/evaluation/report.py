@@ -26,6 +26,11 @@ POINT_COLUMNS = {
     "objects per inst.": "objects_per_instance",
 }
 """Of `point_rows`, with the protocol's keys."""
+IMAGES_ONLY = (
+    "nothing says which instance is where (no LiDAR with cuboids or semantic classes): only images are measured"
+)
+"""Of a clip without ground truth."""
+NOT_APPLICABLE = "–"
 
 
 def write_figures(path: Path, figures: Mapping[str, Any]) -> None:
@@ -97,22 +102,29 @@ def point_table(evaluation: Evaluation) -> Table | None:
 
 
 def summary_rows(evaluation: Evaluation) -> dict[str, str]:
-    """Images, clicks, size and cost of a run."""
+    """Images, clicks, size and cost of a run; without ground truth nothing of instances."""
     figures = evaluation.figures
-    click, scene = figures["click"], figures["scene"]
     rows = {
         "PSNR (dB)": figure_text(figures["psnr"], 2),
         "PSNR in the boxes of moving objects (dB)": figure_text(figures["psnr_actors"], 2),
         "SSIM": figure_text(figures["ssim"]),
+    }
+    if not evaluation.has_truth:
+        rows = {name: text for name, text in rows.items() if text != NOT_APPLICABLE}
+    return (rows | (_instance_rows(figures) if evaluation.has_truth else {})) | {
+        "Gaussians / instances": f"{figures['n_gaussians']:,} / {figures['n_instances']:,}",
+        "training": f"{figures['train_seconds']:.0f} s, {figures['peak_rss_mb']:,.0f} MB, {figures['backend']}",
+    }
+
+
+def _instance_rows(figures: Mapping[str, Any]) -> dict[str, str]:
+    click, scene = figures["click"], figures["scene"]
+    return {
         "scene mIoU of things / stuff": f"{figure_text(scene['miou_things'])} / {figure_text(scene['miou_stuff'])}",
         "clicks that hit the object (IoU of the selection > 0.5)": _with_oracle(click, "hit_rate"),
         "mean IoU of selections": _with_oracle(click, "iou"),
         "collateral of deleting hits: other pixels changed": _with_oracle(click, "collateral", 4),
         "residue of deleting hits: weight left in the box": _with_oracle(click, "residue", 4),
-    }
-    return rows | {
-        "Gaussians / instances": f"{figures['n_gaussians']:,} / {figures['n_instances']:,}",
-        "training": f"{figures['train_seconds']:.0f} s, {figures['peak_rss_mb']:,.0f} MB, {figures['backend']}",
     }
 
 
@@ -140,7 +152,7 @@ def split_text(evaluation: Evaluation) -> str:
 def figure_text(value: float | int | None, digits: int = 3) -> str:
     """A figure as people read it; a dash where it does not apply."""
     if value is None:
-        return "–"
+        return NOT_APPLICABLE
     return str(value) if isinstance(value, int) else f"{value:.{digits}f}"
 
 

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.masks.annotations import AnnotationLabels
+from instdrive_core.masks.annotations import AnnotationLabels, has_annotations
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 
-__all__ = ["GroundTruth", "GroundTruthInstance", "open_ground_truth"]
+__all__ = [
+    "NOT_KNOWN",
+    "GroundTruth",
+    "GroundTruthInstance",
+    "UnknownLabels",
+    "known_ground_truth",
+    "open_ground_truth",
+]
+
+NOT_KNOWN = "none"
+"""The source of labels that nobody gave."""
 
 
 class GroundTruth(Protocol):
@@ -20,7 +31,7 @@ class GroundTruth(Protocol):
 
     @property
     def source(self) -> str:
-        """``exact`` or ``annotations``."""
+        """``exact``, ``annotations``, or ``none`` where nothing is labelled."""
         ...
 
     @property
@@ -43,3 +54,29 @@ def open_ground_truth(clip: Clip) -> GroundTruth:
     Raises DataError where labels are damaged, or the clip has neither.
     """
     return ExactLabels(clip.path) if has_exact_labels(clip.path) else AnnotationLabels(clip, held_out=True)
+
+
+def known_ground_truth(clip: Clip) -> GroundTruth:
+    """As `open_ground_truth`; for a clip of photos alone, labels that leave every pixel unknown.
+
+    Raises DataError where labels are damaged.
+    """
+    if has_exact_labels(clip.path) or has_annotations(clip):
+        return open_ground_truth(clip)
+    return UnknownLabels()
+
+
+class UnknownLabels:
+    """What is known of a clip without annotations: nothing, so that only its photos can be compared with."""
+
+    source = NOT_KNOWN
+
+    def __init__(self) -> None:
+        self.instances: dict[int, GroundTruthInstance] = {}
+
+    def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
+        """All 0."""
+        return np.zeros((frame.view.camera.height, frame.view.camera.width), np.uint32)
+
+    def sky(self, frame: Frame) -> None:
+        """Not known."""

@@ -46,7 +46,7 @@ EXTRA_KEYS = {
     "click.oracle_": (*NESTED_KEYS["click."], "residue_kept"),
 }
 KEYS = {prefix + key for nested in (NESTED_KEYS, EXTRA_KEYS) for prefix, keys in nested.items() for key in keys}
-KEYS |= {"seed", "clip", "cameras", "masks", "backend"}
+KEYS |= {"seed", "clip", "cameras", "masks", "backend", "ground_truth"}
 
 
 def flat(figures: dict, prefix: str = "") -> dict:
@@ -66,7 +66,7 @@ def run(drive: ToyDrive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     write_scene_folder(tmp_path, drive.scene)
     (tmp_path / "run.json").write_text(json.dumps(FACTS))
     monkeypatch.setattr(protocol, "load_clip", lambda path, options: drive.clip)
-    monkeypatch.setattr(protocol, "open_ground_truth", lambda clip: drive.truth)
+    monkeypatch.setattr(protocol, "known_ground_truth", lambda clip: drive.truth)
     return tmp_path
 
 
