@@ -1,14 +1,20 @@
-"""Work beside the UI: one background thread, results and errors delivered on the UI's thread."""
+"""Work beside the window: opening and exporting in a thread, failures brought back as messages."""
 
 from __future__ import annotations
 
-import traceback
+import logging
 from collections.abc import Callable
+from concurrent.futures import CancelledError as NeverBegunError
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from contextvars import copy_context
+from dataclasses import dataclass, field
+from threading import Event
 from typing import Any
 
 from instdrive_core.errors import InstDriveError
+from instdrive_core.progress import CancelledError, reporting
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -17,18 +23,32 @@ class Job:
 
     title: str
     """Present participle for the progress box, e.g. ``Opening street.ply``."""
-    future: Future
     done: Callable[[Any], None]
     modal: bool
     """Whether edits wait until it is done."""
+    future: Future = field(default_factory=Future)
+    share: float | None = None
+    """How much of it is done, 0 … 1; None while that is not known."""
+    stop: Event = field(default_factory=Event)
+
+    def progressed(self, share: float) -> None:
+        """Told by the work, in its own thread. Raises CancelledError where the user wants it to stop."""
+        self.share = share
+        if self.stop.is_set():
+            raise CancelledError(f"{self.title} was cancelled")
 
 
 class Jobs:
     """Runs jobs one after the other. `poll` must be called on the UI's thread, every frame."""
 
-    def __init__(self, report_error: Callable[[str], None], wake: Callable[[], None] = lambda: None) -> None:
-        """`report_error` gets a text for the user; `wake` is called from the worker when something is done."""
-        self._report_error, self._wake = report_error, wake
+    def __init__(
+        self,
+        report_error: Callable[[str], None],
+        wake: Callable[[], None] = lambda: None,
+        report_cancelled: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """The reports get a text for the user; `wake` is called from the worker when something is done."""
+        self._report_error, self._report_cancelled, self._wake = report_error, report_cancelled, wake
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-job")
         self._jobs: list[Job] = []
 
@@ -45,24 +65,41 @@ class Jobs:
     def submit(
         self, title: str, work: Callable[[], Any], done: Callable[[Any], None] = lambda _: None, modal: bool = True
     ) -> None:
-        """Run `work` in the background, then `done(result)` on the UI's thread."""
-        future = self._pool.submit(work)
-        future.add_done_callback(lambda _: self._wake())
-        self._jobs.append(Job(title, future, done, modal))
+        """Run `work` in the background, then `done(result)` on the UI's thread.
+
+        What `work` tells by `instdrive_core.progress.report` is the job's `share`.
+        """
+        job = Job(title, done, modal)
+
+        def listened() -> Any:
+            with reporting(job.progressed):
+                return work()
+
+        job.future = self._pool.submit(copy_context().run, listened)
+        job.future.add_done_callback(lambda _: self._wake())
+        self._jobs.append(job)
+
+    def cancel(self) -> None:
+        """Stop the current job at the next moment it reports."""
+        if self._jobs:
+            self._jobs[0].stop.set()
+            self._jobs[0].future.cancel()
 
     def poll(self) -> None:
         """Deliver what has finished. A failure becomes a message; one that is our bug comes with its traceback."""
         while self._jobs and self._jobs[0].future.done():
             job = self._jobs.pop(0)
-            error = job.future.exception()
-            if error is None:
+            error = None if job.future.cancelled() else job.future.exception()
+            if job.future.cancelled() or isinstance(error, CancelledError | NeverBegunError):
+                self._report_cancelled(f"{job.title} was cancelled")
+            elif error is None:
                 job.done(job.future.result())
             elif isinstance(error, InstDriveError):
                 self._report_error(str(error))
             else:
-                trace = "".join(traceback.format_exception(error))
-                self._report_error(f"{job.title} failed: {error!r}. Please report this:\n{trace}")
+                _log.error("%s failed", job.title, exc_info=error)
+                self._report_error(f"{job.title} failed: {error!r}. Help, Log file has the details; please report them")
 
     def close(self) -> None:
-        """Wait for the running job; drop those that have not begun."""
+        """Wait for the running job, so that an export is whole; drop those that have not begun."""
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -28,7 +28,7 @@ class EditorSession:
     def __init__(self, wake: Callable[[], None] = lambda: None) -> None:
         self.state = EditorState()
         self.messages = Messages()
-        self.jobs = Jobs(self.messages.error, wake)
+        self.jobs = Jobs(self.messages.error, wake, self.messages.info)
         self.commands = Commands()
         self.document: Document | None = None
         self.navigation = Navigation(self.state, lambda: self.document)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.jobs import Job
 from instdrive_app.messages import Level
-from instdrive_app.panels.ui import Ui, icon
+from instdrive_app.panels.ui import Ui, dim_text, icon
 from instdrive_app.theme import BACKGROUND, ERROR, GOOD, packed, rgba
 
 WIDTH = 380.0
@@ -37,6 +38,22 @@ def draw_toasts(ui: Ui) -> None:
         imgui.pop_style_color()
 
 
+def _progress(ui: Ui, job: Job) -> None:
+    imgui.text(f"{job.title}…" if not job.stop.is_set() else "Stopping…")
+    known = job.share is not None
+    if known:
+        percent = f"{100 * (job.share or 0):.0f} %"
+        imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(percent).x - 10)
+        dim_text(percent)
+    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), ImVec2(-1, 6), "")
+    imgui.set_cursor_pos_x((imgui.get_window_width() - 92) / 2)
+    imgui.begin_disabled(not known or job.stop.is_set())
+    if imgui.button("Cancel", ImVec2(92, 0)):
+        ui.session.jobs.cancel()
+    imgui.end_disabled()
+    ui.mark("progress.cancel")
+
+
 def draw_progress(ui: Ui) -> None:
     """A box in the middle while modal work is under way."""
     job = ui.session.jobs.current
@@ -51,6 +68,5 @@ def draw_progress(ui: Ui) -> None:
         if job is None or not job.modal:
             imgui.close_current_popup()
         else:
-            imgui.text(f"{job.title}…")
-            imgui.progress_bar(-1.0 * imgui.get_time(), ImVec2(-1, 6), "")
+            _progress(ui, job)
         imgui.end_popup()

@@ -1,5 +1,6 @@
 """The editor's controller without a window."""
 
+import threading
 import time
 
 import numpy as np
@@ -14,6 +15,7 @@ from instdrive_app.state import ViewMode
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.edits.document import Document
 from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.progress import part_of_work, report
 
 
 @pytest.fixture
@@ -165,14 +167,35 @@ def test_opening_and_exporting_run_beside_the_window_and_failures_become_message
     assert session.files.path == tmp_path / "other.ply"
 
 
-def test_a_defect_in_a_job_is_reported_with_its_traceback(session):
+def test_a_defect_in_a_job_is_told_and_its_traceback_logged(session, caplog):
     def fail():
         raise ZeroDivisionError("a defect")
 
     session.jobs.submit("Working", fail)
     finish(session)
     assert "ZeroDivisionError" in errors(session)[-1]
-    assert "test_session.py" in errors(session)[-1]
+    assert "test_session.py" in caplog.text
+
+
+def test_a_job_tells_how_far_it_is_and_can_be_cancelled(session):
+    reached = threading.Event()
+
+    def work():
+        with part_of_work(0.0, 0.5):
+            report(1.0)
+        reached.set()
+        while True:
+            report(0.75)
+            time.sleep(0.001)
+
+    session.jobs.submit("Working", work)
+    assert reached.wait(10)
+    time.sleep(0.02)
+    assert session.jobs.current.share == 0.75
+    session.jobs.cancel()
+    finish(session)
+    assert session.messages.log[-1].text == "Working was cancelled"
+    assert not errors(session)
 
 
 def test_view_modes_and_switches(session):

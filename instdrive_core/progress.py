@@ -1,0 +1,55 @@
+"""How far long work is, told without handing a callback through every function, and how it is stopped.
+
+Work that may take a second calls `report` now and then. Whoever wants to know wraps the work in `reporting`; where
+nobody does, `report` costs next to nothing. The listener belongs to the thread (or context) that set it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from instdrive_core.errors import InstDriveError
+
+Listener = Callable[[float], None]
+"""Gets the share done, 0 … 1; raises `CancelledError` to stop the work."""
+
+
+class CancelledError(InstDriveError):
+    """The user has stopped the work; what was there before it is still there."""
+
+
+_listener: ContextVar[Listener | None] = ContextVar("progress listener", default=None)
+_span: ContextVar[tuple[float, float]] = ContextVar("progress span", default=(0.0, 1.0))
+
+
+def report(share: float) -> None:
+    """Tell that `share` (0 … 1) of the present part of the work is done. Raises CancelledError where it is to stop."""
+    listener = _listener.get()
+    if listener is not None:
+        start, stop = _span.get()
+        listener(start + (stop - start) * min(max(share, 0.0), 1.0))
+
+
+@contextmanager
+def reporting(listener: Listener) -> Iterator[None]:
+    """Tell `listener` what is reported inside the block."""
+    outer, span = _listener.set(listener), _span.set((0.0, 1.0))
+    try:
+        yield
+    finally:
+        _listener.reset(outer)
+        _span.reset(span)
+
+
+@contextmanager
+def part_of_work(start: float, stop: float) -> Iterator[None]:
+    """What is reported inside the block, 0 … 1, counts as `start` … `stop` of the work around it."""
+    low, high = _span.get()
+    token = _span.set((low + (high - low) * start, low + (high - low) * stop))
+    try:
+        report(0.0)
+        yield
+    finally:
+        _span.reset(token)
