@@ -47,11 +47,25 @@ def pixel_contributors(
     Raises:
         ValueError: the pixel is outside the image.
     """
-    if not (0 <= x < camera.width and 0 <= y < camera.height):
-        raise ValueError(f"pixel ({x}, {y}) is outside the {camera.width} × {camera.height} image")
+    near = rows_near(means, log_scales, opacities, camera, x, y, settings)
+    shape = means[near], quats[near], log_scales[near], opacities[near]
+    return contributors_among(near, *shape, camera, x, y, settings)
+
+
+def contributors_among(
+    near: Int64[ndarray, " k"],
+    means: Float[ndarray, "k 3"],
+    quats: Float[ndarray, "k 4"],
+    log_scales: Float[ndarray, "k 3"],
+    opacities: Float[ndarray, " k"],
+    camera: Camera,
+    x: int,
+    y: int,
+    settings: RasterSettings = DEFAULT_SETTINGS,
+) -> Contributors:
+    """What is blended at pixel (column x, row y), given only the rows `near` it and their splats."""
     means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
-    near = _rows_near(means, log_scales, opacities, camera, x, y, settings)
-    projection = project(means[near], quats[near], log_scales[near], opacities[near], camera, settings)
+    projection = project(means, quats, log_scales, opacities, camera, settings)
     left, top = x // TILE * TILE, y // TILE * TILE
     alphas = np.zeros(len(projection.rows), np.float32)
     _alphas_at(projection.splats, np.float32(left), np.float32(top), x - left, y - top, settings.as_row(), alphas)
@@ -80,19 +94,31 @@ def winner_of(contributors: Contributors, opacities: Float[ndarray, " n"], rule:
     return int(contributors.rows[median])
 
 
-def _rows_near(
-    means: ndarray, log_scales: ndarray, opacities: ndarray, camera: Camera, x: int, y: int, settings: RasterSettings
+def rows_near(
+    means: Float[ndarray, "n 3"],
+    log_sizes: Float[ndarray, "n a"],
+    opacities: Float[ndarray, " n"],
+    camera: Camera,
+    x: int,
+    y: int,
+    settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Int64[ndarray, " k"]:
-    """Rows whose splat may reach a pixel: a bound by the longest axis, far cheaper than the projection."""
+    """Rows, rising, whose splat may reach pixel (column x, row y): a bound far cheaper than the projection.
+
+    `log_sizes` are log scales, or only the largest of each row. Raises ValueError where the pixel is outside the image.
+    """
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise ValueError(f"pixel ({x}, {y}) is outside the {camera.width} × {camera.height} image")
+    means, log_sizes, opacities = (kernel_array(array) for array in (means, log_sizes, opacities))
     chunks = -(-len(means) // _CHUNK)
     found, counts = np.empty(len(means), np.int64), np.zeros(chunks, np.int64)
     pixel = np.array([x + 0.5, y + 0.5], np.float32)
-    _find_near(means, log_scales, opacities, camera_row(camera), settings.as_row(), pixel, found, counts)
+    _find_near(means, log_sizes, opacities, camera_row(camera), settings.as_row(), pixel, found, counts)
     return np.concatenate([found[k * _CHUNK : k * _CHUNK + counts[k]] for k in range(chunks)] or [found])
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
-def _find_near(means, log_scales, opacities, view, constants, pixel, found, counts):
+def _find_near(means, log_sizes, opacities, view, constants, pixel, found, counts):
     near, low_pass, min_alpha = constants[0], constants[1], constants[2]
     fx, fy, cx, cy = view[12], view[13], view[14], view[15]
     one, two = np.float32(1), np.float32(2)
@@ -109,7 +135,10 @@ def _find_near(means, log_scales, opacities, view, constants, pixel, found, coun
             rz = one / z
             dx = fx * rz * (view[0] * mx + view[1] * my + view[2] * mz + view[9]) + cx - pixel[0]
             dy = fy * rz * (view[3] * mx + view[4] * my + view[5] * mz + view[10]) + cy - pixel[1]
-            size = np.exp(max(log_scales[i, 0], max(log_scales[i, 1], log_scales[i, 2]))) * rz
+            largest_log = log_sizes[i, 0]
+            for axis in range(1, log_sizes.shape[1]):
+                largest_log = max(largest_log, log_sizes[i, axis])
+            size = np.exp(largest_log) * rz
             if dx * dx + dy * dy <= np.float32(1.01) * largest * (stretch * size * size + low_pass):
                 found[start + kept] = i
                 kept += 1
