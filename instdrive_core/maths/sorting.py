@@ -20,7 +20,7 @@ def back_to_front(depths: Float32[ndarray, " n"], near: float) -> UInt32[ndarray
     return _front_to_back(np.ascontiguousarray(depths, np.float32), np.float32(max(near, 0.0)))[::-1].copy()
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 @no_type_check  # the tests' shape checks cannot be compiled
 def _front_to_back(depths: ndarray, near: float) -> ndarray:
     kept = 0
@@ -39,7 +39,7 @@ def _front_to_back(depths: ndarray, near: float) -> ndarray:
     return high_order[0]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 @no_type_check  # the tests' shape checks cannot be compiled
 def _counting_pass(keys: ndarray, rows: ndarray, shift: int) -> tuple[ndarray, ndarray]:
     """Stable sort by 16 bits of the keys; returns rows and keys."""
