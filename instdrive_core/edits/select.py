@@ -1,4 +1,4 @@
-"""Selecting splats: by instance, by codeword, none. Hidden, locked and deleted splats are never selected."""
+"""Selecting by what the scene knows: instances, classes, codewords, everything, nothing, and the inverse."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
 
+import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.base import checked_ids, counted
@@ -15,8 +16,14 @@ from instdrive_core.errors import EditError
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.scene.selection import Flag, SplatState
 
-SelectMode = Literal["replace", "add", "remove"]
-_VERBS = {"replace": "Select", "add": "Add to selection:", "remove": "Deselect"}
+SelectMode = Literal["replace", "add", "remove", "intersect"]
+VERBS: dict[SelectMode, str] = {
+    "replace": "Select",
+    "add": "Add to selection:",
+    "remove": "Deselect",
+    "intersect": "Select only what is in",
+}
+"""How the titles of select edits begin."""
 
 
 @dataclass
@@ -29,16 +36,45 @@ class SelectInstances(FlagEdit):
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
-        _check_mode(self.mode)
+        check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select instance 17``."""
-        return f"{_VERBS[self.mode]} {counted(self.ids)}"
+        return f"{VERBS[self.mode]} {counted(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the instances' rows."""
-        return _selection_changes(document.state, document.rows_of(self.ids), self.mode)
+        return selection_changes(document.state, document.rows_of(self.ids), self.mode)
+
+
+@dataclass
+class SelectClass(FlagEdit):
+    """Select all instances of a class."""
+
+    kind: ClassVar[str] = "select_class"
+    class_name: str
+    """As in the instance table; empty = the instances that have none."""
+    mode: SelectMode = "replace"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.class_name, str):
+            raise EditError(f"class name {self.class_name!r} is no text")
+        check_mode(self.mode)
+
+    @property
+    def title(self) -> str:
+        """``Select class Car``."""
+        return f"{VERBS[self.mode]} class {self.class_name or 'none'}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """As `SelectInstances`, for the instances of the class."""
+        table = document.scene.table
+        ids = tuple(instance.id for instance in table if instance.class_name == self.class_name)
+        if not ids:
+            known = ", ".join(sorted({instance.class_name for instance in table} - {""})) or "none"
+            raise EditError(f"no instance has the class {self.class_name!r}; the scene's classes are: {known}")
+        return selection_changes(document.state, document.rows_of(ids), self.mode)
 
 
 @dataclass
@@ -53,19 +89,53 @@ class SelectCodeword(FlagEdit):
         whole = isinstance(self.codeword, int) and not isinstance(self.codeword, bool)
         if not whole or not 0 <= self.codeword < 1 << MAX_BITS:
             raise EditError(f"codeword {self.codeword!r} is not a whole number of at most {MAX_BITS} bits")
-        _check_mode(self.mode)
+        check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select codeword 1038``."""
-        return f"{_VERBS[self.mode]} codeword {self.codeword}"
+        return f"{VERBS[self.mode]} codeword {self.codeword}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """As `SelectInstances`, for the codeword's rows."""
         rows = document.rows_of_codeword(self.codeword)
         if not len(rows):
             raise EditError(f"no splat of the scene has codeword {self.codeword}")
-        return _selection_changes(document.state, rows, self.mode)
+        return selection_changes(document.state, rows, self.mode)
+
+
+@dataclass
+class SelectAll(FlagEdit):
+    """Select every splat that is not hidden, locked or deleted."""
+
+    kind: ClassVar[str] = "select_all"
+
+    @property
+    def title(self) -> str:
+        """``Select all``."""
+        return "Select all"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Set the bit wherever it may be set and is not."""
+        yield FlagChange(_free_rows(document.state), Flag.SELECTED, True)
+
+
+@dataclass
+class InvertSelection(FlagEdit):
+    """Select what is not selected, of what is not hidden, locked or deleted, and nothing else."""
+
+    kind: ClassVar[str] = "invert_selection"
+
+    @property
+    def title(self) -> str:
+        """``Invert selection``."""
+        return "Invert selection"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Swap the two sets."""
+        selected, others = document.state.rows_with(Flag.SELECTED), _free_rows(document.state)
+        yield FlagChange(selected, Flag.SELECTED, False)
+        yield FlagChange(others, Flag.SELECTED, True)
 
 
 @dataclass
@@ -84,19 +154,26 @@ class SelectNone(FlagEdit):
         yield FlagChange(document.state.rows_with(Flag.SELECTED), Flag.SELECTED, False)
 
 
-def _selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
+def selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
+    """What a select edit that found `rows` (m,) changes, by its mode."""
     if mode == "remove":
         yield FlagChange(rows, Flag.SELECTED, False)
         return
-    targets = selectable(state, rows)
-    if mode == "replace":
+    if mode in ("replace", "intersect"):
         # Rows that stay selected are left alone: the delta holds only what changes.
-        keep = state.mask(Flag.SELECTED)
-        keep[targets] = False
-        yield FlagChange(keep.nonzero()[0], Flag.SELECTED, False)
-    yield FlagChange(targets, Flag.SELECTED, True)
+        outside = state.mask(Flag.SELECTED)
+        outside[rows] = False
+        yield FlagChange(outside.nonzero()[0], Flag.SELECTED, False)
+    if mode != "intersect":
+        yield FlagChange(selectable(state, rows), Flag.SELECTED, True)
 
 
-def _check_mode(mode: str) -> None:
+def check_mode(mode: str) -> None:
+    """Raises EditError where `mode` is no `SelectMode`."""
     if mode not in get_args(SelectMode):
         raise EditError(f"selection mode {mode!r} is not one of {', '.join(get_args(SelectMode))}")
+
+
+def _free_rows(state: SplatState) -> ndarray:
+    """Rows without any bit: not selected, and free to be."""
+    return np.flatnonzero(state.flags == 0)

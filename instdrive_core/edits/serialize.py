@@ -14,11 +14,20 @@ from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
-from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectNone
+from instdrive_core.edits.select import (
+    InvertSelection,
+    SelectAll,
+    SelectClass,
+    SelectCodeword,
+    SelectInstances,
+    SelectNone,
+)
+from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.split import SplitInstance
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
@@ -32,19 +41,25 @@ EDITS: dict[str, type[Edit]] = {
         DeleteInstances,
         DeleteSelected,
         DuplicateInstances,
+        GrowSelection,
         HideInstances,
         InsertScene,
+        InvertSelection,
         LockInstances,
         MergeInstances,
         MoveInstances,
         ReassignSelected,
         RecolorInstances,
         RenameInstance,
+        SelectAll,
+        SelectClass,
         SelectCodeword,
         SelectInstances,
         SelectNone,
+        SelectRows,
         SetInstanceClass,
         ShowAll,
+        ShrinkSelection,
         SplitInstance,
     )
 }

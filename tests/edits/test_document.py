@@ -270,12 +270,18 @@ def entries(kind, **parameters):
 
 
 ids = st.lists(st.integers(1, 9), min_size=1, max_size=3)
-modes = st.sampled_from(["replace", "add", "remove"])
+modes = st.sampled_from(["replace", "add", "remove", "intersect"])
 channels = st.sampled_from([0.0, 0.25, 1.0])
 simple_edits = st.one_of(
     entries("select_instances", ids=ids, mode=modes),
     entries("select_codeword", codeword=st.integers(9, 13), mode=modes),
     entries("select_none"),
+    entries("select_all"),
+    entries("invert_selection"),
+    entries("select_class", class_name=st.sampled_from(["", "Car"]), mode=modes),
+    entries("select_rows", rows=st.sampled_from([[], [[3, 9]], [[0, 1], [20, 40]], [[50, 30]]]), mode=modes),
+    entries("grow_selection", distance=st.sampled_from([None, 0.5, 2.0]), time=st.sampled_from([0.0, 0.3])),
+    entries("shrink_selection", distance=st.sampled_from([None, 0.5, 2.0])),
     entries("delete_instances", ids=ids),
     entries("delete_selected"),
     entries("hide_instances", ids=ids, hidden=st.booleans()),
@@ -403,6 +409,15 @@ BAD_ENTRIES = [
     ({"kind": "select_instances", "ids": [1], "mode": "toggle"}, "toggle"),
     ({"kind": "select_codeword", "codeword": -1}, "-1"),
     ({"kind": "select_codeword", "codeword": 1 << 40}, "bits"),
+    ({"kind": "select_class", "class_name": 4}, "4"),
+    ({"kind": "select_rows", "rows": [0, 1]}, "pairs"),
+    ({"kind": "select_rows", "rows": [[5, 1], [2, 1]]}, "rising"),
+    ({"kind": "select_rows", "rows": 7}, "7"),
+    ({"kind": "select_rows", "rows": [[0, 1]], "mode": "toggle"}, "toggle"),
+    ({"kind": "grow_selection", "distance": 0}, "metres above 0"),
+    ({"kind": "grow_selection", "distance": True}, "metres above 0"),
+    ({"kind": "shrink_selection", "distance": "far"}, "'far'"),
+    ({"kind": "shrink_selection", "time": None}, "seconds"),
     ({"kind": "recolor_instances", "ids": [1], "mode": "glow", "color": [0, 0, 0]}, "glow"),
     ({"kind": "recolor_instances", "ids": [1], "mode": "tint", "color": [0, 0]}, "three numbers"),
     ({"kind": "recolor_instances", "ids": [1], "mode": "tint", "color": [0, 0, float("nan")]}, "three numbers"),
