@@ -15,6 +15,7 @@ from numpy import ndarray
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.dialogs.palette import CommandPalette
 from instdrive_app.panels.dialogs.rename import RenameDialog
 from instdrive_app.panels.dialogs.scene_files import FileDialog
 from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
@@ -66,7 +67,7 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs = DialogHost((FileDialog(), RenameDialog(), ShortcutSheet()))
+        self._dialogs = DialogHost((FileDialog(), RenameDialog(), ShortcutSheet(), CommandPalette()))
         self._panels = {
             "View": ViewportPanel((ViewSwitch(), CameraTag(), DepthLegend(), OpacitySlider(), HoverLabel())),
             "Instances": InstancesPanel(),

@@ -11,6 +11,9 @@ def commands(session: EditorSession) -> list[Command]:
     """The Help menu."""
     return [
         Command(
+            "help.palette", "Find a command…", asking(session, "palette"), "Help", ("Ctrl+P",), icon="ICON_FA_TERMINAL"
+        ),
+        Command(
             "help.shortcuts",
             "Keys and mouse",
             asking(session, "shortcuts"),

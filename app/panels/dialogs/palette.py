@@ -1,0 +1,98 @@
+"""The command palette: every command by a few letters of its name."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.commands import Command
+from instdrive_app.matching import best_matches
+from instdrive_app.panels.menus import shortcut_title
+from instdrive_app.panels.ui import Ui, dim_text, icon
+from instdrive_app.theme import DIM, TEXT, packed
+
+TITLE = "##palette"
+ROWS = 11
+
+
+class CommandPalette:
+    """Type, choose with the arrow keys or the mouse, Enter runs."""
+
+    names: tuple[str, ...] = ("palette",)
+
+    def __init__(self) -> None:
+        self._typed = ""
+        self._chosen = 0
+
+    def ask(self, ui: Ui, name: str) -> None:
+        """Open it, with nothing typed."""
+        self._typed, self._chosen = "", 0
+        imgui.open_popup(TITLE)
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        viewport, em = imgui.get_main_viewport(), imgui.get_font_size()
+        imgui.set_next_window_pos(
+            ImVec2(viewport.get_center().x, viewport.pos.y + 5 * em), imgui.Cond_.always, ImVec2(0.5, 0)
+        )
+        imgui.set_next_window_size(ImVec2(36 * em, 0))
+        if not imgui.begin_popup(TITLE, imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move):
+            return
+        run = self._search(ui)
+        found = best_matches(self._typed, (c for c in ui.session.commands if c.menu), lambda c: f"{c.menu} {c.title}")
+        self._walk(len(found))
+        clicked = self._list(ui, found)
+        if clicked is None and run and found:
+            clicked = found[self._chosen]
+        if clicked is not None and clicked.enabled():
+            imgui.close_current_popup()
+            ui.session.commands.run(clicked.id)
+        imgui.end_popup()
+
+    def _search(self, ui: Ui) -> bool:
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        hint = f"{icon('ICON_FA_MAGNIFYING_GLASS')}  What do you want to do?"
+        before = self._typed
+        entered, self._typed = imgui.input_text_with_hint(
+            "##typed", hint, self._typed, imgui.InputTextFlags_.enter_returns_true
+        )
+        ui.mark("palette.search")
+        if self._typed != before:
+            self._chosen = 0
+        return entered
+
+    def _walk(self, count: int) -> None:
+        step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
+        self._chosen = (self._chosen + step) % count if count else 0
+        self._walked = step != 0
+
+    def _list(self, ui: Ui, found: list[Command]) -> Command | None:
+        clicked, line = None, imgui.get_text_line_height_with_spacing()
+        if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
+            if not found:
+                dim_text("No command has such a name")
+            for number, command in enumerate(found):
+                if self._row(ui, command, number == self._chosen):
+                    clicked = command
+                if number == self._chosen and self._walked:
+                    imgui.set_scroll_here_y(0.5)
+        imgui.end_child()
+        return clicked
+
+    def _row(self, ui: Ui, command: Command, chosen: bool) -> bool:
+        at, em, width = imgui.get_cursor_screen_pos(), imgui.get_font_size(), imgui.get_content_region_avail().x
+        flags = imgui.SelectableFlags_.no_auto_close_popups
+        if not command.enabled():
+            flags |= imgui.SelectableFlags_.disabled
+        clicked = imgui.selectable(f"##{command.id}", chosen, flags)[0]
+        ui.mark(f"palette.{command.id}")
+        color, draw = packed(TEXT if command.enabled() else DIM), imgui.get_window_draw_list()
+        glyph = icon(command.icon)
+        draw.add_text(ImVec2(at.x + (1.4 * em - imgui.calc_text_size(glyph).x) / 2, at.y), color, glyph)
+        draw.add_text(ImVec2(at.x + 2 * em, at.y), color, command.title)
+        keys = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
+        draw.add_text(ImVec2(at.x + width - imgui.calc_text_size(keys).x - 4, at.y), packed(DIM), keys)
+        menu = imgui.calc_text_size(command.menu).x
+        draw.add_text(ImVec2(at.x + width - 8 * em - menu, at.y), packed(DIM, 0.75), command.menu)
+        return clicked
