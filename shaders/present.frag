@@ -2,6 +2,7 @@
 // What the viewport shows, opaque RGB: blended colour, blended depth through a ramp, or flat ID colours.
 
 #include "fetch.glsl"
+#include "id_color.glsl"
 
 const int VIEW_COLOR = 0;
 const int VIEW_DEPTH = 1;
@@ -12,7 +13,7 @@ uniform int view;
 uniform vec2 viewport;
 uniform sampler2D blended;     // may be smaller than the viewport
 uniform usampler2D rows;
-uniform sampler2D id_colors;   // per splat, from the bijective colour map
+uniform usampler2D ids;        // per splat
 uniform vec3 ramp[STOPS];      // near to far
 uniform vec2 depth_range;      // metres at the two ends of the ramp, on a logarithmic scale
 
@@ -20,7 +21,7 @@ out vec4 shown;
 
 vec3 flat_id_color(ivec2 pixel) {
     uint row_plus_one = texelFetch(rows, pixel, 0).r;
-    return row_plus_one == 0u ? vec3(0.0) : texelFetch(id_colors, texel_of(int(row_plus_one - 1u)), 0).rgb;
+    return row_plus_one == 0u ? vec3(0.0) : id_color(texelFetch(ids, texel_of(int(row_plus_one - 1u)), 0).r);
 }
 
 vec3 depth_color(vec4 accumulated) {

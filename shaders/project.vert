@@ -8,10 +8,15 @@
 in uint row;
 
 uniform sampler2D geometry_texture;  // 3 texels: mean and opacity; unit quaternion wxyz; scales
-uniform usampler2D index_texture;    // node, palette entry
-uniform usampler2D state_texture;    // edit flags
-uniform sampler2D pose_texture;      // 4 texels a node: rows of world_from_node (3x4); presence
-uniform sampler2D palette_texture;   // 4 texels an entry: rows of the colour transform (3x4); alpha
+uniform usampler2D node_texture;
+uniform usampler2D color_entry_texture;
+uniform usampler2D transform_entry_texture;
+uniform usampler2D state_texture;     // edit flags
+uniform sampler2D pose_texture;       // 4 texels a node: rows of world_from_node (3x4); presence
+uniform sampler2D color_texture;      // 4 texels an entry: rows of the colour map (3x4); alpha
+uniform sampler2D transform_texture;  // 4 texels an entry: rows of [R | t] (3x4); scale
+
+uniform int row_count;  // an order that is older than the scene may name rows that are gone
 
 uniform mat4 camera_from_world;
 uniform vec3 camera_position;
@@ -34,6 +39,14 @@ mat3 rotation_of(vec4 quat) {  // unit, wxyz
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
         2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
         2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+// A rigid frame [R | t] from the three texels that hold its rows.
+mat4x3 frame_of(sampler2D frames, int first) {
+    return transpose(mat3x4(
+        texelFetch(frames, texel_of(first), 0),
+        texelFetch(frames, texel_of(first + 1), 0),
+        texelFetch(frames, texel_of(first + 2), 0)));
 }
 
 // Image covariance xx, xy, yy with the low-pass added, and its determinant. `half_map` = view rotation · world
@@ -62,36 +75,39 @@ vec4 half_axes(vec4 covariance) {
 }
 
 void main() {
-    int index = int(row);
     splat_center = vec4(0.0);
     splat_axes = vec4(0.0);
     splat_color = vec3(0.0);
-
+    int index = int(row);
+    if (index >= row_count) {
+        return;
+    }
     uint flags = texelFetch(state_texture, texel_of(index), 0).r;
-    uvec2 indices = texelFetch(index_texture, texel_of(index), 0).rg;
-    int node = int(indices.x) * 4;
+    int node = int(texelFetch(node_texture, texel_of(index), 0).r) * 4;
     if ((flags & hidden_flags) != 0u || texelFetch(pose_texture, texel_of(node + 3), 0).r == 0.0) {
         return;
     }
     vec4 mean = texelFetch(geometry_texture, texel_of(index * 3), 0);
-    int entry = int(indices.y) * 4;
-    float opacity = mean.w * texelFetch(palette_texture, texel_of(entry + 3), 0).r;
+    int entry = int(texelFetch(color_entry_texture, texel_of(index), 0).r) * 4;
+    float opacity = mean.w * texelFetch(color_texture, texel_of(entry + 3), 0).r;
     if (opacity < alpha_cut) {
         return;
     }
 
-    vec4 pose_x = texelFetch(pose_texture, texel_of(node), 0);
-    vec4 pose_y = texelFetch(pose_texture, texel_of(node + 1), 0);
-    vec4 pose_z = texelFetch(pose_texture, texel_of(node + 2), 0);
-    mat3 rotation = transpose(mat3(pose_x.xyz, pose_y.xyz, pose_z.xyz));
-    vec3 position = vec3(dot(pose_x, vec4(mean.xyz, 1.0)), dot(pose_y, vec4(mean.xyz, 1.0)), dot(pose_z, vec4(mean.xyz, 1.0)));
+    // First the move, within the node's frame, then the node's pose.
+    int move = int(texelFetch(transform_entry_texture, texel_of(index), 0).r) * 4;
+    mat4x3 node_from_row = frame_of(transform_texture, move);
+    float size = texelFetch(transform_texture, texel_of(move + 3), 0).r;
+    mat4x3 world_from_node = frame_of(pose_texture, node);
+    vec3 position = world_from_node * vec4(mat3(node_from_row) * (size * mean.xyz) + node_from_row[3], 1.0);
     vec3 local = (camera_from_world * vec4(position, 1.0)).xyz;
-    if (local.z <= near) {
+    if (!(local.z > near)) {
         return;
     }
 
+    mat3 rotation = mat3(world_from_node) * mat3(node_from_row);
     mat3 turn = mat3(camera_from_world) * rotation * rotation_of(texelFetch(geometry_texture, texel_of(index * 3 + 1), 0));
-    vec3 scale = texelFetch(geometry_texture, texel_of(index * 3 + 2), 0).xyz;
+    vec3 scale = size * texelFetch(geometry_texture, texel_of(index * 3 + 2), 0).xyz;
     vec4 covariance = image_covariance(local, mat3(turn[0] * scale.x, turn[1] * scale.y, turn[2] * scale.z));
     vec2 pixel = focal * local.xy / local.z + principal;
     float reach = sqrt(2.0 * log(opacity / alpha_cut));
@@ -100,12 +116,13 @@ void main() {
         return;
     }
 
+    // What is turned shows along d what it showed along the direction turned back.
     vec3 direction = normalize(transpose(rotation) * (position - camera_position));
     vec4 color = vec4(sh_color(index, direction), 1.0);
     vec3 recolored = vec3(
-        dot(texelFetch(palette_texture, texel_of(entry), 0), color),
-        dot(texelFetch(palette_texture, texel_of(entry + 1), 0), color),
-        dot(texelFetch(palette_texture, texel_of(entry + 2), 0), color));
+        dot(texelFetch(color_texture, texel_of(entry), 0), color),
+        dot(texelFetch(color_texture, texel_of(entry + 1), 0), color),
+        dot(texelFetch(color_texture, texel_of(entry + 2), 0), color));
     splat_center = vec4(pixel, local.z, opacity);
     splat_axes = half_axes(covariance);
     splat_color = max(recolored, vec3(0.0));

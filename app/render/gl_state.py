@@ -7,7 +7,13 @@ from contextlib import contextmanager
 
 import moderngl
 
+from instdrive_core.errors import InstDriveError
+
 PREMULTIPLIED_OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
+
+
+class GraphicsError(InstDriveError):
+    """OpenGL 3.3 cannot be had, or not for this."""
 
 
 @contextmanager

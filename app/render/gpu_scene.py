@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import moderngl
 import numpy as np
+from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_app.render.programs import set_uniforms
 from instdrive_app.render.splat_textures import WIDTH, ArrayTexture
+from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document import Document
-from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
 from instdrive_core.maths.rotations import normalized
-from instdrive_core.scene.scene import node_rotations, placed
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.palette import ColorPalette
+from instdrive_core.scene.scene import node_rotations
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.sky import Sky
+from instdrive_core.scene.transforms import TransformPalette
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
 
@@ -22,65 +26,83 @@ class GpuScene:
     """Textures of one document. `update` brings them to the document's present state and a time."""
 
     def __init__(self, ctx: moderngl.Context, document: Document) -> None:
-        self._ctx, self._document = ctx, document
-        scene = document.scene
-        self._geometry = ArrayTexture(ctx, _geometry_texels(document))
-        self._harmonics, self._harmonic_texels = _harmonics_texture(ctx, document)
-        self.states = ArrayTexture(ctx, document.state.flags)
-        self._ids = scene.instance_ids.copy()
-        self.instance_ids = ArrayTexture(ctx, self._ids)
-        self.instance_colors = ArrayTexture(ctx, _id_colors(self._ids), normalized=True)
-        self.codeword_colors = ArrayTexture(ctx, _id_colors(scene.codewords), normalized=True)
-        self._indices = ArrayTexture(ctx, self._index_pairs())
-        self._palette = ArrayTexture(ctx, _palette_texels(document))
-        self._poses = ArrayTexture(ctx, np.zeros(((len(scene.actors) + 1) * 4, 4), np.float32))
-        self.sky = sky_texture(ctx, scene.sky)
-        self._hidden = document.state.flags & NOT_DRAWN
-        self._versions = (document.state.version, document.colors.version, document.table_version)
-        document.state.take_dirty()
-        document.colors.take_dirty()
-        self._time: float | None = None
+        self._document = document
+        gaussians = document.scene.gaussians
+        self._harmonic_texels = -(-3 * (1 + gaussians.sh_rest.shape[1]) // 4)
+        self._geometry = ArrayTexture(ctx, 4, "f4", texels=3)
+        self._harmonics = ArrayTexture(ctx, 4, "f4", texels=self._harmonic_texels)
+        self._nodes, self._color_entries, self._transform_entries = (ArrayTexture(ctx, 1, "u2") for _ in range(3))
+        self.states = ArrayTexture(ctx, 1, "u1")
+        self.instance_ids = ArrayTexture(ctx, 1, "u4")
+        self.codewords = ArrayTexture(ctx, 1, "u4")
+        self._poses, self._colors, self._transforms = (ArrayTexture(ctx, 4, "f4", texels=4) for _ in range(3))
+        self.sky = sky_texture(ctx, document.scene.sky)
+        self._world = WorldMeans(document)
+        self._new_rows = document.new_rows.reader()
+        self._dirty_states = document.state.dirty_reader()
+        self._dirty_colors = document.colors.dirty_reader()
+        self._dirty_transforms = document.transforms.dirty_reader()
+        self._hidden, self._ids = np.zeros(0, np.uint8), np.zeros(0, np.uint32)
+        self._versions: tuple[int, ...] = (-1, -1, -1, -1, -1)
+        self._pose_texels = np.zeros((0, 4, 4), np.float32)
         self.look_version = 0
-        """Rises when the blended picture would change: visibility, colours, poses."""
+        """Rises when the blended picture would change: visibility, colours, places."""
         self.pose_version = 0
-        """Rises when splats move."""
+        """Rises when splats move, are added or taken away."""
         self.id_version = 0
         """Rises when splats change instances."""
-        self.means: ndarray = scene.gaussians.means
-        """World positions (n, 3) at the time of the last update."""
 
     def __len__(self) -> int:
         return len(self._document.scene)
 
+    @property
+    def means(self) -> Float32[ndarray, "n 3"]:
+        """World positions at the time of the last update."""
+        return self._world.values
+
     def update(self, time: float) -> None:
         """Upload what changed since the last call, and the actors' poses at `time` (seconds)."""
         document = self._document
-        versions = (document.state.version, document.colors.version, document.table_version)
-        if versions[0] != self._versions[0]:
+        before = self._versions
+        self._versions = (
+            document.rows_version,
+            document.state.version,
+            document.colors.version,
+            document.transforms.version,
+            document.table_version,
+        )
+        rows, states, colors, transforms, table = (old != new for old, new in zip(before, self._versions, strict=True))
+        if rows:
+            self._update_rows()
+        if states or rows:
             self._update_states()
-        if versions[1] != self._versions[1]:
+        if colors or rows:
             self._update_colors()
-        if versions[2] != self._versions[2]:
+        if transforms or rows:
+            self._update_transforms()
+        if table or rows:
             self._update_ids()
-        self._versions = versions
-        if time != self._time:
-            self._update_poses(time)
+        self._update_places(time)
 
     def bind(self, program: moderngl.Program) -> None:
-        """Bind the textures that projection reads, to units 0 to 5."""
+        """Bind the textures that projection reads, to units 0 to 8."""
         named = {
             "geometry_texture": self._geometry,
             "sh_texture": self._harmonics,
-            "index_texture": self._indices,
+            "node_texture": self._nodes,
+            "color_entry_texture": self._color_entries,
+            "transform_entry_texture": self._transform_entries,
             "state_texture": self.states,
             "pose_texture": self._poses,
-            "palette_texture": self._palette,
+            "color_texture": self._colors,
+            "transform_texture": self._transforms,
         }
         for unit, (name, array) in enumerate(named.items()):
             array.texture.use(unit)
             set_uniforms(program, **{name: unit})
         set_uniforms(
             program,
+            row_count=len(self),
             texture_width=WIDTH,
             sh_texels=self._harmonic_texels,
             sh_rest_count=self._document.scene.gaussians.sh_rest.shape[1],
@@ -90,65 +112,83 @@ class GpuScene:
     def release(self) -> None:
         """Free all textures."""
         for array in (
-            *(self._geometry, self._harmonics, self._indices, self._palette, self._poses),
-            *(self.states, self.instance_ids, self.instance_colors, self.codeword_colors),
+            *(self._geometry, self._harmonics, self.instance_ids, self.codewords, self.states),
+            *(self._nodes, self._color_entries, self._transform_entries),
+            *(self._poses, self._colors, self._transforms),
         ):
             array.release()
         if self.sky is not None:
             self.sky.release()
 
+    def _update_rows(self) -> None:
+        """Stored parameters of rows that were not there before; what else they have, the other updates bring."""
+        scene, count = self._document.scene, len(self)
+        for array in (self._geometry, self._harmonics, self._nodes, self._color_entries, self._transform_entries):
+            array.hold(count)
+        for array in (self.states, self.instance_ids, self.codewords):
+            array.hold(count)
+        fresh = self._new_rows.take()
+        if fresh is not None:
+            rows = slice(*fresh)
+            gaussians = scene.gaussians.select(rows)
+            self._geometry.write(_geometry_texels(gaussians), fresh[0])
+            self._harmonics.write(_harmonic_texels(gaussians, self._harmonic_texels), fresh[0])
+            self._nodes.write(scene.nodes[rows], fresh[0])
+            self.codewords.write(scene.codewords[rows], fresh[0])
+        self.look_version += 1
+        self.pose_version += 1
+        self.id_version += 1
+
     def _update_states(self) -> None:
-        dirty = self._document.state.take_dirty()
-        if dirty is None:
-            return
-        flags, (start, stop) = self._document.state.flags, dirty
-        self.states.write(flags, start, stop)
-        hidden = flags[start:stop] & NOT_DRAWN
-        if not np.array_equal(hidden, self._hidden[start:stop]):
-            self._hidden[start:stop] = hidden
-            self.look_version += 1
+        flags, dirty = self._document.state.flags, self._dirty_states.take()
+        hidden = _resized(self._hidden, len(flags))
+        if dirty is not None:
+            rows = slice(*dirty)
+            self.states.write(flags[rows], dirty[0])
+            now = flags[rows] & NOT_DRAWN
+            if not np.array_equal(now, hidden[rows]):
+                hidden[rows] = now
+                self.look_version += 1
+        self._hidden = hidden
 
     def _update_colors(self) -> None:
-        document = self._document
-        dirty = document.colors.take_dirty()
+        palette, dirty = self._document.colors, self._dirty_colors.take()
         if dirty is not None:
-            self._indices.write(self._index_pairs(), *dirty)
-        texels = _palette_texels(document)
-        if not self._palette.holds(len(texels)):
-            self._palette.release()
-            self._palette = ArrayTexture(self._ctx, texels)
-        else:
-            self._palette.write(texels, 0, len(texels))
+            self._color_entries.write(palette.indices[slice(*dirty)], dirty[0])
+        self._colors.hold(len(palette))
+        self._colors.write(_color_texels(palette), 0)
         self.look_version += 1
+
+    def _update_transforms(self) -> None:
+        palette, dirty = self._document.transforms, self._dirty_transforms.take()
+        if dirty is not None:
+            self._transform_entries.write(palette.indices[slice(*dirty)], dirty[0])
+        self._transforms.hold(len(palette))
+        self._transforms.write(_transform_texels(palette), 0)
 
     def _update_ids(self) -> None:
         ids = self._document.scene.instance_ids
-        changed = np.flatnonzero(ids != self._ids)
-        if not len(changed):
-            return
-        start, stop = int(changed[0]), int(changed[-1]) + 1
-        self._ids = ids.copy()
-        self.instance_ids.write(ids, start, stop)
-        self.instance_colors.write(_id_colors(ids), start, stop)
-        self.id_version += 1
+        known = _resized(self._ids, len(ids))
+        known[len(self._ids) :] = ~ids[len(self._ids) :]  # rows that are new differ
+        changed = np.flatnonzero(ids != known)
+        self._ids = known
+        if len(changed):
+            rows = slice(int(changed[0]), int(changed[-1]) + 1)
+            known[rows] = ids[rows]
+            self.instance_ids.write(ids[rows], rows.start)
+            self.id_version += 1
 
-    def _update_poses(self, time: float) -> None:
-        scene = self._document.scene
-        poses, present = scene.at(time)
-        texels = np.zeros((len(poses), 4, 4), np.float32)
-        texels[:, :3, :3] = node_rotations(poses)
-        texels[:, :3, 3] = poses[:, :3, 3]
-        texels[:, 3, 0] = present
-        self._poses.write(texels.reshape(-1, 4), 0, len(poses) * 4)
-        moved = self._time is None or len(scene.actors) > 0
-        self._time = time
-        if moved:
-            self.means, _ = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    def _update_places(self, time: float) -> None:
+        moved = self._world.update(time)
+        texels = _pose_texels(self._world)
+        if not np.array_equal(texels, self._pose_texels):
+            self._poses.hold(len(texels))
+            self._poses.write(texels, 0)
+            self._pose_texels = texels
+            self.look_version += 1
+        if moved is not None:
             self.look_version += 1
             self.pose_version += 1
-
-    def _index_pairs(self) -> ndarray:
-        return np.stack([self._document.scene.nodes, self._document.colors.indices], axis=1)
 
 
 def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray | None:
@@ -162,35 +202,49 @@ def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray
     return texture
 
 
-def _geometry_texels(document: Document) -> ndarray:
-    gaussians = document.scene.gaussians
+def _geometry_texels(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
     texels = np.zeros((len(gaussians), 3, 4), np.float32)
     texels[:, 0, :3], texels[:, 0, 3] = gaussians.means, gaussians.opacities
     texels[:, 1] = normalized(gaussians.quats)
     texels[:, 2, :3] = gaussians.scales
-    return texels.reshape(-1, 4)
+    return texels
 
 
-def _harmonics_texture(ctx: moderngl.Context, document: Document) -> tuple[ArrayTexture, int]:
-    gaussians = document.scene.gaussians
-    values = np.concatenate([gaussians.sh_dc[:, None], gaussians.sh_rest], axis=1).reshape(len(gaussians), -1)
-    width = 3 * (1 + gaussians.sh_rest.shape[1])
-    texels = -(-width // 4)
-    padded = np.zeros((len(gaussians), texels * 4), np.float32)
-    padded[:, :width] = values
-    return ArrayTexture(ctx, padded.reshape(-1, 4)), texels
+def _harmonic_texels(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {texels} 4"]:
+    count, width = len(gaussians), 3 * (1 + gaussians.sh_rest.shape[1])
+    padded = np.zeros((count, texels * 4), np.float32)
+    padded[:, :3] = gaussians.sh_dc
+    padded[:, 3:width] = gaussians.sh_rest.reshape(count, -1)
+    return padded.reshape(count, texels, 4)
 
 
-def _palette_texels(document: Document) -> ndarray:
-    palette = document.colors
+def _color_texels(palette: ColorPalette) -> Float32[ndarray, "p 4 4"]:
     texels = np.zeros((len(palette), 4, 4), np.float32)
     texels[:, :3], texels[:, 3, 0] = palette.matrices, palette.alphas
-    return texels.reshape(-1, 4)
+    return texels
 
 
-def _id_colors(ids: ndarray) -> ndarray:
-    """RGBA8; codewords above 24 bits share the colours of their low 24 bits."""
-    colors = np.full((len(ids), 4), 255, np.uint8)
-    distinct, inverse = np.unique(ids, return_inverse=True)
-    colors[:, :3] = colors_from_ids((distinct % ID_LIMIT).astype(np.uint32))[inverse]
-    return colors
+def _transform_texels(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
+    """Rows of [R | t], then s."""
+    matrices = palette.matrices
+    scales = np.linalg.norm(matrices[:, :, 0], axis=1)
+    texels = np.zeros((len(palette), 4, 4), np.float32)
+    texels[:, :3, :3] = matrices[:, :, :3] / scales[:, None, None]
+    texels[:, :3, 3] = matrices[:, :, 3]
+    texels[:, 3, 0] = scales
+    return texels
+
+
+def _pose_texels(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
+    texels = np.zeros((len(world.poses), 4, 4), np.float32)
+    texels[:, :3, :3] = node_rotations(world.poses)
+    texels[:, :3, 3] = world.poses[:, :3, 3]
+    texels[:, 3, 0] = world.present
+    return texels
+
+
+def _resized(array: ndarray, count: int) -> ndarray:
+    """The array itself, or its front, or with zeros behind it."""
+    if count <= len(array):
+        return array[:count]
+    return np.concatenate([array, np.zeros(count - len(array), array.dtype)])

@@ -12,14 +12,12 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from instdrive_app.render.gl_state import GraphicsError
 from instdrive_app.render.renderer import Renderer
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document import Document
-from instdrive_core.errors import InstDriveError
 
-
-class GraphicsError(InstDriveError):
-    """OpenGL 3.3 cannot be had."""
+__all__ = ["GraphicsError", "drawn_blend", "driver_facts", "offscreen_context"]
 
 
 @contextmanager

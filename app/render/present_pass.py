@@ -33,17 +33,17 @@ class PresentPass:
 
     def draw(self, targets: Targets, scene: GpuScene, mode: ViewMode, depth_range: tuple[float, float]) -> None:
         """Paint the picture of one view mode."""
-        colors = scene.codeword_colors if mode is ViewMode.CODEWORD else scene.instance_colors
+        ids = scene.codewords if mode is ViewMode.CODEWORD else scene.instance_ids
         targets.blended.use(0)
         targets.rows.use(1)
-        colors.texture.use(2)
+        ids.texture.use(2)
         set_uniforms(
             self._program,
             view=_VIEWS[mode],
             viewport=targets.size,
             blended=0,
             rows=1,
-            id_colors=2,
+            ids=2,
             texture_width=WIDTH,
             ramp=DEPTH_RAMP,
             depth_range=depth_range,

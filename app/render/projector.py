@@ -7,45 +7,68 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from instdrive_app.render.depth_order import DepthOrder, OrderSorter
 from instdrive_app.render.gl_state import drawing_into
 from instdrive_app.render.gpu_scene import GpuScene
 from instdrive_app.render.programs import build_program, set_uniforms
-from instdrive_core.maths.sorting import back_to_front
 from instdrive_core.rasterize.project import camera_row
 from instdrive_core.rasterize.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
 RECORD_FLOATS = 11
 """Captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
+SPARE_SHARE = 8
+"""Buffers that grow get room for one more splat per so many."""
 
 
 class Projector:
-    """Sorts splats by depth on the CPU and projects them on the GPU into `records`, row numbers in `order`."""
+    """Sorts splats by depth on the CPU and projects them on the GPU into `records`, row numbers in `order`.
+
+    Both stay the same GL objects when they grow, so vertex arrays over them stay valid.
+    """
 
     def __init__(self, ctx: moderngl.Context, capacity: int, settings: RasterSettings | None = None) -> None:
-        self._settings = settings or RasterSettings()
+        self._ctx, self._settings = ctx, settings or RasterSettings()
         self._program = build_program(ctx, "project.vert", captured=("splat_center", "splat_axes", "splat_color"))
-        capacity = max(capacity, 1)
-        self.order = ctx.buffer(reserve=capacity * 4, dynamic=True)
-        self.records = ctx.buffer(reserve=capacity * RECORD_FLOATS * 4, dynamic=True)
+        self._capacity = max(capacity, 1)
+        self.order = ctx.buffer(reserve=self._capacity * 4, dynamic=True)
+        self.records = ctx.buffer(reserve=self._capacity * RECORD_FLOATS * 4, dynamic=True)
         self._vertices = ctx.vertex_array(self._program, [(self.order, "1u", "row")])
-        self._ctx = ctx
         # Nothing is rasterized, yet GL wants a complete framebuffer, and a context without a window has none.
-        self._no_picture = ctx.framebuffer([ctx.texture((1, 1), 4)])
-        self.count = 0
-        """Splats in front of the camera."""
-        self.depth_range = (1.0, 100.0)
-        """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
+        self._no_texture = ctx.texture((1, 1), 4)
+        self._no_picture = ctx.framebuffer([self._no_texture])
+        self._sorter = OrderSorter()
+        self._uploaded: DepthOrder | None = None
+        self.serial = 0
+        """Rises with every other order."""
+        self.current = False
+        """Whether the order is that of the camera and state last asked for."""
 
-    def sort(self, scene: GpuScene, camera: Camera) -> None:
-        """Bring `order` up to date with the camera and the splats' positions."""
-        axis = camera.camera_from_world[2]
-        depths = scene.means @ axis[:3].astype(np.float32) + np.float32(axis[3])
-        order = back_to_front(depths, self._settings.near)
-        self.count = len(order)
-        if self.count:
-            self.order.write(order)
-            self.depth_range = _middle(depths[order])
+    @property
+    def count(self) -> int:
+        """Splats to draw: those in front of the camera, or all where the order is an older one."""
+        order = self._uploaded
+        return 0 if order is None else order.in_front if self.current else len(order.rows)
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
+        return self._uploaded.depth_range if self._uploaded is not None else (1.0, 100.0)
+
+    def sort(self, scene: GpuScene, camera: Camera, wait: bool) -> None:
+        """Bring `order` up to date with the camera and the splats' positions; without `wait` perhaps only later, and
+        the last order serves until then."""
+        axis = camera.camera_from_world[2].astype(np.float32)
+        key = (axis.tobytes(), scene.pose_version)
+        sort = self._sorter.now if wait else self._sorter.soon
+        order = sort(key, scene.means, axis, self._settings.near)
+        self.current = order.key == key
+        if order is not self._uploaded:
+            self._reserve(len(order.rows))
+            if len(order.rows):
+                self.order.write(order.rows)
+            self._uploaded = order
+            self.serial += 1
 
     def project(self, scene: GpuScene, camera: Camera) -> None:
         """Bring `records` up to date; call after `sort`."""
@@ -73,12 +96,13 @@ class Projector:
         return np.frombuffer(self.records.read(self.count * RECORD_FLOATS * 4), np.float32).reshape(-1, RECORD_FLOATS)
 
     def release(self) -> None:
-        """Free program and buffers."""
-        for thing in (self._vertices, self.order, self.records, self._program, self._no_picture):
+        """Free program and buffers, and end the sorting thread."""
+        self._sorter.release()
+        for thing in (self._vertices, self.order, self.records, self._program, self._no_picture, self._no_texture):
             thing.release()
 
-
-def _middle(falling_depths: Float32[ndarray, " m"]) -> tuple[float, float]:
-    count = len(falling_depths)
-    far, near = falling_depths[int(0.03 * count)], falling_depths[min(int(0.97 * count), count - 1)]
-    return float(near), float(max(far, near * 1.01))
+    def _reserve(self, count: int) -> None:
+        if count > self._capacity:
+            self._capacity = count + count // SPARE_SHARE
+            self.order.orphan(self._capacity * 4)
+            self.records.orphan(self._capacity * RECORD_FLOATS * 4)

@@ -53,10 +53,19 @@ class Renderer:
         low, high = self._projector.depth_range
         return _round_figure(low, down=True), _round_figure(high, down=False)
 
-    def render(self, snapshot: FrameSnapshot) -> None:
-        """Bring `picture` up to date."""
+    @property
+    def settled(self) -> bool:
+        """Whether the last frame was blended in the right order; where not, the next may be."""
+        return self._projector.current
+
+    def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
+        """Bring `picture` up to date.
+
+        Without `wait` no frame waits for sorting: the last order serves until the new one is there; see `settled`.
+        """
         self.scene.update(snapshot.time)
         targets = self._sized(snapshot)
+        self._projector.sort(self.scene, snapshot.camera, wait)
         if snapshot.view_mode in FLAT_MODES:
             self._draw_rows(targets, snapshot)
         else:
@@ -64,7 +73,7 @@ class Renderer:
         marked = snapshot.show_outlines and not snapshot.draft and self._marked(snapshot)
         if marked:
             self._draw_rows(targets, snapshot)
-        shown = (_key(snapshot), self.scene.look_version, self.scene.id_version)
+        shown = (_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
         shown = (*shown, marked and self._document.state.version)
         if self._keys.get("shown") == shown:
             return
@@ -82,9 +91,7 @@ class Renderer:
 
     def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
-        self.scene.update(snapshot.time)
-        targets = self._sized(snapshot)
-        self._draw_rows(targets, snapshot)
+        targets = self._exact_rows(snapshot)
         return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
 
     def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
@@ -95,11 +102,9 @@ class Renderer:
 
     def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
-        self.scene.update(snapshot.time)
-        targets = self._sized(snapshot)
-        if not (0 <= x < targets.size[0] and 0 <= y < targets.size[1]):
+        if not (0 <= x < snapshot.camera.width and 0 <= y < snapshot.camera.height):
             return None
-        self._draw_rows(targets, snapshot)
+        targets = self._exact_rows(snapshot)
         pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
         row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
         return row_plus_one - 1 if row_plus_one else None
@@ -139,18 +144,26 @@ class Renderer:
     def _marked(self, snapshot: FrameSnapshot) -> bool:
         return snapshot.hovered != 0 or len(self._document.selected_instances()) > 0
 
+    def _exact_rows(self, snapshot: FrameSnapshot) -> Targets:
+        self.scene.update(snapshot.time)
+        targets = self._sized(snapshot)
+        self._projector.sort(self.scene, snapshot.camera, wait=True)
+        self._draw_rows(targets, snapshot)
+        return targets
+
+    def _look_key(self, camera: Camera) -> tuple:
+        """Names what the splats look like through a camera, as far as the projector knows."""
+        return _camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
+
     def _project(self, camera: Camera) -> None:
-        key = (_camera_key(camera), self.scene.pose_version)
-        if self._keys.get("order") != key:
-            self._projector.sort(self.scene, camera)
-            self._keys["order"] = key
-        if self._keys.get("records") != (key, self.scene.look_version):
+        key = self._look_key(camera)
+        if self._keys.get("records") != key:
             self._projector.project(self.scene, camera)
-            self._keys["records"] = (key, self.scene.look_version)
+            self._keys["records"] = key
 
     def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
         show_depth = snapshot.view_mode is ViewMode.DEPTH
-        key = (_camera_key(snapshot.camera), self.scene.pose_version, self.scene.look_version, show_depth)
+        key = (self._look_key(snapshot.camera), show_depth, snapshot.show_sky)
         key = (*key, snapshot.show_sky)
         if self._keys.get("blended") == key:
             return
@@ -165,7 +178,7 @@ class Renderer:
         self.blended_draws += 1
 
     def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot) -> None:
-        key = (_camera_key(snapshot.camera), self.scene.pose_version, self.scene.look_version, snapshot.id_opacity)
+        key = (self._look_key(snapshot.camera), snapshot.id_opacity)
         if self._keys.get("rows") == key:
             return
         self._project(snapshot.camera)

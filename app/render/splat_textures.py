@@ -1,44 +1,85 @@
-"""Per-splat arrays as 2-D textures: index i lies at texel (i mod width, i // width)."""
+"""Per-splat arrays as 2-D textures that grow: texel i lies at (i mod width, i // width)."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import moderngl
 import numpy as np
 from numpy import ndarray
 
+from instdrive_app.render.gl_state import GraphicsError
+
 WIDTH = 4096
 """Texels per row; a power of two that every OpenGL 3.3 driver takes. 16,384 rows of it hold 67 million texels."""
-
-_DTYPES = {np.dtype(np.float32): "f4", np.dtype(np.uint8): "u1", np.dtype(np.uint16): "u2", np.dtype(np.uint32): "u4"}
+SPARE_SHARE = 8
+"""A texture that has grown has room for one more row per so many."""
 
 
 class ArrayTexture:
-    """An array of shape (n,) or (n, c ≤ 4), one texel per entry, fetched unfiltered."""
+    """Entries of `texels` texels each, fetched unfiltered.
 
-    def __init__(self, ctx: moderngl.Context, array: ndarray, normalized: bool = False) -> None:
-        """Upload `array`; `normalized` makes uint8 read as [0, 1] floats instead of integers."""
-        self._channels = 1 if array.ndim == 1 else array.shape[1]
-        rows = max(1, -(-len(array) // WIDTH))
-        dtype = "f1" if normalized else _DTYPES[array.dtype]
-        self.texture = ctx.texture((WIDTH, rows), self._channels, alignment=1, dtype=dtype)
-        self.texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self._capacity = rows * WIDTH
-        self.write(array, 0, len(array))
+    Growing copies on the GPU what is there, into a texture with room to spare: adding a car to a large scene uploads
+    the car. It never shrinks. `texture` is another object after growing, so it is looked up where it is bound.
+    """
 
-    def write(self, array: ndarray, start: int, stop: int) -> None:
-        """Upload entries `start` to `stop` of the whole `array`, rounded outwards to texture rows."""
-        if stop <= start:
+    def __init__(self, ctx: moderngl.Context, channels: int, dtype: str, texels: int = 1) -> None:
+        """`dtype` as moderngl names it: f4, u1, u2, u4."""
+        self._ctx, self._channels, self._dtype, self._texels = ctx, channels, dtype, texels
+        self.texture = self._made(1)
+
+    def hold(self, count: int) -> None:
+        """Make room for `count` entries. Raises GraphicsError where the driver has no texture that large."""
+        rows = -(-count * self._texels // WIDTH)
+        before = self.texture
+        if rows <= before.height:
             return
-        first, last = start // WIDTH, -(-stop // WIDTH)
-        part = array[first * WIDTH : last * WIDTH]
-        padded = np.zeros(((last - first) * WIDTH, self._channels), array.dtype)
-        padded[: len(part)] = part.reshape(-1, self._channels)
-        self.texture.write(padded, viewport=(0, first, WIDTH, last - first), alignment=1)
+        limit = self._ctx.info["GL_MAX_TEXTURE_SIZE"]
+        if rows > limit:
+            raise GraphicsError(
+                f"{count:,} splats do not fit the largest texture of this driver ({WIDTH} × {limit}); "
+                "open a smaller part of the scene"
+            )
+        # The first texture is only as large as the scene: most scenes never grow.
+        spare = rows // SPARE_SHARE if before.height > 1 else 0
+        self.texture = self._made(min(rows + spare, limit))
+        _copy(self._ctx, before, self.texture)
+        before.release()
 
-    def holds(self, count: int) -> bool:
-        """Whether `count` entries fit."""
-        return count <= self._capacity
+    def write(self, values: ndarray, start: int) -> None:
+        """Upload entries from `start` on; `values` is (n, …) with texels × channels numbers each."""
+        flat = np.ascontiguousarray(values).reshape(-1, self._channels)
+        for (x, y, width, height), part in _rectangles(start * self._texels, len(flat)):
+            self.texture.write(flat[part].data, viewport=(x, y, width, height), alignment=1)
 
     def release(self) -> None:
         """Free the texture."""
         self.texture.release()
+
+    def _made(self, rows: int) -> moderngl.Texture:
+        texture = self._ctx.texture((WIDTH, rows), self._channels, alignment=1, dtype=self._dtype)
+        texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        return texture
+
+
+def _rectangles(start: int, count: int) -> Iterator[tuple[tuple[int, int, int, int], slice]]:
+    """Rectangles (x, y, width, height) that cover `count` texels from `start` on, and which of the texels each holds:
+    the rest of a begun row, whole rows, the beginning of a last one."""
+    done = 0
+    while done < count:
+        y, x = divmod(start + done, WIDTH)
+        left = count - done
+        whole_rows = left // WIDTH if x == 0 else 0
+        width, height = (WIDTH, whole_rows) if whole_rows else (min(left, WIDTH - x), 1)
+        yield (x, y, width, height), slice(done, done + width * height)
+        done += width * height
+
+
+def _copy(ctx: moderngl.Context, source: moderngl.Texture, target: moderngl.Texture) -> None:
+    """Copy all of `source` to the beginning of `target`, without leaving the GPU."""
+    previous = ctx.fbo or ctx.detect_framebuffer()
+    read, draw = ctx.framebuffer([source]), ctx.framebuffer([target])
+    ctx.copy_framebuffer(draw, read)
+    previous.use()
+    read.release()
+    draw.release()

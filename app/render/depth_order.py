@@ -1,0 +1,87 @@
+"""The order in which splats are blended, sorted when asked or on a thread of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, UInt32
+from numpy import ndarray
+
+from instdrive_core.maths.sorting import back_to_front
+
+
+@dataclass(frozen=True)
+class DepthOrder:
+    """Rows in blending order, as of one viewing direction and one state of the scene."""
+
+    key: Hashable
+    """Names viewing direction and state."""
+    rows: UInt32[ndarray, " n"]
+    """Those in front of the camera, farthest first; then those behind it, which a camera that has turned since may
+    have in front."""
+    in_front: int
+    depth_range: tuple[float, float]
+    """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
+
+
+def depth_order(key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float) -> DepthOrder:
+    """Sort by depth = axis · (x, y, z, 1), metres; what is nearer than `near` counts as behind the camera."""
+    depths = means @ axis[:3] + axis[3]
+    front = back_to_front(depths, near)
+    behind = np.flatnonzero(depths <= near).astype(np.uint32)
+    return DepthOrder(key, np.concatenate([front, behind]), len(front), _middle(depths, front))
+
+
+class OrderSorter:
+    """Keeps the last order, and gets newer ones either now or soon."""
+
+    def __init__(self) -> None:
+        self._thread: ThreadPoolExecutor | None = None
+        self._running: tuple[Hashable, Future[DepthOrder]] | None = None
+        self._latest: DepthOrder | None = None
+
+    def now(
+        self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
+    ) -> DepthOrder:
+        """The order for `key`, however long it takes."""
+        running = self._running
+        if running is not None and running[0] == key:
+            self._latest, self._running = running[1].result(), None
+        if self._latest is None or self._latest.key != key:
+            self._latest = depth_order(key, means, axis, near)
+        return self._latest
+
+    def soon(
+        self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
+    ) -> DepthOrder:
+        """The newest order there is, at once; the one for `key` is sorted meanwhile. Ask again until it is there.
+
+        At most one sort runs: a camera that never stops gets each order that is done in time for it. Raises what a sort
+        raised. Rows that move while they are sorted spoil an order that is then out of date anyway.
+        """
+        if self._latest is None:
+            return self.now(key, means, axis, near)
+        if self._running is not None and self._running[1].done():
+            self._latest, self._running = self._running[1].result(), None
+        if self._running is None and self._latest.key != key:
+            if self._thread is None:
+                self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="splat-order")
+            self._running = key, self._thread.submit(depth_order, key, means, axis, near)
+        return self._latest
+
+    def release(self) -> None:
+        """End the thread."""
+        if self._thread is not None:
+            self._thread.shutdown(wait=True, cancel_futures=True)
+        self._thread = self._running = self._latest = None
+
+
+def _middle(depths: Float32[ndarray, " n"], front: UInt32[ndarray, " m"]) -> tuple[float, float]:
+    count = len(front)
+    if not count:
+        return 1.0, 100.0
+    far, near = depths[front[int(0.03 * count)]], depths[front[min(int(0.97 * count), count - 1)]]
+    return float(near), float(max(far, near * np.float32(1.01)))
