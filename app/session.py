@@ -10,6 +10,7 @@ from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.navigation import Navigation
+from instdrive_app.reference_pictures import ReferencePictures
 from instdrive_app.state import EditorState
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode
@@ -33,6 +34,7 @@ class EditorSession:
         self.document: Document | None = None
         self.navigation = Navigation(self.state, lambda: self.document)
         self.files = Files(self.jobs, self.messages, self.show)
+        self.references = ReferencePictures(self.messages.error, wake)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.renamed: int = 0
@@ -47,6 +49,7 @@ class EditorSession:
         scene = document.scene
         self.document, self.files.path = document, path
         self.state.hovered = 0
+        self.references.forget()
         self.navigation.enter(document)
         name = path.name if path else "the scene"
         self.messages.info(f"Opened {name}: {len(scene):,} splats, {len(scene.table):,} instances")
@@ -164,3 +167,4 @@ class EditorSession:
     def close(self) -> None:
         """Wait for running work."""
         self.jobs.close()
+        self.references.close()

@@ -26,6 +26,14 @@ class ViewMode(Enum):
     DEPTH = "Depth"
 
 
+class Reference(Enum):
+    """What the dataset camera's picture is compared with."""
+
+    NONE = "Splats only"
+    PHOTO = "Photo"
+    MASKS = "Masks"
+
+
 @dataclass(frozen=True)
 class Lens:
     """Pinhole intrinsics of a film of some size in pixels; the film is fitted into whatever viewport shows it."""
@@ -108,9 +116,17 @@ class EditorState:
     """Instance under the cursor; 0 = none."""
     tool: str = "pick"
     """Name of the tool in the user's hand."""
+    region_splats: bool = False
+    """Whether region tools select single splats instead of whole instances."""
+    region_visible_only: bool = True
+    """Whether region tools pass over what is hidden behind something."""
     id_opacity: float = DEFAULT_ID_OPACITY
     show_sky: bool = True
     show_outlines: bool = True
+    reference: Reference = Reference.NONE
+    reference_opacity: float = 0.5
+    reference_beside: bool = False
+    """Whether photo or masks are shown beside the splats instead of over them."""
 
 
 @dataclass(frozen=True)

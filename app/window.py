@@ -34,7 +34,9 @@ from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
 from instdrive_app.panels.ui import Ui
 from instdrive_app.panels.viewport import ViewportPanel
+from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
+from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.report import Reporter
 from instdrive_app.session import EditorSession
 from instdrive_app.theme import apply_style, load_fonts
@@ -143,7 +145,7 @@ class EditorWindow:
         calls.setup_imgui_style = apply_style
         calls.setup_imgui_config = _configure
         calls.post_init = self._guarded(self._create_context)
-        calls.pre_new_frame = self._guarded(lambda: self.ui.marks.clear())
+        calls.pre_new_frame = self._guarded(self._before_frame)
         calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
         calls.show_status = self._guarded(lambda: draw_status(self.ui))
         calls.show_gui = self._guarded(self._before_panels)
@@ -165,7 +167,7 @@ class EditorWindow:
         docking.docking_splits = [
             split("MainDockSpace", "Right", direction.right, 0.27),
             split("Right", "RightBottom", direction.down, 0.52),
-            split("MainDockSpace", "Bottom", direction.down, 0.125),
+            split("MainDockSpace", "Bottom", direction.down, 0.16),
         ]
         places = {
             "View": "MainDockSpace",
@@ -220,9 +222,14 @@ class EditorWindow:
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context)
-        self._ui = Ui(self._session, view, {"pick": PickTool(self._session)}, load_fonts())
+        tools: dict[str, Tool] = {"pick": PickTool(self._session)}
+        self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
+
+    def _before_frame(self) -> None:
+        self.ui.marks.clear()
+        self.ui.textures.free_retired()
 
     def _before_panels(self) -> None:
         self._session.tick(imgui.get_io().delta_time)
@@ -230,7 +237,8 @@ class EditorWindow:
 
     def _is_lively(self) -> bool:
         """Whether frames must follow each other without an event."""
-        busy = self._session.jobs.current is not None or self._session.navigation.playing
+        session = self._session
+        busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
         return busy or self._steps is not None or not self.ui.view.settled
 
     def _after_panels(self) -> None:
@@ -258,6 +266,7 @@ class EditorWindow:
     def _stop(self) -> None:
         if self._ui is not None:
             self._ui.view.release()
+            self._ui.textures.release()
         if self._reporter is not None:
             self._reporter.close()
         self._session.close()

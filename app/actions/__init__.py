@@ -6,10 +6,10 @@ the menus and of the items in them.
 
 from __future__ import annotations
 
-from instdrive_app.actions import edit, file, help, select, time_steps, view
+from instdrive_app.actions import edit, file, help, reference, select, time_steps, tools, view
 from instdrive_app.session import EditorSession
 
-TOPICS = (file, edit, select, view, time_steps, help)
+TOPICS = (file, edit, select, tools, view, reference, time_steps, help)
 
 
 def register_commands(session: EditorSession) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.ui import Ui, command_button, dim_text, icon
+from instdrive_app.state import Reference
 
 
 class TimelinePanel:
@@ -32,6 +33,28 @@ class TimelinePanel:
         dim_text(label)
         if changed:
             session.navigation.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
+        if timeline.camera_names:
+            self._reference(ui)
+
+    def _reference(self, ui: Ui) -> None:
+        """What the cameras saw, over the splats or beside them."""
+        session, state = ui.session, ui.session.state
+        for name in ("view.photo", "view.masks", "view.beside"):
+            command_button(ui, session.commands[name], ImVec2(30, 0))
+            imgui.same_line()
+        if state.dataset_view is None:
+            dim_text("Choose a camera to compare the splats with its photos")
+        elif state.reference is Reference.NONE:
+            dim_text("Compare with the photo or its masks")
+        elif state.reference_beside:
+            dim_text(f"{state.reference.value} beside the splats")
+        else:
+            imgui.set_next_item_width(imgui.get_font_size() * 12)
+            form = f"{state.reference.value} %.0f %%"
+            changed, percent = imgui.slider_float("##reference", 100 * state.reference_opacity, 0, 100, form)
+            if changed:
+                state.reference_opacity = percent / 100
+            ui.mark("timeline.reference_opacity")
 
     def _cameras(self, ui: Ui) -> None:
         session = ui.session

@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 from instdrive_app.commands import Command
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
+from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.session import EditorSession
 from instdrive_app.theme import ACCENT, DIM, TEXT, Fonts, packed, rgba
 from instdrive_core.instances.table import Instance
@@ -36,6 +37,7 @@ class Ui:
     tools: dict[str, Tool]
     """By the names that `EditorState.tool` takes."""
     fonts: Fonts
+    textures: PictureTextures
     pointer: tuple[float, float] | None = None
     """Where the mouse points in the picture (pixels), while it does."""
     script_pointer: tuple[float, float] | None = None

@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app import camera
 from instdrive_app.panels.instance_menu import instance_menu
 from instdrive_app.panels.overlays import Overlay
+from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
 from instdrive_app.panels.ui import Rectangle, Ui
 from instdrive_app.pointer import Click
 from instdrive_app.state import Viewpoint
@@ -34,7 +35,8 @@ class ViewportPanel:
 
     def __init__(self, overlays: Sequence[Overlay]) -> None:
         """`overlays` are drawn over the picture in this order."""
-        self._overlays = tuple(overlays)
+        self._reference = ReferenceOverlay()
+        self._overlays: tuple[Overlay, ...] = (self._reference, *overlays)
         self._drags = False
         """Whether the present press, or the one just released, was a drag."""
         self._tool_drags = False
@@ -48,6 +50,12 @@ class ViewportPanel:
         if ui.session.document is None:
             _empty_state(ui, place)
             return
+        place, beside = parted(ui, place)
+        if beside is not None:
+            self._reference.draw_beside(ui, beside)
+            at = ImVec2(place.x, place.y)
+            imgui.set_cursor_screen_pos(at)
+        ui.marks["picture"] = (place.x, place.y, place.x + place.width, place.y + place.height)
         picture = ui.view.show(ui.session.document, ui.session.state, place.width, place.height)
         imgui.image(imgui.ImTextureRef(picture.glo), ImVec2(place.width, place.height))
         imgui.set_cursor_screen_pos(at)

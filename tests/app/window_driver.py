@@ -78,7 +78,7 @@ class WindowDriver:
     def pixel_of(self, point):
         """Where a world point is in the window."""
         state = self.wait_until_calm()
-        left, top, right, bottom = state["widgets"]["viewport"]
+        left, top, right, bottom = state["widgets"]["picture"]
         lens = state["camera"]
         pose = np.array(lens["world_from_camera"])
         size = (int(right - left), int(bottom - top))

@@ -8,6 +8,9 @@ from instdrive_app.panels.ui import Rectangle, Ui, icon
 from instdrive_app.state import ViewMode
 from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, rgba
 
+WORDS_FROM = 40
+"""Widths of the picture, in font sizes, from which buttons have words."""
+
 
 class ViewSwitch:
     """Four buttons, the present mode highlighted."""
@@ -16,6 +19,7 @@ class ViewSwitch:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
+        narrow = place.width < WORDS_FROM * imgui.get_font_size()
         imgui.set_cursor_screen_pos(ImVec2(place.x + 10, place.y + 10))
         imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(2, 0))
         for mode in ViewMode:
@@ -23,7 +27,7 @@ class ViewSwitch:
             on = ui.session.state.view_mode is mode
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
             imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
-            if imgui.button(f"{icon(command.icon)}  {mode.value}"):
+            if imgui.button(f"{icon(command.icon)}##{command.id}" if narrow else f"{icon(command.icon)}  {mode.value}"):
                 command.run()
             imgui.pop_style_color(2)
             ui.mark(command.id)

@@ -1,0 +1,85 @@
+"""The dataset camera's photo or masks: over the splats, or beside them."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, ImVec4, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.state import Reference
+from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, packed
+
+GAP = 2
+"""Pixels between the two pictures."""
+
+
+def parted(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
+    """Where the splats go in the viewport, and where the photo does while it is shown beside them."""
+    state = ui.session.state
+    if not state.reference_beside or state.reference is Reference.NONE or state.dataset_view is None:
+        return whole, None
+    half = (whole.width - GAP) // 2
+    left = Rectangle(whole.x, whole.y, half, whole.height)
+    return Rectangle(whole.x + half + GAP, whole.y, whole.width - half - GAP, whole.height), left
+
+
+class ReferenceOverlay:
+    """Photo or masks as the user has chosen in the timeline; only dataset cameras have them."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """Over the splats, as opaque as the slider says, and exactly where the film is."""
+        state = ui.session.state
+        if state.reference is Reference.NONE or state.reference_beside or state.dataset_view is None:
+            return
+        texture = _texture(ui)
+        if texture is not None:
+            _image(ui, place, texture, state.reference_opacity)
+            ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
+
+    def draw_beside(self, ui: Ui, place: Rectangle) -> None:
+        """In its own half, with the pointer's place marked in both."""
+        draw = imgui.get_window_draw_list()
+        corner = ImVec2(place.x + place.width, place.y + place.height)
+        draw.add_rect_filled(ImVec2(place.x, place.y), corner, packed(BACKGROUND))
+        texture = _texture(ui)
+        if texture is None:
+            text = "Reading…" if ui.session.references.reading else "Not available"
+            size = imgui.calc_text_size(text)
+            middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
+            draw.add_text(middle, packed(DIM), text)
+            return
+        _image(ui, place, texture, 1.0)
+        _caption(place, ui.session.state.reference.value)
+        ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
+        if ui.pointer is not None:
+            x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
+            for low, high in (((x - 9, y), (x + 9, y)), ((x, y - 9), (x, y + 9))):
+                draw.add_line(ImVec2(*low), ImVec2(*high), packed(BACKGROUND, 0.8), 3)
+                draw.add_line(ImVec2(*low), ImVec2(*high), packed(ACCENT), 1)
+
+
+def _texture(ui: Ui) -> int | None:
+    session = ui.session
+    document, index = session.document, session.state.dataset_view
+    if document is None or index is None:
+        return None
+    picture = session.references.get(document.scene.views[index], session.state.reference)
+    return None if picture is None else ui.textures.show("reference", picture)
+
+
+def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
+    left, top, right, bottom = ui.session.state.viewpoint.film_in(place.width, place.height)
+    low, high = ImVec2(place.x + left, place.y + top), ImVec2(place.x + right, place.y + bottom)
+    draw = imgui.get_window_draw_list()
+    draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
+    tint = imgui.get_color_u32(ImVec4(1, 1, 1, opacity))
+    draw.add_image(imgui.ImTextureRef(texture), low, high, ImVec2(0, 0), ImVec2(1, 1), tint)
+    draw.pop_clip_rect()
+
+
+def _caption(place: Rectangle, text: str) -> None:
+    draw, size = imgui.get_window_draw_list(), imgui.calc_text_size(text)
+    low = ImVec2(place.x + 10, place.y + 10)
+    draw.add_rect_filled(low, ImVec2(low.x + size.x + 20, low.y + size.y + 10), packed(BACKGROUND, 0.78), 4)
+    draw.add_text(ImVec2(low.x + 10, low.y + 5), packed(TEXT), text)

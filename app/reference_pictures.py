@@ -1,0 +1,126 @@
+"""The photo that a dataset camera took, and its masks, read beside the window for comparison with the splats."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from instdrive_app.state import Reference
+from instdrive_core.datasets.photos import load_photo, photo_size
+from instdrive_core.errors import DataError, InstDriveError
+from instdrive_core.instances.colormap import colors_from_ids
+from instdrive_core.masks.labelmap import SIDECAR, FrameMasks, open_masks
+from instdrive_core.scene.camera import CameraView
+
+KEPT = 16
+"""Pictures kept in memory: a short walk back and forth reads nothing again."""
+MAX_WIDTH = 1920
+"""Pixels; wider photos are averaged down."""
+SKY_COLOR = (120, 170, 220)
+MASK_LEVELS = 4
+"""Folders above a photo that are searched for its clip's masks."""
+
+Picture = UInt8[ndarray, "h w 4"]
+_Key = tuple[str, str, int, Reference]
+
+
+class ReferencePictures:
+    """Reads one picture at a time in a thread; the last ones are kept."""
+
+    def __init__(self, report_error: Callable[[str], None], wake: Callable[[], None] = lambda: None) -> None:
+        """`report_error` gets a text for the user, once per picture; `wake` is called when a picture is there."""
+        self._report_error, self._wake = report_error, wake
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="reference")
+        self._pictures: OrderedDict[_Key, Future[Picture]] = OrderedDict()
+        self._told: set[_Key] = set()
+
+    def get(self, view: CameraView, kind: Reference) -> Picture | None:
+        """RGBA of the view's photo or masks; None while it is being read, and where it cannot be."""
+        key = (view.photo, view.name, view.index, kind)
+        if key not in self._pictures:
+            self._request(key, view, kind)
+        self._pictures.move_to_end(key)
+        future = self._pictures[key]
+        if not future.done():
+            return None
+        error = future.exception()
+        if error is None:
+            return future.result()
+        if not isinstance(error, InstDriveError):
+            raise error
+        if key not in self._told:
+            self._told.add(key)
+            self._report_error(str(error))
+        return None
+
+    @property
+    def reading(self) -> bool:
+        """Whether a picture is on its way."""
+        return any(not future.done() for future in self._pictures.values())
+
+    def forget(self) -> None:
+        """Read everything again when it is asked for: another document is open."""
+        self._pictures.clear()
+        self._told.clear()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _request(self, key: _Key, view: CameraView, kind: Reference) -> None:
+        for old in [old for old, future in self._pictures.items() if not future.running() and not future.done()]:
+            self._pictures.pop(old).cancel()  # the user has moved on
+        future = self._pool.submit(reference_picture, view, kind)
+        future.add_done_callback(lambda _: self._wake())
+        self._pictures[key] = future
+        while len(self._pictures) > KEPT:
+            self._pictures.popitem(last=False)
+
+
+def reference_picture(view: CameraView, kind: Reference) -> Picture:
+    """RGBA of a view's photo, opaque, or of its masks, clear where there is none.
+
+    Raises DataError where the scene does not know the photo, or the file is missing or damaged.
+    """
+    if not view.photo:
+        raise DataError(f"{view.name}/{view.index:02d}", "the scene does not say where this photo is", _REMEDY)
+    photo = Path(view.photo)
+    if kind is Reference.MASKS:
+        return mask_colors(open_masks(masks_of(photo)).load(f"{view.name}/{view.index:02d}"))
+    if not photo.is_file():
+        raise DataError(photo, "the photo is no longer there", _REMEDY)
+    full = photo_size(photo)
+    factor = min(1.0, MAX_WIDTH / full[0])
+    rgb = load_photo(photo, full, (max(1, round(full[0] * factor)), max(1, round(full[1] * factor))))
+    return np.concatenate([rgb, np.full((*rgb.shape[:2], 1), 255, np.uint8)], axis=2)
+
+
+def masks_of(photo: Path) -> Path:
+    """The mask folder of the clip that a photo belongs to. Raises DataError where no folder above has one."""
+    for folder in list(photo.parents)[:MASK_LEVELS]:
+        if (folder / "masks" / SIDECAR).is_file():
+            return folder / "masks"
+    raise DataError(photo, "its clip has no folder masks/", "Write masks with `instdrive masks`")
+
+
+def mask_colors(masks: FrameMasks) -> Picture:
+    """A colour per mask of one photo, darker at its border; the sky in light blue; clear where nothing is known."""
+    labels = masks.labels.astype(np.uint32)
+    picture = np.zeros((*labels.shape, 4), np.uint8)
+    picture[..., :3] = colors_from_ids(labels)
+    picture[..., 3] = np.where(labels > 0, 255, 0)
+    picture[masks.sky] = (*SKY_COLOR, 255)
+    border = np.zeros(labels.shape, bool)
+    border[:, 1:] |= labels[:, 1:] != labels[:, :-1]
+    border[1:] |= labels[1:] != labels[:-1]
+    picture[border, :3] //= 3
+    return picture
+
+
+_REMEDY = "Open the run where its clip is, or train it again"
