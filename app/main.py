@@ -35,6 +35,9 @@ COMMANDS = {
     "convert": Command(
         "instdrive_core.cli.convert:convert", "Convert a scene into the format that the new name ends in."
     ),
+    "objects": Command(
+        "instdrive_core.cli.objects:objects", "Write boxes or hulls of a scene's instances as .json or .glb."
+    ),
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
     "doctor": Command(

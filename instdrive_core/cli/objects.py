@@ -1,0 +1,43 @@
+"""``instdrive objects``: boxes and hulls of a scene's instances, for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from instdrive_core.cli.arguments import default_time
+from instdrive_core.formats.objects import Shape, check_suffix, write_objects
+from instdrive_core.formats.registry import open_scene
+
+
+def objects(
+    scene: tyro.conf.Positional[Path],
+    *,
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])],
+    shape: Shape = "box",
+    time: float | None = None,
+) -> None:
+    """Write boxes or hulls of a scene's instances as .json or .glb.
+
+    Args:
+        scene: Scene file, or run folder.
+        out: File to write: .json has names, classes, boxes and tracks; .glb is a 3D scene with a node per instance.
+        shape: `hull`: the convex hull of each instance, in a .json beside its box.
+        time: Seconds into the drive at which moving objects are shown; default: the first photo's.
+    """
+    check_suffix(out)
+    opened = open_scene(scene)
+    time = default_time(opened) if time is None else time
+    written = write_objects(out, opened, time, shape)
+    print(f"{out}: {len(written)} objects{f' at {time:g} s' if opened.actors else ''}")
+    absent = sum(not entry.present for entry in written)
+    if absent:
+        print(f"{absent} of them are not there at this time ('present' is false); they stand where their track ends")
+    missing = len(opened.table) - len(written)
+    if missing:
+        print(f"{missing} instances are left out: no splat left, or not there at this time")
+    flat = sum(shape == "hull" and entry.hull is None for entry in written)
+    if flat:
+        print(f"{flat} objects span no volume and are boxes")

@@ -1,0 +1,127 @@
+"""What a scene's instances are as objects: where they stand, how large they are, how they move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from numpy import ndarray
+
+from instdrive_core.instances.oriented_box import OrientedBox, convex_hull, main_parts, upright_box
+from instdrive_core.instances.table import Instance
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.scene.track import Track
+
+SOLID = 0.1
+"""Fainter Gaussians shape an object only where it has no four others."""
+FORWARD = math.pi / 2
+"""Yaw, in a track's frame, of where the object heads."""
+HULL_SLACK = 1e-3
+"""Of the box's longest side: corners of the hull lie in the box, but for this."""
+
+Hull = tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]]
+"""Corners and triangles, counter-clockwise from outside."""
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One instance at one moment; positions relative to the scene's origin, in its unit, z up."""
+
+    instance: Instance
+    count: int
+    """Splats."""
+    track: Track | None
+    """What it moves with; None where it stands still."""
+    present: bool
+    """Whether its track covers the moment; where not, it stands where the track begins or ends."""
+    box: OrientedBox
+    """With a track, x points forward; else along the longer side, one way or the other."""
+    bounds: OrientedBox
+    """The same with yaw 0: the axis-aligned box."""
+    box_in_track: OrientedBox | None
+    """In the track's frame (x right, y forward, z up), x of the box forward: the same at any moment."""
+    hull: Hull | None
+    """None where none was asked for, or the splats span no volume."""
+
+
+def scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[SceneObject, ...]:
+    """The objects of all instances that have a splat with finite values, in the order of their IDs.
+
+    Floaters, faint splats and the farthest 2 % at each face do not count (`instances.oriented_box`).
+    """
+    poses, present = scene.at(time)
+    found = []
+    for instance, rows in _rows_of_instances(scene):
+        kept = _shaping(scene, rows)
+        if not len(kept):
+            continue
+        node = int(np.bincount(scene.nodes[rows]).argmax())
+        kept = kept[scene.nodes[kept] == node]
+        if not len(kept):
+            continue
+        track = scene.actors[node - 1] if node else None
+        means, covariances = _in_world(scene, kept, poses)
+        yaw = None if track is None else _heading(poses[node])
+        box = upright_box(means, covariances, yaw)
+        inside = box.holds(means, HULL_SLACK * float(box.size.max()))
+        found.append(
+            SceneObject(
+                instance=instance,
+                count=len(rows),
+                track=track,
+                present=bool(present[node]),
+                box=box,
+                bounds=upright_box(means, covariances, 0.0),
+                box_in_track=upright_box(*_in_node(scene, kept), FORWARD) if track is not None else None,
+                hull=convex_hull(means[inside]) if hulls else None,
+            )
+        )
+    return tuple(found)
+
+
+def _rows_of_instances(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
+    order = np.argsort(scene.instance_ids, kind="stable")
+    ids, starts = np.unique(scene.instance_ids[order], return_index=True)
+    for instance_id, rows in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
+        if instance_id in scene.table:
+            yield scene.table[instance_id], rows
+
+
+def _shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
+    """Rows that say where the object is."""
+    gaussians = scene.gaussians
+    numbers = (gaussians.means[rows], gaussians.quats[rows], gaussians.log_scales[rows])
+    # Above 80 the scale is no float32 any more; a quaternion of 0 has no direction.
+    finite = np.all([np.isfinite(array).all(axis=1) for array in numbers], axis=0)
+    finite &= (gaussians.log_scales[rows] < 80).all(axis=1) & (np.abs(gaussians.quats[rows]).max(axis=1) > 1e-6)
+    rows = rows[finite]
+    solid = rows[gaussians.opacities[rows] >= SOLID]
+    rows = solid if len(solid) >= 4 else rows
+    return rows[main_parts(gaussians.means[rows].astype(np.float64))] if len(rows) else rows
+
+
+def _in_node(scene: Scene, rows: Int64[ndarray, " k"]) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
+    gaussians = scene.gaussians
+    return gaussians.means[rows].astype(np.float64), _covariances(gaussians.quats[rows], gaussians.log_scales[rows])
+
+
+def _in_world(
+    scene: Scene, rows: Int64[ndarray, " k"], poses: Float64[ndarray, "m 4 4"]
+) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
+    gaussians = scene.gaussians
+    means, quats = placed(gaussians.means[rows], gaussians.quats[rows], scene.nodes[rows], poses)
+    return means.astype(np.float64), _covariances(quats, gaussians.log_scales[rows])
+
+
+def _covariances(quats: ndarray, log_scales: ndarray) -> Float64[ndarray, "k 3 3"]:
+    axes = matrix_from_quaternion(normalized(quats.astype(np.float64))) * np.exp(log_scales.astype(np.float64))[:, None]
+    return axes @ axes.swapaxes(1, 2)
+
+
+def _heading(world_from_box: Float64[ndarray, "4 4"]) -> float:
+    """Yaw of a track's forward axis."""
+    return math.atan2(world_from_box[1, 1], world_from_box[0, 1])
