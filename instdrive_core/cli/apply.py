@@ -41,7 +41,7 @@ def apply(
         out: File to write (.ply or another format), or a folder, which keeps tracks, cameras and sky.
         delete: IDs of instances to delete.
         recolor: Recolours as ID=#rrggbb.
-        recolor_mode: `tint` keeps light and shade, `solid` is the plain colour from everywhere.
+        recolor_mode: `tint` keeps light and shade, `hue` turns hues and keeps greys, `solid` is the plain colour.
         rename: New names as ID=NAME.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         edits: File with one edit as JSON per line, done before the others.

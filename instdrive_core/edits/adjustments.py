@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -67,3 +68,9 @@ def hue_rotation(degrees: float) -> Float64[ndarray, "3 3"]:
     cross = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]) / np.sqrt(3)
     rest = np.eye(3) - gray
     return gray + np.cos(angle) * rest + np.sin(angle) * rest @ cross
+
+
+def hue_of(color: Sequence[float] | Float[ndarray, "3"]) -> float:
+    """Hue in degrees, as `hue_rotation` turns it: 0 = red, 120 = green; 0 for greys."""
+    red, green, blue = (float(channel) for channel in color)
+    return float(np.rad2deg(np.arctan2(np.sqrt(3) * (green - blue), 2 * red - green - blue)))

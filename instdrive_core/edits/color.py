@@ -1,4 +1,4 @@
-"""Recolouring instances through the colour palette; a new recolour replaces the one before."""
+"""Recolouring instances through the colour palette, and back; a new recolour replaces the one before."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.edits.adjustments import LUMA
+from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotation
 from instdrive_core.edits.base import Edit, checked_ids, counted
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
@@ -20,7 +20,7 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import PaletteFullError, color_values
 
-RecolorMode = Literal["tint", "solid"]
+RecolorMode = Literal["tint", "hue", "solid"]
 MEAN_LUMA_FLOOR = 0.05
 """Darker instances are not brightened by more than 20 times."""
 
@@ -57,8 +57,10 @@ class ColorEdit(Edit):
 
 @dataclass
 class RecolorInstances(ColorEdit):
-    """Give instances a colour: `tint` keeps light, shade and view dependence; `solid` is the colour from everywhere.
+    """Give instances a colour.
 
+    `tint` keeps light, shade and view dependence; `hue` turns the hues until the mean one is the colour's, so greys and
+    differences of colour stay, too; `solid` is the colour from everywhere.
     What they were recoloured or adjusted to before is replaced; an opacity factor stays.
     """
 
@@ -80,6 +82,8 @@ class RecolorInstances(ColorEdit):
     def title(self) -> str:
         """``Tint instance 17 #d02020``."""
         code = "".join(f"{round(channel * 255):02x}" for channel in self.color)
+        if self.mode == "hue":
+            return f"Shift hue of {counted(self.ids)} to #{code}"
         return f"{self.mode.capitalize()} {counted(self.ids)} #{code}"
 
     def do(self, document: Document) -> bool:
@@ -87,6 +91,26 @@ class RecolorInstances(ColorEdit):
         parts = [editable(document, (instance_id,)) for instance_id in self.ids]
         matrices = [recolor_matrix(document.scene.gaussians, rows, self.mode, self.color) for rows in parts]
         return self.assign(document, [(rows, _replacing(matrix)) for rows, matrix in zip(parts, matrices, strict=True)])
+
+
+@dataclass
+class ResetColors(ColorEdit):
+    """Give instances the colours and opacities back that they were trained with."""
+
+    kind: ClassVar[str] = "reset_colors"
+    ids: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+
+    @property
+    def title(self) -> str:
+        """``Reset colours of instance 17``."""
+        return f"Reset colours of {counted(self.ids)}"
+
+    def do(self, document: Document) -> bool:
+        """Point the instances' rows at the entry that changes nothing."""
+        return self.assign(document, [(editable(document, self.ids), lambda _: document.colors.values[0])])
 
 
 def _replacing(matrix: Float32[ndarray, "3 4"]) -> Callable[[ndarray], ndarray]:
@@ -100,13 +124,17 @@ def recolor_matrix(
 
     `solid`: A = 0, b = colour. `tint`: A = colour ⊗ luma weights / mean luma, b = 0: the instance's mean
     (weighted by opacity) becomes the colour, and each Gaussian keeps its brightness relative to that mean.
+    `hue`: A = the rotation from the mean's hue to the colour's.
     """
     matrix = np.zeros((3, 4))
     if mode == "solid":
         matrix[:, 3] = color
         return matrix.astype(np.float32)
-    luma = np.maximum(color_from_dc(gaussians.sh_dc[rows]), 0) @ LUMA
+    colors = np.maximum(color_from_dc(gaussians.sh_dc[rows]), 0)
     weights = sigmoid(gaussians.opacity_logits[rows]).astype(np.float64)
-    mean = float(luma @ weights / max(weights.sum(), 1e-12))
-    matrix[:, :3] = np.outer(color, LUMA) / max(mean, MEAN_LUMA_FLOOR)
+    mean = weights @ colors / max(float(weights.sum()), 1e-12)
+    if mode == "hue":
+        matrix[:, :3] = hue_rotation(hue_of(color) - hue_of(mean))
+    else:
+        matrix[:, :3] = np.outer(color, LUMA) / max(float(LUMA @ mean), MEAN_LUMA_FLOOR)
     return matrix.astype(np.float32)

@@ -10,13 +10,14 @@ from typing import Any
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.base import Edit
-from instdrive_core.edits.color import RecolorInstances
+from instdrive_core.edits.color import RecolorInstances, ResetColors
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.look import SetAdjustment
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import (
@@ -28,6 +29,7 @@ from instdrive_core.edits.select import (
     SelectNone,
 )
 from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.edits.solo import SoloInstances
 from instdrive_core.edits.split import SplitInstance
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
@@ -51,15 +53,18 @@ EDITS: dict[str, type[Edit]] = {
         ReassignSelected,
         RecolorInstances,
         RenameInstance,
+        ResetColors,
         SelectAll,
         SelectClass,
         SelectCodeword,
         SelectInstances,
         SelectNone,
         SelectRows,
+        SetAdjustment,
         SetInstanceClass,
         ShowAll,
         ShrinkSelection,
+        SoloInstances,
         SplitInstance,
     )
 }

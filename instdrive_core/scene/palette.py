@@ -2,6 +2,9 @@
 
 A splat's shown colour is max(A · c + b, 0), where c = 0.5 + Y0 · sh_dc + Σ Y_k · sh_rest_k is its colour before
 clamping, and its opacity is alpha · sigmoid(opacity_logit). Both can be baked into the stored parameters exactly.
+
+Beside what is drawn an entry remembers how it came about: the map before any adjustment, and how far each adjustment is
+from neutral. So a slider finds its place again after undo, in a duplicate, and in every piece of a split instance.
 """
 
 from __future__ import annotations
@@ -17,9 +20,14 @@ from instdrive_core.scene.gaussians import Gaussians
 
 __all__ = ["MAX_ENTRIES", "ColorPalette", "PaletteFullError", "baked_colors", "color_values"]
 
+DRAWN = 13
+"""Numbers of an entry that are drawn: [A | b] row by row, then the opacity factor."""
+ADJUSTMENTS = 5
+"""Adjustments that an entry remembers; which they are, and what their amounts mean, is the edits' matter."""
+
 
 class ColorPalette(EntryPalette):
-    """Colour changes [A | b] and opacity factors, float32; entry 0 changes nothing."""
+    """Colour changes [A | b] and opacity factors, float32, and what they were made of; entry 0 changes nothing."""
 
     name = "colour palette"
 
@@ -34,7 +42,17 @@ class ColorPalette(EntryPalette):
     @property
     def alphas(self) -> Float32[ndarray, " p"]:
         """The opacity factor of each entry, a read-only view."""
-        return self.values[:, 12]
+        return self.values[:, DRAWN - 1]
+
+    @property
+    def bases(self) -> Float32[ndarray, "p 3 4"]:
+        """[A | b] of each entry as it was before any adjustment, a read-only view."""
+        return self.values[:, DRAWN : DRAWN + 12].reshape(-1, 3, 4)
+
+    @property
+    def adjusted(self) -> Float32[ndarray, "p a"]:
+        """How far each adjustment of each entry is from neutral, a read-only view."""
+        return self.values[:, DRAWN + 12 :]
 
     def add(self, matrix: Float32[ndarray, "3 4"], alpha: float = 1.0) -> int:
         """The index of an entry with these values: an equal one where there is one, else a new one.
@@ -44,9 +62,19 @@ class ColorPalette(EntryPalette):
         return self.add_values(color_values(matrix, alpha))
 
 
-def color_values(matrix: Float[ndarray, "3 4"], alpha: float) -> Float32[ndarray, "13"]:
-    """An entry as it is stored: [A | b] row by row, then the opacity factor."""
-    return np.append(matrix.reshape(-1), alpha).astype(np.float32)
+def color_values(
+    matrix: Float[ndarray, "3 4"],
+    alpha: float,
+    base: Float[ndarray, "3 4"] | None = None,
+    adjusted: Float[ndarray, " a"] | None = None,
+) -> Float32[ndarray, " w"]:
+    """An entry as it is stored: [A | b] row by row, the opacity factor, the base, the adjustments.
+
+    Without `base` and `adjusted` the colours count as not adjusted: the base is the matrix itself.
+    """
+    base = matrix if base is None else base
+    adjusted = np.zeros(ADJUSTMENTS) if adjusted is None else adjusted
+    return np.concatenate([matrix.reshape(-1), [alpha], base.reshape(-1), adjusted]).astype(np.float32)
 
 
 def baked_colors(
