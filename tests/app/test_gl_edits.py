@@ -9,7 +9,7 @@ from random_scene import random_scene
 
 from instdrive_app import camera
 from instdrive_app.render.renderer import Renderer
-from instdrive_app.state import EditorState, Viewpoint, ViewMode, resolve
+from instdrive_app.state import EditorState, ViewMode, Viewpoint, resolve
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.adjustments import RANGES
 from instdrive_core.edits.bake import baked
