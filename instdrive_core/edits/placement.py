@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document import Document
@@ -15,7 +15,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import street_direction, travel_direction
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import Similarity, current_means, scale_of
+from instdrive_core.scene.transforms import Similarity, scale_of
 
 Vector = tuple[float, float, float]
 SOLID_OPACITY = 0.3
@@ -59,17 +59,35 @@ def bottom_of(document: Document, ids: Sequence[int], matrix: Similarity, time: 
 def ground_under(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
     """Height (metres) of the background under a place, the instances themselves left out. Raises EditError."""
     scene = document.scene
-    reach = np.float32(RADII[-1])
-    means = current_means(scene.gaussians, document.transforms)
-    near = np.abs(means[:, :2] - np.asarray(place[:2], np.float32)) <= reach
-    rows = np.flatnonzero(near[:, 0] & near[:, 1] & (scene.nodes == 0))
-    others = ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))
+    rows, means = _background_around(document, ids, place, RADII[-1])
     solid = sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY
     alive = (document.state.flags[rows] & Flag.DELETED) == 0
-    height = ground_height(means[rows[others & solid & alive]], place)
+    height = ground_height(means[solid & alive], place)
     if height is None:
         raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
     return height
+
+
+def _background_around(
+    document: Document, ids: Sequence[int], place: Float[ndarray, "3"], reach: float
+) -> tuple[Int64[ndarray, " k"], Float32[ndarray, "k 3"]]:
+    """Rows of other instances, none of them driving, within `reach` metres along x and along y; and where they are."""
+    scene = document.scene
+    stored, moved = scene.gaussians.means, document.transforms.indices > 0
+    rows = np.flatnonzero(_within(stored, place, reach) & (scene.nodes == 0) & ~moved)
+    rows = rows[~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
+    # Of what was moved before, little is of others: during a drag it is mostly the instances themselves.
+    shifted = np.flatnonzero(moved & (scene.nodes == 0))
+    shifted = shifted[~np.isin(scene.instance_ids[shifted], np.array(ids, np.uint32))]
+    means = document.means_of(shifted)
+    close = _within(means, place, reach)
+    return np.concatenate([rows, shifted[close]]), np.concatenate([stored[rows], means[close]])
+
+
+def _within(means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float) -> Bool[ndarray, " n"]:
+    low, high = np.asarray(place[:2], np.float32) - np.float32(reach), np.asarray(place[:2], np.float32) + reach
+    x, y = means[:, 0], means[:, 1]
+    return (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
 
 
 def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], time: float) -> Float64[ndarray, "3"]:

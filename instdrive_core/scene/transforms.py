@@ -59,8 +59,15 @@ def current_means(
     moved = np.flatnonzero(entries)
     if not len(moved):
         return means
-    means, matrices = means.copy(), palette.matrices[entries[moved]]
-    means[moved] = np.einsum("nij,nj->ni", matrices[:, :, :3], means[moved]) + matrices[:, :, 3]
+    named = entries[moved]
+    means = means.copy()
+    if (named == named[0]).all():
+        # One object: a matrix per splat would take three times as long; `@` starts threads, which a drag trips over.
+        matrix, part = palette.matrices[named[0]], means[moved]
+        means[moved] = sum((part[:, k, None] * matrix[:, k] for k in range(3)), start=matrix[:, 3])
+    else:
+        matrices = palette.matrices[named]
+        means[moved] = np.einsum("nij,nj->ni", matrices[:, :, :3], means[moved]) + matrices[:, :, 3]
     return means
 
 
