@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.edits.base import checked_ids, counted
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
+from instdrive_core.edits.row_runs import RowRuns, row_runs
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 
@@ -53,6 +55,36 @@ class DeleteSelected(FlagEdit):
         if not len(rows):
             raise EditError("nothing is selected; select what to delete first")
         return _deletion(rows)
+
+
+@dataclass
+class DeleteRows(FlagEdit):
+    """Delete any splats, e.g. those that the linter objects to; locked ones are spared."""
+
+    kind: ClassVar[str] = "delete_rows"
+    rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
+    """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
+
+    def __post_init__(self) -> None:
+        self.rows = row_runs(self.rows)
+
+    @property
+    def title(self) -> str:
+        """``Delete 12 splats``."""
+        count = len(row_runs(self.rows))
+        return f"Delete {count:,} splat{'' if count == 1 else 's'}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The rows as runs."""
+        return {"kind": self.kind, "rows": row_runs(self.rows).to_json()}
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Deselect and delete the rows. Raises EditError for rows that the scene does not have."""
+        runs = row_runs(self.rows)
+        if runs.end > len(document.scene):
+            raise EditError(f"row {runs.end - 1} is beyond the scene's {len(document.scene):,} splats")
+        rows = runs.rows
+        return _deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
 
 
 def editable(document: Document, ids: tuple[int, ...]) -> ndarray:

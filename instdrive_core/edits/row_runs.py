@@ -74,3 +74,19 @@ class RowRuns:
         """All rows, rising."""
         before = np.cumsum(self.lengths) - self.lengths
         return np.arange(len(self)) + np.repeat(self.starts - before, self.lengths)
+
+
+def row_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) -> RowRuns:
+    """Rows given in any of the ways that edits take them: runs, their JSON, or an array of row numbers.
+
+    Raises EditError where they are something else.
+    """
+    if isinstance(rows, RowRuns):
+        return rows
+    if isinstance(rows, ndarray):
+        if rows.ndim != 1 or rows.dtype.kind not in "iu":
+            raise EditError(f"rows are a {rows.dtype} array of shape {rows.shape}, not a list of numbers")
+        return RowRuns.of_rows(rows)
+    if not isinstance(rows, tuple | list):
+        raise EditError(f"rows are {rows!r}, no list of pairs [first row, number of rows]")
+    return RowRuns.from_json(rows)

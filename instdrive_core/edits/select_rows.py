@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
-from instdrive_core.edits.row_runs import RowRuns
+from instdrive_core.edits.row_runs import RowRuns, row_runs
 from instdrive_core.edits.select import VERBS, SelectMode, check_mode, selection_changes
 from instdrive_core.errors import EditError
 
@@ -26,33 +26,22 @@ class SelectRows(FlagEdit):
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
-        self.rows = self._runs()
+        self.rows = row_runs(self.rows)
         check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select 1,204 splats``."""
-        count = len(self._runs())
+        count = len(row_runs(self.rows))
         return f"{VERBS[self.mode]} {count:,} splat{'' if count == 1 else 's'}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """As `SelectInstances`, for the rows."""
-        runs = self._runs()
+        runs = row_runs(self.rows)
         if runs.end > len(document.scene):
             raise EditError(f"row {runs.end - 1} is beyond the scene's {len(document.scene):,} splats")
         return selection_changes(document.state, runs.rows, self.mode)
 
     def to_json(self) -> dict[str, Any]:
         """As every edit's, with the rows as runs."""
-        return {"kind": self.kind, "rows": self._runs().to_json(), "mode": self.mode}
-
-    def _runs(self) -> RowRuns:
-        if isinstance(self.rows, RowRuns):
-            return self.rows
-        if isinstance(self.rows, ndarray):
-            if self.rows.ndim != 1 or self.rows.dtype.kind not in "iu":
-                raise EditError(f"rows are a {self.rows.dtype} array of shape {self.rows.shape}, not a list of numbers")
-            return RowRuns.of_rows(self.rows)
-        if not isinstance(self.rows, tuple | list):
-            raise EditError(f"rows are {self.rows!r}, no list of pairs [first row, number of rows]")
-        return RowRuns.from_json(self.rows)
+        return {"kind": self.kind, "rows": row_runs(self.rows).to_json(), "mode": self.mode}

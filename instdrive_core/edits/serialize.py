@@ -12,7 +12,7 @@ from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, ResetColors
 from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.insert import InsertScene
@@ -41,6 +41,7 @@ EDITS: dict[str, type[Edit]] = {
         AdjustInstances,
         CompoundEdit,
         DeleteInstances,
+        DeleteRows,
         DeleteSelected,
         DuplicateInstances,
         GrowSelection,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from random_scene import random_scene
 
 from instdrive_core.edits.color import RecolorInstances
-from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
 from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectNone
@@ -99,6 +99,20 @@ def test_delete_selected_and_undo(document):
     document.apply(SelectNone())
     with pytest.raises(EditError, match="nothing is selected"):
         document.apply(DeleteSelected())
+
+
+def test_delete_rows_replays_from_runs(document):
+    document.apply(LockInstances((2,)))
+    locked = rows(document, 2)
+    wanted = np.array(sorted({0, 1, 2, 7, *locked}))
+    document.apply(DeleteRows(wanted))
+    assert flagged(document, Flag.DELETED) == set(wanted.tolist()) - locked
+    again = edit_from_json(json.loads(json.dumps(document.history.edits[-1].to_json())))
+    assert again == document.history.edits[-1]
+    document.undo()
+    assert flagged(document, Flag.DELETED) == set()
+    with pytest.raises(EditError, match="beyond the scene"):
+        document.apply(DeleteRows(np.array([len(document.scene)])))
 
 
 def test_locked_instances_are_spared(document):
