@@ -18,10 +18,10 @@ from instdrive_core.rasterize.project import MEAN_X, POWER_LIMIT, Projection
 
 TILE = 16
 PIXELS = TILE * TILE
-_TILE_BITS = 4
+TILE_BITS = 4
 _CHUNKS = 16
 """Splats are dealt to this many parallel counters; the result does not depend on it."""
-_SLACK = np.float32(1e-3)
+SLACK = np.float32(1e-3)
 """Pixels added around an ellipse so that rounding never loses a fragment that the alpha test would keep."""
 
 
@@ -66,7 +66,7 @@ def _ellipse(splats, covariances, v, axis):
     """A splat's ellipse of visible alpha, cut in bands across `axis` (0 = x, 1 = y).
 
     Returns: centre along the other axis and along `axis`, in pixel indices; half extent along `axis`; then what
-    `_extent` takes: slope and stretch, the limit, one over the variance along `axis`, and where along `axis` the
+    `extent` takes: slope and stretch, the limit, one over the variance along `axis`, and where along `axis` the
     ellipse is farthest out along the other.
     """
     xx, xy, yy = covariances[v, 0], covariances[v, 1], covariances[v, 2]
@@ -75,7 +75,7 @@ def _ellipse(splats, covariances, v, axis):
     return (
         splats[v, MEAN_X + 1 - axis] - np.float32(0.5),
         splats[v, MEAN_X + axis] - np.float32(0.5),
-        np.sqrt(limit * along) + _SLACK,
+        np.sqrt(limit * along) + SLACK,
         xy / along,
         across - xy * xy / along,
         limit,
@@ -85,7 +85,7 @@ def _ellipse(splats, covariances, v, axis):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _indices(low, high, size):
+def indices(low, high, size):
     """First index and end index of the pixel centres in [low, high], within 0 … size; none between bounds that are no
     numbers."""
     if not low <= high:
@@ -96,15 +96,15 @@ def _indices(low, high, size):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _extent(ellipse, band, size):
+def extent(ellipse, band, size):
     """First and end pixel index of an ellipse within tile band `band`, along the other axis."""
     center, band_center, reach, slope, stretch, limit, inverse_variance, peak = ellipse
     low = max(np.float32(band * TILE) - band_center, -reach)
     high = min(np.float32(band * TILE + TILE - 1) - band_center, reach)
     right, left = min(max(peak, low), high), min(max(-peak, low), high)
-    half_right = np.sqrt(max(stretch * (limit - right * right * inverse_variance), np.float32(0))) + _SLACK
-    half_left = np.sqrt(max(stretch * (limit - left * left * inverse_variance), np.float32(0))) + _SLACK
-    return _indices(center + slope * left - half_left, center + slope * right + half_right, size)
+    half_right = np.sqrt(max(stretch * (limit - right * right * inverse_variance), np.float32(0))) + SLACK
+    half_left = np.sqrt(max(stretch * (limit - left * left * inverse_variance), np.float32(0))) + SLACK
+    return indices(center + slope * left - half_left, center + slope * right + half_right, size)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
@@ -114,10 +114,10 @@ def _count_pairs(splats, covariances, size, counters, splat_counts):
     for chunk in numba.prange(_CHUNKS):
         for v in range(count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS):
             rows = _ellipse(splats, covariances, v, 1)
-            top, bottom = _indices(rows[1] - rows[2], rows[1] + rows[2], height)
-            for row in range(top >> _TILE_BITS, (bottom + TILE - 1) >> _TILE_BITS):
-                left, right = _extent(rows, row, width)
-                for column in range(left >> _TILE_BITS, (right + TILE - 1) >> _TILE_BITS):
+            top, bottom = indices(rows[1] - rows[2], rows[1] + rows[2], height)
+            for row in range(top >> TILE_BITS, (bottom + TILE - 1) >> TILE_BITS):
+                left, right = extent(rows, row, width)
+                for column in range(left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS):
                     counters[chunk, row * columns + column] += 1
                     splat_counts[v] += 1
 
@@ -130,11 +130,11 @@ def _place_pairs(splats, covariances, size, cursors, splat_starts, out_splats, o
         for v in range(count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS):
             entry = splat_starts[v]
             rows, across = _ellipse(splats, covariances, v, 1), _ellipse(splats, covariances, v, 0)
-            top, bottom = _indices(rows[1] - rows[2], rows[1] + rows[2], height)
-            for row in range(top >> _TILE_BITS, (bottom + TILE - 1) >> _TILE_BITS):
-                left, right = _extent(rows, row, width)
-                for column in range(left >> _TILE_BITS, (right + TILE - 1) >> _TILE_BITS):
-                    first, end = _extent(across, column, height)
+            top, bottom = indices(rows[1] - rows[2], rows[1] + rows[2], height)
+            for row in range(top >> TILE_BITS, (bottom + TILE - 1) >> TILE_BITS):
+                left, right = extent(rows, row, width)
+                for column in range(left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS):
+                    first, end = extent(across, column, height)
                     place = cursors[chunk, row * columns + column]
                     cursors[chunk, row * columns + column] += 1
                     out_splats[place], out_entries[place] = v, entry

@@ -196,6 +196,16 @@ def any_lane(typingctx, condition):
 
 
 @intrinsic
+def lane_bits(typingctx, condition):
+    """Where the condition holds, as the bits of a uint16, the first lane's lowest."""
+
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], _INT16)
+
+    return types.uint16(lane_mask), codegen
+
+
+@intrinsic
 def spread(typingctx, value):
     """A float32 in every lane."""
     return lanes(types.float32), lambda context, builder, signature, args: _spread(builder, args[0])

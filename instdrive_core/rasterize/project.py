@@ -62,8 +62,7 @@ def project(
     count = len(means)
     splats, covariances = np.empty((count, SPLAT_WIDTH), np.float32), np.empty((count, 3), np.float32)
     depths = np.empty(count, np.float32)
-    view = camera_row(camera)
-    _project(means, quats, log_scales, opacities, view, settings.as_row(), splats, covariances, depths)
+    project_rows(means, quats, log_scales, opacities, camera, settings, splats, covariances, depths)
     rows = back_to_front(depths, 0.0)[::-1].astype(np.int32)
     sorted_splats, sorted_covariances = (
         np.empty((len(rows), SPLAT_WIDTH), np.float32),
@@ -74,7 +73,22 @@ def project(
     return Projection(rows, sorted_splats, sorted_covariances, places)
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FLAGS)
+def project_rows(
+    means: Float32[ndarray, "n 3"],
+    quats: Float32[ndarray, "n 4"],
+    log_scales: Float32[ndarray, "n 3"],
+    opacities: Float32[ndarray, " n"],
+    camera: Camera,
+    settings: RasterSettings,
+    splats: Float32[ndarray, "n 8"],
+    covariances: Float32[ndarray, "n 3"],
+    depths: Float32[ndarray, " n"],
+) -> None:
+    """Write what a `Projection` holds, row by row; depth 0 for those culled, whose other numbers stay as they are."""
+    _project(means, quats, log_scales, opacities, camera_row(camera), settings.as_row(), splats, covariances, depths)
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FLAGS)
 def _project(means, quats, log_scales, opacities, view, constants, splats, covariances, depths):
     near, low_pass, min_alpha = constants[0], constants[1], constants[2]
     fx, fy, cx, cy, width, height = view[12], view[13], view[14], view[15], view[16], view[17]

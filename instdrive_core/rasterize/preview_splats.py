@@ -1,0 +1,96 @@
+"""The splats that a camera sees, nearest first, each in one cache line: what binning and blending a preview read."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from instdrive_core.maths.depth_order import nearest_first
+from instdrive_core.maths.workspace import Workspace
+from instdrive_core.rasterize.fragment import FAST, exponent_of
+from instdrive_core.rasterize.lanes import prefetch
+from instdrive_core.rasterize.project import DEPTH, OPACITY, POWER_LIMIT, SPLAT_WIDTH, project_rows
+from instdrive_core.rasterize.settings import RasterSettings
+from instdrive_core.scene.camera import Camera
+
+SPLAT_FLOATS = 16
+"""Per splat: one cache line."""
+# Its columns: the six numbers of `exponent_of` relative to pixel (0, 0); depth and colour, which are blended;
+# opacity; the row, as the bits of an int32; the 2D covariance and the power limit, from which its tiles follow.
+AT_X, AT_Y, AT_BASE, AT_XX, AT_XY, AT_YY = (np.uint64(k) for k in range(6))
+AT_VALUES, AT_OPACITY, AT_ROW = np.uint64(6), np.uint64(10), np.uint64(11)
+AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT = (np.uint64(k) for k in range(12, 16))
+_LINE_COVARIANCE, _LINE_COLOR = np.uint64(SPLAT_WIDTH), np.uint64(SPLAT_WIDTH + 3)
+_AHEAD = np.uint64(12)
+"""So many places ahead the next lines are fetched."""
+
+
+class Projected:
+    """Splats projected in the order of their rows, a cache line each: sorting them reads memory at random."""
+
+    def __init__(self, count: int, workspace: Workspace) -> None:
+        self.lines = workspace.array("projected splats", (count, SPLAT_FLOATS))
+        """Columns of `Projection.splats`, then its covariances, then room for the colour."""
+        self.depths = workspace.array("projected depths", (count,))
+        """0 for invisible ones, whose lines are undefined."""
+
+    @property
+    def splats(self) -> Float32[ndarray, "n 8"]:
+        """As `Projection.splats`, a view."""
+        return self.lines[:, :SPLAT_WIDTH]
+
+    @property
+    def covariances(self) -> Float32[ndarray, "n 3"]:
+        """As `Projection.covariances`, a view."""
+        return self.lines[:, int(_LINE_COVARIANCE) : int(_LINE_COLOR)]
+
+    @property
+    def colors(self) -> Float32[ndarray, "n 3"]:
+        """RGB, to be written for the visible rows; a view."""
+        return self.lines[:, int(_LINE_COLOR) : int(_LINE_COLOR) + 3]
+
+
+def projected(
+    means: Float32[ndarray, "n 3"],
+    quats: Float32[ndarray, "n 4"],
+    log_scales: Float32[ndarray, "n 3"],
+    opacities: Float32[ndarray, " n"],
+    camera: Camera,
+    settings: RasterSettings,
+    workspace: Workspace,
+) -> Projected:
+    """Project and cull as `project` does, neither sorted nor copied; the arrays are the workspace's."""
+    result = Projected(len(means), workspace)
+    project_rows(
+        *(means, quats, log_scales, opacities, camera, settings),
+        *(result.splats, result.covariances, result.depths),
+    )
+    return result
+
+
+def packed_splats(found: Projected, settings: RasterSettings, workspace: Workspace) -> Float32[ndarray, "v 16"]:
+    """The visible splats nearest first, equal depths in row order."""
+    order = nearest_first(found.depths, workspace)
+    packed = workspace.array("packed splats", (len(order), SPLAT_FLOATS))
+    _pack(order, found.lines, settings.as_row(), packed, packed.view(np.int32))
+    return packed
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FAST)
+def _pack(order, lines, constants, packed, packed_bits):
+    count, flat, zero = np.uint64(len(order)), lines.reshape(-1), np.float32(0)
+    for place in numba.prange(len(order)):
+        v, row = np.uint64(place), np.uint64(order[place])
+        ahead = np.uint64(order[min(v + _AHEAD, count - np.uint64(1))])
+        prefetch(flat, ahead * np.uint64(SPLAT_FLOATS))
+        x, y, base, xx, xy, yy = exponent_of(lines, row, zero, zero, constants[2])
+        packed[v, AT_X], packed[v, AT_Y], packed[v, AT_BASE] = x, y, base
+        packed[v, AT_XX], packed[v, AT_XY], packed[v, AT_YY] = xx, xy, yy
+        packed[v, AT_VALUES] = lines[row, DEPTH]
+        for channel in range(np.uint64(3)):
+            packed[v, AT_VALUES + np.uint64(1) + channel] = lines[row, _LINE_COLOR + channel]
+            packed[v, AT_COV_XX + channel] = lines[row, _LINE_COVARIANCE + channel]
+        packed[v, AT_OPACITY], packed[v, AT_LIMIT] = lines[row, OPACITY], lines[row, POWER_LIMIT]
+        packed_bits[v, AT_ROW] = order[place]
