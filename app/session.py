@@ -8,17 +8,20 @@ from pathlib import Path
 from instdrive_app.commands import Commands
 from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
+from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages
 from instdrive_app.navigation import Navigation
 from instdrive_app.reference_pictures import ReferencePictures
+from instdrive_app.solo import Solo
 from instdrive_app.state import EditorState
+from instdrive_core.edits.adjustments import AdjustKind
 from instdrive_core.edits.base import Edit
-from instdrive_core.edits.color import RecolorInstances, RecolorMode
-from instdrive_core.edits.delete import DeleteInstances
+from instdrive_core.edits.color import RecolorInstances, RecolorMode, ResetColors
+from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.instances import RenameInstance
+from instdrive_core.edits.look import SetAdjustment
 from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectMode, SelectNone
-from instdrive_core.edits.visibility import HideInstances, ShowAll
+from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 
@@ -35,10 +38,12 @@ class EditorSession:
         self.navigation = Navigation(self.state, lambda: self.document)
         self.files = Files(self.jobs, self.messages, self.show)
         self.references = ReferencePictures(self.messages.error, wake)
+        self.labels = Labels(lambda: self.document, self.apply, self.messages)
+        self.solo = Solo(lambda: self.document, self.apply)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.renamed: int = 0
-        """The instance that the rename dialog is about."""
+        """The instance whose name the user wants to change: the list takes it, else the rename dialog; 0 = none."""
         self.recolor_mode: RecolorMode = "tint"
         self.recolor_color: tuple[float, float, float] = (0.82, 0.13, 0.13)
         """What the inspector's colour picker holds."""
@@ -99,6 +104,11 @@ class EditorSession:
         return self.document.selected_instances() if self.document else ()
 
     @property
+    def has_selection(self) -> bool:
+        """Whether any splat is selected, of an instance or of none."""
+        return self.document is not None and bool(self.document.state.mask(Flag.SELECTED).any())
+
+    @property
     def has_codewords(self) -> bool:
         """Whether the open scene knows codewords."""
         return self.document is not None and self.document.scene.code_bits > 0
@@ -117,13 +127,29 @@ class EditorSession:
 
     def clear_selection(self) -> None:
         """Select nothing."""
-        if self.document is not None and len(self.document.state.rows_with(Flag.SELECTED)):
+        if self.has_selection:
             self.apply(SelectNone)
 
     def delete(self, ids: tuple[int, ...]) -> None:
         """Delete instances."""
         if ids and self.apply(DeleteInstances, ids) and self.state.hovered in ids:
             self.state.hovered = 0
+
+    def delete_selection(self) -> None:
+        """Delete the selected splats, and no others of their instances."""
+        if self._selects_whole_instances():
+            self.delete(self.selected)
+        elif self.has_selection and self.apply(DeleteSelected):
+            self.state.hovered = 0
+
+    def _selects_whole_instances(self) -> bool:
+        if self.document is None:
+            return False
+        counts = self.document.counts()
+        chosen = counts.selected > 0
+        whole = (counts.selected == counts.count - counts.deleted)[chosen].all()
+        alone = counts.selected.sum() == len(self.document.state.rows_with(Flag.SELECTED))
+        return bool(chosen.any() and whole and alone)
 
     def hide(self, ids: tuple[int, ...], hidden: bool = True) -> None:
         """Hide instances or show them again."""
@@ -134,15 +160,10 @@ class EditorSession:
         """Show everything that is hidden."""
         self.apply(ShowAll)
 
-    def solo(self, ids: tuple[int, ...]) -> None:
-        """Hide every other instance; where that is so already, show all."""
-        if self.document is None or not ids:
-            return
-        others = tuple(i for i in self.document.visible_instances() if i not in ids)
-        if others:
-            self.apply(HideInstances, others)
-        else:
-            self.apply(ShowAll)
+    def lock(self, ids: tuple[int, ...], locked: bool = True) -> None:
+        """Protect instances from being selected and edited, or free them."""
+        if ids:
+            self.apply(LockInstances, ids, locked)
 
     def recolor(
         self, ids: tuple[int, ...], mode: RecolorMode, color: tuple[float, float, float], gesture: str | None = None
@@ -151,13 +172,19 @@ class EditorSession:
         if ids:
             self.apply(RecolorInstances, ids, mode, color, gesture=gesture)
 
-    def ask_name(self, instance: int) -> None:
-        """Open the rename dialog."""
-        self.renamed, self.dialog = instance, "rename"
+    def adjust(self, ids: tuple[int, ...], what: AdjustKind, amount: float, gesture: str | None = None) -> None:
+        """Set one adjustment of instances' colours; calls of one `gesture` become one step."""
+        if ids:
+            self.apply(SetAdjustment, ids, what, amount, gesture=gesture)
 
-    def rename(self, instance: int, name: str) -> None:
-        """Give an instance another name."""
-        self.apply(RenameInstance, instance, name)
+    def reset_colors(self, ids: tuple[int, ...]) -> None:
+        """Give instances their trained colours and opacities back."""
+        if ids:
+            self.apply(ResetColors, ids)
+
+    def ask_name(self, instance: int) -> None:
+        """Let the user type another name for an instance."""
+        self.renamed = instance
 
     def tick(self, seconds: float) -> None:
         """Once a frame, `seconds` after the last: deliver finished jobs, let the drive play."""

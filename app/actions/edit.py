@@ -41,10 +41,10 @@ def commands(session: EditorSession) -> list[Command]:
         Command(
             "edit.delete",
             "Delete",
-            lambda: session.delete(session.selected),
+            session.delete_selection,
             "Edit",
             ("Delete",),
-            enabled=selected,
+            enabled=lambda: session.has_selection,
             icon="ICON_FA_TRASH",
             separator=True,
         ),
@@ -79,7 +79,7 @@ def commands(session: EditorSession) -> list[Command]:
         Command(
             "edit.solo",
             "Show only the selection",
-            lambda: session.solo(session.selected),
+            lambda: session.solo.toggle(session.selected),
             "Edit",
             ("I",),
             enabled=selected,

@@ -27,7 +27,7 @@ def instance_menu(ui: Ui, instance_id: int) -> None:
         _item(ui, "hide", "ICON_FA_EYE", "Show", lambda: session.hide(ids, hidden=False))
     else:
         _item(ui, "hide", "ICON_FA_EYE_SLASH", "Hide", lambda: session.hide(ids))
-    _item(ui, "solo", "ICON_FA_BULLSEYE", "Show only this", lambda: session.solo(ids))
+    _item(ui, "solo", "ICON_FA_BULLSEYE", "Show only this", lambda: session.solo.toggle(ids))
     _item(ui, "frame", "ICON_FA_EXPAND", "Frame", lambda: session.navigation.frame(ids))
     _item(ui, "rename", "ICON_FA_PEN", "Rename…", lambda: session.ask_name(instance_id))
     if document.scene.code_bits:

@@ -81,9 +81,9 @@ def test_hide_solo_and_show_all(session, street):
     session.hide((FIRST_CAR,))
     assert FIRST_CAR not in street.visible_instances()
     session.show_all()
-    session.solo((FIRST_CAR,))
+    session.solo.toggle((FIRST_CAR,))
     assert street.visible_instances() == (FIRST_CAR,)
-    session.solo((FIRST_CAR,))
+    session.solo.toggle((FIRST_CAR,))
     assert street.visible_instances() == everything
 
 
@@ -99,7 +99,7 @@ def test_a_drag_of_the_color_picker_is_one_step(session, street):
 def test_what_cannot_be_done_is_told_and_changes_nothing(session, street):
     session.delete((999,))
     assert "999" in errors(session)[-1]
-    session.rename(FIRST_CAR, "two\nlines")
+    session.labels.rename(FIRST_CAR, "two\nlines")
     assert "printable" in errors(session)[-1]
     assert street.history.cursor == 0
 

@@ -10,22 +10,32 @@ from instdrive_app.panels.ui import Ui
 TITLE = "Rename"
 
 
+PATIENCE_FRAMES = 2
+"""Frames in which the list of instances, where it is on screen, takes up `session.renamed`."""
+
+
 class RenameDialog:
-    """Renames `session.renamed`."""
+    """Asks for the name of `session.renamed` where the list, in which names are typed otherwise, is not on screen."""
 
     names: tuple[str, ...] = ("rename",)
 
     def __init__(self) -> None:
-        self._name = ""
+        self._instance, self._name = 0, ""
+        self._frames = 0
 
     def ask(self, ui: Ui, name: str) -> None:
         """Open it with the present name."""
-        assert ui.session.document is not None
-        self._name = ui.session.document.scene.table[ui.session.renamed].name
-        imgui.open_popup(TITLE)
+        document = ui.session.document
+        self._instance, ui.session.renamed = ui.session.renamed, 0
+        if document is not None and self._instance in document.scene.table:
+            self._name = document.scene.table[self._instance].name
+            imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
+        self._frames = self._frames + 1 if ui.session.renamed else 0
+        if self._frames > PATIENCE_FRAMES:
+            self.ask(ui, "rename")
         centered(ImVec2(340, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
@@ -36,5 +46,5 @@ class RenameDialog:
         entered, self._name = imgui.input_text("##name", self._name, flags)
         ui.mark("rename.name")
         if confirmed(ui, "Rename", entered, bool(self._name.strip())):
-            ui.session.rename(ui.session.renamed, self._name.strip())
+            ui.session.labels.rename(self._instance, self._name.strip())
         imgui.end_popup()

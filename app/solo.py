@@ -1,0 +1,72 @@
+"""Showing some instances alone, and going back to what was shown before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from instdrive_core.edits.compound import CompoundEdit
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.solo import SoloInstances
+from instdrive_core.edits.visibility import HideInstances, ShowAll
+
+Ids = tuple[int, ...]
+
+
+class Solo:
+    """Remembers what was hidden before instances were shown alone.
+
+    Whether that is still so is read from the document: undoing the step ends it, redoing brings it back.
+    """
+
+    def __init__(self, document: Callable[[], Document | None], apply: Callable[..., bool]) -> None:
+        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
+        self._document, self._apply = document, apply
+        self._of: Document | None = None
+        self._ids: Ids = ()
+        self._hidden_before: Ids = ()
+        self._known: tuple[int, int, bool] | None = None
+
+    @property
+    def ids(self) -> Ids:
+        """The instances shown alone; none where everything may be shown."""
+        document = self._document()
+        if document is None or document is not self._of or not self._ids:
+            return ()
+        versions = (document.state.version, document.table_version)
+        if self._known is None or self._known[:2] != versions:
+            visible = document.visible_instances()
+            self._known = (*versions, 0 < len(visible) <= len(self._ids) and set(visible) <= set(self._ids))
+        return self._ids if self._known[2] else ()
+
+    def enter(self, ids: Ids) -> None:
+        """Show these instances and nothing else; from one solo to the next what was hidden before both is kept."""
+        document = self._document()
+        if document is None or not ids:
+            return
+        hidden = self._hidden_before if self.ids else hidden_instances(document)
+        if self._apply(SoloInstances, ids):
+            self._of, self._ids, self._hidden_before, self._known = document, tuple(ids), hidden, None
+
+    def leave(self) -> None:
+        """Show again what was shown before."""
+        document = self._document()
+        if document is None or not self.ids:
+            return
+        hidden = tuple(i for i in self._hidden_before if i in document.scene.table)
+        if hidden:
+            self._apply(CompoundEdit, (ShowAll(), HideInstances(hidden)), "Show all that was shown before")
+        else:
+            self._apply(ShowAll)
+
+    def toggle(self, ids: Ids) -> None:
+        """Show these alone; where they are already, leave."""
+        if ids and set(ids) == set(self.ids):
+            self.leave()
+        else:
+            self.enter(ids)
+
+
+def hidden_instances(document: Document) -> Ids:
+    """Instances of which something is left and nothing drawn, rising."""
+    counts = document.counts()
+    return tuple(counts.ids[(counts.drawn == 0) & (counts.count > counts.deleted)].tolist())
