@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from instdrive_app.state import FrameSnapshot
+from instdrive_core.edits.select import SelectMode
 
 Point = tuple[float, float]
 """x, y in pixels of the picture, from its top left."""
@@ -20,6 +21,18 @@ class Click:
     shift: bool = False
     ctrl: bool = False
     alt: bool = False
+
+    @property
+    def mode(self) -> SelectMode:
+        """What the keys ask for: Shift adds, Ctrl removes, both keep of the selection what is meant."""
+        return selection_mode(self.shift, self.ctrl)
+
+
+def selection_mode(shift: bool, ctrl: bool) -> SelectMode:
+    """The mode of selecting that these keys stand for."""
+    if shift and ctrl:
+        return "intersect"
+    return "add" if shift else "remove" if ctrl else "replace"
 
 
 class Tool(Protocol):

@@ -6,7 +6,10 @@ import json
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
+
 from instdrive_app.panels.ui import Ui
+from instdrive_core.scene.selection import Flag
 
 
 class Reporter:
@@ -46,7 +49,9 @@ def window_state(ui: Ui) -> dict[str, Any]:
         "view_mode": session.state.view_mode.name,
         "time": session.state.time,
         "hovered": session.state.hovered,
+        "tool": session.state.tool,
         "selected": list(session.selected),
+        "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
         "visible": list(document.visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,

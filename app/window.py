@@ -28,19 +28,20 @@ from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
+from instdrive_app.panels.overlays.region_outline import RegionOutline
 from instdrive_app.panels.overlays.view_switch import ViewSwitch
 from instdrive_app.panels.status import draw_status
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
+from instdrive_app.panels.toolbar import Toolbar
 from instdrive_app.panels.ui import Ui
 from instdrive_app.panels.viewport import ViewportPanel
-from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.report import Reporter
 from instdrive_app.session import EditorSession
 from instdrive_app.theme import apply_style, load_fonts
-from instdrive_app.tools.pick import PickTool
+from instdrive_app.tools.registry import created_tools
 from instdrive_app.virtual_display import DisplayError, has_display
 
 IDLE_FPS = 2.0
@@ -71,7 +72,9 @@ class EditorWindow:
         self._wants_screenshot = False
         self._dialogs = DialogHost((FileDialog(), RenameDialog(), ShortcutSheet(), CommandPalette()))
         self._panels = {
-            "View": ViewportPanel((ViewSwitch(), CameraTag(), DepthLegend(), OpacitySlider(), HoverLabel())),
+            "View": ViewportPanel(
+                (ViewSwitch(), Toolbar(), CameraTag(), DepthLegend(), OpacitySlider(), HoverLabel(), RegionOutline())
+            ),
             "Instances": InstancesPanel(),
             "Inspector": InspectorPanel(),
             "History": HistoryPanel(),
@@ -222,7 +225,7 @@ class EditorWindow:
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context)
-        tools: dict[str, Tool] = {"pick": PickTool(self._session)}
+        tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)

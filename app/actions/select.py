@@ -2,13 +2,89 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from instdrive_app.actions.conditions import editable
 from instdrive_app.commands import Command
 from instdrive_app.session import EditorSession
+from instdrive_core.edits.compound import CompoundEdit
+from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
+from instdrive_core.edits.select import InvertSelection, SelectAll, SelectClass
 
 
 def commands(session: EditorSession) -> list[Command]:
     """The Select menu."""
+    return [*_sets(session), *_borders(session), *_kinds(session)]
+
+
+def _sets(session: EditorSession) -> list[Command]:
     return [
+        Command(
+            "select.all",
+            "Select all",
+            lambda: _apply(session, SelectAll),
+            "Select",
+            ("Ctrl+A",),
+            enabled=lambda: editable(session),
+            icon="ICON_FA_OBJECT_GROUP",
+        ),
+        Command(
+            "select.none",
+            "Select nothing",
+            session.clear_selection,
+            "Select",
+            ("Escape",),
+            enabled=lambda: session.has_selection,
+            icon="ICON_FA_BAN",
+        ),
+        Command(
+            "select.invert",
+            "Invert the selection",
+            lambda: _apply(session, InvertSelection),
+            "Select",
+            ("Ctrl+I",),
+            enabled=lambda: editable(session),
+            icon="ICON_FA_CIRCLE_HALF_STROKE",
+        ),
+    ]
+
+
+def _borders(session: EditorSession) -> list[Command]:
+    return [
+        Command(
+            "select.grow",
+            "Grow the selection",
+            lambda: _apply(session, GrowSelection, None, session.state.time),
+            "Select",
+            ("Ctrl+=", "Ctrl+KeypadAdd"),
+            enabled=lambda: session.has_selection,
+            icon="ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER",
+            separator=True,
+        ),
+        Command(
+            "select.shrink",
+            "Shrink the selection",
+            lambda: _apply(session, ShrinkSelection, None, session.state.time),
+            "Select",
+            ("Ctrl+-", "Ctrl+KeypadSubtract"),
+            enabled=lambda: session.has_selection,
+            icon="ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",
+        ),
+    ]
+
+
+def _kinds(session: EditorSession) -> list[Command]:
+    return [
+        Command(
+            "select.class",
+            "Extend to the whole class",
+            lambda: _select_classes(session),
+            "Select",
+            ("K",),
+            enabled=lambda: bool(_classes(session)),
+            icon="ICON_FA_TAGS",
+            separator=True,
+        ),
         Command(
             "select.codeword",
             "Extend to the whole codeword",
@@ -18,13 +94,25 @@ def commands(session: EditorSession) -> list[Command]:
             enabled=lambda: len(session.selected) == 1 and session.has_codewords,
             icon="ICON_FA_BARCODE",
         ),
-        Command(
-            "select.none",
-            "Select nothing",
-            session.clear_selection,
-            "Select",
-            ("Escape",),
-            enabled=lambda: bool(session.selected),
-            icon="ICON_FA_BAN",
-        ),
     ]
+
+
+def _apply(session: EditorSession, make: Callable, *parameters: object) -> None:
+    session.apply(make, *parameters)
+
+
+def _classes(session: EditorSession) -> tuple[str, ...]:
+    """The classes of the selected instances."""
+    if session.document is None:
+        return ()
+    table = session.document.scene.table
+    return tuple(sorted({table[instance].class_name for instance in session.selected} - {""}))
+
+
+def _select_classes(session: EditorSession) -> None:
+    classes = _classes(session)
+    edits = tuple(SelectClass(name, "add") for name in classes)
+    if len(edits) == 1:
+        session.apply(SelectClass, classes[0], "add")
+    else:
+        session.apply(CompoundEdit, edits, f"Select classes {', '.join(classes)}")

@@ -8,7 +8,14 @@ from instdrive_app.commands import Command
 from instdrive_app.panels.ui import Ui, icon_menu_item
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
-_NAMED = {"LeftArrow": "left_arrow", "RightArrow": "right_arrow", "Escape": "escape", "Delete": "delete"}
+_NAMED = {
+    "LeftArrow": "left_arrow",
+    "RightArrow": "right_arrow",
+    "=": "equal",
+    "-": "minus",
+    "KeypadAdd": "keypad_add",
+    "KeypadSubtract": "keypad_subtract",
+}
 
 
 def draw_menus(ui: Ui) -> None:
@@ -33,9 +40,10 @@ def _menu_item(ui: Ui, command: Command) -> None:
 
 
 def run_shortcuts(ui: Ui) -> None:
-    """Run the commands whose keys were pressed in this frame; never while text is typed or a dialog is open."""
+    """Run the commands whose keys were pressed in this frame; never while text is typed, a dialog is open or a region
+    is dragged."""
     io = imgui.get_io()
-    if io.want_text_input or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+    if io.want_text_input or ui.tool.outline or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
     for command in ui.session.commands:
         if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in command.shortcuts):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 from imgui_bundle import imgui
 
 from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon
 from instdrive_app.theme import ACCENT, rgba
+from instdrive_core.scene.selection import Flag
 
 
 def draw_status(ui: Ui) -> None:
@@ -30,9 +32,9 @@ def _facts(ui: Ui) -> list[str]:
     document = ui.session.document
     facts = []
     if document is not None:
-        counts = document.counts()
-        splats = len(document.scene) - int(counts.deleted.sum())
-        facts += [f"{int(counts.selected.sum()):,} selected", f"{splats:,} splats"]
+        selected = np.count_nonzero(document.state.mask(Flag.SELECTED))
+        deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
+        facts += [f"{selected:,} selected", f"{len(document.scene) - deleted:,} splats"]
         if ui.view.frame_seconds:
             facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
     return [*facts, fitted_text(ui.view.backend, 220)]

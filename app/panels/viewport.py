@@ -12,7 +12,7 @@ from instdrive_app.panels.instance_menu import instance_menu
 from instdrive_app.panels.overlays import Overlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
 from instdrive_app.panels.ui import Rectangle, Ui
-from instdrive_app.pointer import Click
+from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 from instdrive_app.theme import DIM, TEXT, packed
 
@@ -40,6 +40,8 @@ class ViewportPanel:
         self._drags = False
         """Whether the present press, or the one just released, was a drag."""
         self._tool_drags = False
+        self._tool_stopped = False
+        """Whether Escape ended the tool's part of the present press."""
         self._menu_instance = 0
 
     def draw(self, ui: Ui) -> None:
@@ -75,7 +77,7 @@ class ViewportPanel:
         state, io = ui.session.state, imgui.get_io()
         viewpoint = state.viewpoint
         if any(imgui.is_mouse_clicked(button) for button in range(3)):
-            self._drags = False
+            self._drags = self._tool_stopped = False
         moved = self._dragged_view(ui, place) if active else viewpoint
         if hovered and io.mouse_wheel:
             moved = camera.dolly(moved, 0.88**io.mouse_wheel)
@@ -94,8 +96,7 @@ class ViewportPanel:
         start = (io.mouse_pos.x - path.x - place.x, io.mouse_pos.y - path.y - place.y)
         first, self._drags = not self._drags, True
         if button == 0 and ui.tool.drags:
-            self._tool_drags = True
-            ui.tool.drag(start, (io.mouse_pos.x - place.x, io.mouse_pos.y - place.y))
+            self._drag_tool(ui, start, (io.mouse_pos.x - place.x, io.mouse_pos.y - place.y))
             return viewpoint
         if first:
             depth = ui.view.depth_at(*start)
@@ -108,6 +109,14 @@ class ViewportPanel:
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fitted(place.width, place.height).fx)
         turn = camera.look if button == 1 else camera.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL, -dy * TURN_PER_PIXEL)
+
+    def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:
+        if imgui.is_key_pressed(imgui.Key.escape):
+            ui.tool.cancel()
+            self._tool_drags, self._tool_stopped = False, True
+        if not self._tool_stopped:
+            self._tool_drags = True
+            ui.tool.drag(start, to)
 
     def _point(self, ui: Ui, place: Rectangle, hovered: bool) -> None:
         io, snapshot = imgui.get_io(), ui.view.snapshot

@@ -107,15 +107,26 @@ class WindowDriver:
         """Click the middle of a widget."""
         self.click(*self.wait_for_widget(name), *modifiers, button=button)
 
-    def drag(self, start, end, button=1, steps=8):
-        """Press at `start`, move to `end`, release."""
-        self.move(*start)
+    def drag(self, start, end, button=1, steps=8, modifiers=(), before_release=lambda: None):
+        """Press at `start`, move to `end`, release; with modifier keys held."""
+        path = [tuple(np.array(start) + (np.array(end) - start) * part) for part in np.linspace(0, 1, steps + 1)]
+        self.drag_along(path, button, modifiers, before_release)
+
+    def drag_along(self, path, button=1, modifiers=(), before_release=lambda: None):
+        """Press at the first point of `path`, move along the others, do `before_release`, release."""
+        self.move(*path[0])
+        for modifier in modifiers:
+            self._xdotool("keydown", modifier)
         time.sleep(0.1)
         self._xdotool("mousedown", button)
-        for part in np.linspace(0, 1, steps + 1)[1:]:
-            self._xdotool("mousemove", *(round(a + (b - a) * part) for a, b in zip(start, end, strict=True)))
+        for x, y in path[1:]:
+            self._xdotool("mousemove", round(x), round(y))
             time.sleep(0.05)
+        before_release()
         self._xdotool("mouseup", button)
+        time.sleep(0.1)
+        for modifier in modifiers:
+            self._xdotool("keyup", modifier)
 
     def key(self, name):
         """Press a key or a chord such as ``ctrl+z``."""

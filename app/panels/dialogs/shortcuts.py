@@ -14,8 +14,9 @@ MOUSE = (
     ("Shift + click", "Add to the selection"),
     ("Ctrl + click", "Remove from the selection"),
     ("Alt + click", "Select the whole codeword"),
+    ("Shift + Ctrl", "With a region: keep what is inside"),
     ("Right click", "Menu"),
-    ("Left drag", "Orbit around what is under the cursor"),
+    ("Left drag", "Orbit around what is under the cursor, or draw the tool's region"),
     ("Right drag", "Look around"),
     ("Middle, Shift + drag", "Pan"),
     ("Wheel", "Nearer, farther"),
@@ -39,7 +40,7 @@ class ShortcutSheet:
             return
         if imgui.begin_table("##sheet", 2, imgui.TableFlags_.sizing_stretch_same):
             imgui.table_next_column()
-            for menu in ("File", "Edit", "Select"):
+            for menu in ("File", "Edit", "Select", "Tools"):
                 _command_section(ui, menu)
             imgui.table_next_column()
             for menu in ("View", "Time"):

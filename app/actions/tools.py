@@ -1,0 +1,70 @@
+"""Taking a tool, and what region tools take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from instdrive_app.commands import Command
+from instdrive_app.session import EditorSession
+from instdrive_app.tools.registry import TOOLS, ToolRecord
+
+REGION_OPTIONS = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
+"""Commands that the toolbar shows beside a region tool."""
+
+
+def commands(session: EditorSession) -> list[Command]:
+    """The Tools menu."""
+    state = session.state
+
+    def splats(on: bool) -> Callable[[], None]:
+        def run() -> None:
+            state.region_splats = on
+
+        return run
+
+    def flip_visible_only() -> None:
+        state.region_visible_only = not state.region_visible_only
+
+    return [
+        *(_taking(session, record) for record in TOOLS),
+        Command(
+            "tool.whole_instances",
+            "Regions select whole instances",
+            splats(False),
+            "Tools",
+            checked=lambda: not state.region_splats,
+            icon="ICON_FA_SHAPES",
+            separator=True,
+        ),
+        Command(
+            "tool.single_splats",
+            "Regions select single splats",
+            splats(True),
+            "Tools",
+            checked=lambda: state.region_splats,
+            icon="ICON_FA_BRAILLE",
+        ),
+        Command(
+            "tool.visible_only",
+            "Regions select only what is visible",
+            flip_visible_only,
+            "Tools",
+            checked=lambda: state.region_visible_only,
+            icon="ICON_FA_EYE",
+        ),
+    ]
+
+
+def _taking(session: EditorSession, record: ToolRecord) -> Command:
+    def take() -> None:
+        session.state.tool = record.name
+
+    return Command(
+        f"tool.{record.name}",
+        record.title,
+        take,
+        "Tools",
+        (record.shortcut,),
+        checked=lambda: session.state.tool == record.name,
+        icon=record.icon,
+    )

@@ -1,0 +1,65 @@
+"""The line of the region that is being dragged."""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import ImVec2, imgui
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.pointer import Point, selection_mode
+from instdrive_app.theme import BACKGROUND, TEXT, packed
+
+DASH = 5.0
+"""Pixels of a dash, and of the gap after it."""
+PACE = 24.0
+"""Pixels per second that the dashes march."""
+MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "keep what is inside"}
+
+
+class RegionOutline:
+    """A dark line with light dashes on it, which show on any picture, and what the keys held will do."""
+
+    holds_mouse: bool = False
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        outline = ui.tool.outline
+        if len(outline) < 2:
+            return
+        draw = imgui.get_window_draw_list()
+        corners = [ImVec2(place.x + x, place.y + y) for x, y in outline]
+        draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
+        draw.add_polyline(corners, packed(BACKGROUND, 0.85), 2.5, imgui.ImDrawFlags_.closed)
+        light = packed(TEXT)
+        for x0, y0, x1, y1 in dashes(outline, imgui.get_time() * PACE).tolist():
+            draw.add_line(ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, 1.2)
+        draw.pop_clip_rect()
+        _mode_word()
+
+
+def dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray, "d 4"]:
+    """Start and end (x, y each) of the straight pieces of dashes along a closed line, marched on by `shift` pixels."""
+    corners = np.array([*outline, outline[0]])
+    lengths = np.hypot(*np.diff(corners, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    borders = np.arange(-DASH + shift % DASH, along[-1] + DASH, DASH)
+    stops = np.unique(np.concatenate([along, borders.clip(0, along[-1])]))
+    middles = (stops[1:] + stops[:-1]) / 2
+    lit = np.floor((middles - shift) / DASH) % 2 == 0
+    x, y = (np.interp(stops, along, corners[:, axis]) for axis in range(2))
+    return np.stack([x[:-1], y[:-1], x[1:], y[1:]], axis=1)[lit]
+
+
+def _mode_word() -> None:
+    io = imgui.get_io()
+    word = MODE_WORDS[selection_mode(io.key_shift, io.key_ctrl)]
+    if not word:
+        return
+    size, draw = imgui.calc_text_size(word), imgui.get_window_draw_list()
+    left, top = io.mouse_pos.x + 16, io.mouse_pos.y + 12
+    draw.add_rect_filled(
+        ImVec2(left - 6, top - 3), ImVec2(left + size.x + 6, top + size.y + 3), packed(BACKGROUND, 0.85), 4
+    )
+    draw.add_text(ImVec2(left, top), packed(TEXT), word)

@@ -1,0 +1,14 @@
+"""Selecting by a rectangle."""
+
+from __future__ import annotations
+
+from instdrive_app.pointer import Point
+from instdrive_app.tools.region import RegionTool
+
+
+class RectangleTool(RegionTool):
+    """The region has the drag's ends at two opposite corners."""
+
+    def drag(self, start: Point, to: Point) -> None:
+        """Span the rectangle."""
+        self.outline = (start, (to[0], start[1]), to, (start[0], to[1]))

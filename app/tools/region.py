@@ -1,0 +1,77 @@
+"""What rectangle and lasso share: a closed line is dragged, and what lies in it is selected."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, UInt32
+from numpy import ndarray
+
+from instdrive_app.pointer import Click, Point
+from instdrive_app.session import EditorSession
+from instdrive_app.state import FrameSnapshot
+from instdrive_app.tools.pick import PickTool
+from instdrive_core.edits.region import instances_in_region, rows_in_region
+from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.scene.screen_region import polygon_mask
+
+Winners = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
+"""Row + 1 of the splat that each pixel of a frame stands for; 0 = none."""
+
+
+class RegionTool(ABC):
+    """Selects in a dragged region, with the keys held at its end: Shift adds, Ctrl removes, both keep what is inside.
+
+    A click without a drag picks, as with the pick tool.
+    """
+
+    drags: bool = True
+
+    def __init__(self, session: EditorSession, winners: Winners) -> None:
+        self._session, self._winners = session, winners
+        self._pick = PickTool(session)
+        self.outline: tuple[Point, ...] = ()
+
+    @abstractmethod
+    def drag(self, start: Point, to: Point) -> None:
+        """Bring `outline` up to date."""
+
+    def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
+        """As the pick tool's."""
+        self._pick.hover(x, y, snapshot)
+
+    def leave(self) -> None:
+        """As the pick tool's."""
+        self._pick.leave()
+
+    def click(self, click: Click, snapshot: FrameSnapshot) -> int:
+        """As the pick tool's."""
+        return self._pick.click(click, snapshot)
+
+    def release(self, click: Click, snapshot: FrameSnapshot) -> None:
+        """Select what lies in the outline, as the session's region options say."""
+        if self.outline and self._session.document is not None:
+            camera = snapshot.camera
+            region = polygon_mask(np.array(self.outline), camera.width, camera.height)
+            self._select(region, click, snapshot)
+        self.cancel()
+
+    def cancel(self) -> None:
+        """Forget the outline."""
+        self.outline = ()
+
+    def _select(self, region: Bool[ndarray, "h w"], click: Click, snapshot: FrameSnapshot) -> None:
+        session, options = self._session, self._session.state
+        document = session.document
+        assert document is not None
+        place = (document, snapshot.camera, snapshot.time, region)
+        winners = self._winners(snapshot) if options.region_visible_only else None
+        if options.region_splats:
+            session.apply(SelectRows, rows_in_region(*place, winners), click.mode)
+            return
+        ids = instances_in_region(*place, winners)
+        if not ids and click.mode == "intersect":
+            session.clear_selection()
+        session.select(ids, click.mode)

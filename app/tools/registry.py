@@ -1,0 +1,41 @@
+"""The tools as records: toolbar, commands and keys derive from them. A new tool is its file and a line in `TOOLS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from instdrive_app.pointer import Tool
+from instdrive_app.session import EditorSession
+from instdrive_app.tools.lasso import LassoTool
+from instdrive_app.tools.pick import PickTool
+from instdrive_app.tools.rectangle import RectangleTool
+from instdrive_app.tools.region import Winners
+
+
+@dataclass(frozen=True)
+class ToolRecord:
+    """One tool that the user can take."""
+
+    name: str
+    """What `EditorState.tool` is while it is in hand."""
+    title: str
+    icon: str
+    """As for `Command`."""
+    shortcut: str
+    create: Callable[[EditorSession, Winners], Tool]
+    selects_regions: bool = False
+    """Whether the options of region tools are its own."""
+
+
+TOOLS = (
+    ToolRecord("pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda session, _: PickTool(session)),
+    ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool, selects_regions=True),
+    ToolRecord("lasso", "Select by lasso", "ICON_FA_DRAW_POLYGON", "L", LassoTool, selects_regions=True),
+)
+"""In the toolbar's order."""
+
+
+def created_tools(session: EditorSession, winners: Winners) -> dict[str, Tool]:
+    """One of each, by name."""
+    return {record.name: record.create(session, winners) for record in TOOLS}
