@@ -38,6 +38,9 @@ COMMANDS = {
     "objects": Command(
         "instdrive_core.cli.objects:objects", "Write boxes or hulls of a scene's instances as .json or .glb."
     ),
+    "id-masks": Command(
+        "instdrive_core.cli.id_masks:id_masks", "Write instance masks as the cameras of a scene's photos see them."
+    ),
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
     "doctor": Command(

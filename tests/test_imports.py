@@ -137,6 +137,8 @@ def modules_after(code):
         "instdrive_core.cli.apply",
         "instdrive_core.cli.render",
         "instdrive_core.cli.info",
+        "instdrive_core.cli.objects",
+        "instdrive_core.cli.id_masks",
         "instdrive_app.edit_command",
     ],
 )
