@@ -1,8 +1,11 @@
 """Clicks: the rasterizer's pixel rule, cycling, modifiers."""
 
+from copy import deepcopy
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from procedural_street import FIRST_CAR, HOUSES, ROAD, float32_gaussians, procedural_street
+from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, float32_gaussians, procedural_street
 
 from instdrive_app import camera
 from instdrive_app.pointer import Click
@@ -11,8 +14,13 @@ from instdrive_app.render.renderer import Renderer
 from instdrive_app.session import EditorSession
 from instdrive_app.state import EditorState, resolve
 from instdrive_app.tools.pick import PickTool
+from instdrive_core.edits.adjust import AdjustInstances
+from instdrive_core.edits.bake import baked
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.instances import MergeInstances
+from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.visibility import HideInstances
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.activations import logit
@@ -122,6 +130,55 @@ def test_sky_and_places_outside_the_picture_hold_nothing(street):
     picker, snapshot = Picker(), snapshot_of(street)
     for place in ((240.0, 10.0), (-1.0, 5.0), (5.0, 270.0), (480.0, 100.0)):
         assert picker.instances_at(street, snapshot, *place) == ()
+
+
+EDITS = [
+    MoveInstances((BLUE_CAR,), (-1.0, 1.5, 0.2), rotation=(0.9, 0.0, 0.0, 0.4), scale=1.2),
+    MoveInstances((DRIVING_CAR,), (-1.5, -3.0, 0.0), rotation=(0.9, 0.0, 0.0, 0.2), scale=1.1),
+    DuplicateInstances((BLUE_CAR, DRIVING_CAR), (1.0, 3.0, 0.0)),
+    AdjustInstances((BLUE_CAR,), "opacity", 0.5),
+    DeleteInstances((FIRST_CAR,)),
+    MergeInstances((HOUSES,), HOUSES + 3),
+    DuplicateInstances((HOUSES + 3, ROAD), (1.0, 1.0, 0.5)),
+]
+
+
+def test_clicks_follow_every_edit_as_if_asked_for_the_first_time_and_as_baked(street):
+    state = EditorState(viewpoint=camera.through(street.scene.views[2]))
+    picker, rng = Picker(), np.random.default_rng(3)
+    places = np.stack([rng.integers(0, SIZE[0], 60), rng.integers(SIZE[1] // 3, SIZE[1], 60)], axis=1).tolist()
+
+    def answers(of, document):
+        return [of.instances_at(document, resolve(state, *SIZE), x, y) for x, y in places]
+
+    seen = [answers(picker, street)]
+    for edit in deepcopy(EDITS):
+        street.apply(edit)
+        state.time = 0.5 * (state.time == 0)
+        found = answers(picker, street)
+        assert found == answers(Picker(), street)
+        bare = answers(Picker(), Document(baked(street, state.time)))
+        assert [below[:1] for below in found] == [below[:1] for below in bare]
+        seen.append(found)
+    assert sum(before != after for before, after in pairwise(seen)) >= len(EDITS) - 1, "edits are seen by clicks"
+    while street.undo():
+        assert answers(picker, street) == answers(Picker(), street)
+    state.time = 0.0
+    assert answers(picker, street) == seen[0]
+
+
+def test_two_pickers_and_a_view_follow_one_document(gl, street):
+    renderer, first, second = Renderer(gl, street), Picker(), Picker()
+    snapshot, place = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    for _ in range(2):
+        assert first.instances_at(street, snapshot, *place)[0] == BLUE_CAR
+        assert renderer.instance_ids(snapshot)[int(place[1]), int(place[0])] == BLUE_CAR
+        street.apply(DeleteInstances((BLUE_CAR,)))
+        assert BLUE_CAR not in renderer.instance_ids(snapshot)
+        assert BLUE_CAR not in first.instances_at(street, snapshot, *place)
+        assert BLUE_CAR not in second.instances_at(street, snapshot, *place)
+        street.undo()
+    renderer.release()
 
 
 @pytest.fixture
