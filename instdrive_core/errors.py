@@ -33,3 +33,20 @@ class OptionError(InstDriveError):
 
 class EditError(InstDriveError):
     """An edit cannot be applied to this scene; the scene is unchanged."""
+
+
+class SceneChangedError(DataError):
+    """A project's or an autosave's scene file is no longer the one that was edited.
+
+    Args:
+        path: the project file, or the scene where there is none.
+        scene: the scene as it was found.
+        expected: SHA-256 of what was edited.
+        found: SHA-256 of what is there now.
+    """
+
+    def __init__(self, path: str | Path, scene: str | Path, expected: str, found: str) -> None:
+        problem = f"the scene {scene} has changed since it was edited (SHA-256 {found}, not {expected})"
+        remedy = "Put the old scene back, or open with accept_changed, which leaves out edits that no longer fit"
+        super().__init__(path, problem, remedy)
+        self.scene, self.expected, self.found = Path(scene), expected, found

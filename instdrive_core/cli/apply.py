@@ -13,11 +13,12 @@ from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.delete import DeleteInstances
-from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import RenameInstance
 from instdrive_core.edits.serialize import edits_from_lines
 from instdrive_core.errors import DataError, EditError
-from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.formats.registry import save_scene
+from instdrive_core.project.open import open_document
+from instdrive_core.project.save import is_project, save_project
 from instdrive_core.scene.scene import Scene
 
 
@@ -37,8 +38,9 @@ def apply(
     """Edit a scene without a window and export it.
 
     Args:
-        scene: Scene file, or run folder.
-        out: File to write (.ply or another format), or a folder, which keeps tracks, cameras and sky.
+        scene: Scene file, run folder, or project, whose edits are done first.
+        out: File to write (.ply or another format), a folder, which keeps tracks, cameras and sky, or a project
+            (.instdrive), which keeps the edits beside the scene.
         delete: IDs of instances to delete.
         recolor: Recolours as ID=#rrggbb.
         recolor_mode: `tint` keeps light and shade, `hue` turns hues and keeps greys, `solid` is the plain colour.
@@ -48,11 +50,14 @@ def apply(
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
     """
-    document = Document(open_scene(scene))
-    document.open_scene = open_scene
+    document, view = open_document(scene)
     shown = default_time(document.scene) if time is None else time
     for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits, more, shown):
         document.apply(edit)
+    if is_project(out):
+        save_project(out, document, view)
+        print(f"{out}: {len(document.history.done)} edits of {scene}")
+        return
     if time is None and out.suffix and not out.is_dir() and document.scene.actors:
         time = default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")

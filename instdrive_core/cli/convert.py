@@ -10,6 +10,8 @@ from instdrive_core.cli.arguments import default_time
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.project.open import open_edited
+from instdrive_core.project.save import is_project
 from instdrive_core.scene.scene import Scene
 
 
@@ -23,12 +25,15 @@ def convert(
     """Convert a scene into the format that the new name ends in.
 
     Args:
-        scene: Scene file, or run folder.
+        scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
         out: File to write, e.g. street.compressed.ply, or a folder; docs/formats.md says what each format keeps.
         time: Seconds into the drive at which a file shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
     """
-    opened = open_scene(scene)
+    if is_project(out):
+        remedy = f"`instdrive apply {scene} -o {out}` makes a project of a scene"
+        raise DataError(out, "a project keeps edits and no splats, so nothing can be converted into one", remedy)
+    opened = open_edited(scene)
     if out.suffix and not out.is_dir() and opened.actors:
         time = default_time(opened) if time is None else time
         print(f"moving objects are placed where they are at {time:g} s (--time)")

@@ -11,7 +11,7 @@ from PIL import Image
 from instdrive_core.cli.histogram_picture import histogram_picture
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.atomic import atomic_file
-from instdrive_core.formats.registry import open_scene
+from instdrive_core.project.open import open_edited
 from instdrive_core.scene.lint import Finding, linted
 from instdrive_core.scene.scene import Scene
 
@@ -25,13 +25,13 @@ def info(scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: P
     What is odd about its splats is listed too. The exit status is 0 where the file opens and 2 where it does not.
 
     Args:
-        scene: Scene file, or run folder.
+        scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
         instances: How many instances to list, the largest first.
         histogram: PNG file to write: how opacities, sizes, colours and places of the splats are spread.
     """
     if histogram is not None and histogram.suffix.lower() != ".png":
         raise OptionError(f"--histogram {histogram} does not end in .png, the only format that is written")
-    opened = open_scene(scene)
+    opened = open_edited(scene)
     for label, value in _facts(opened):
         print(f"{label + ':':<14}{value}")
     _print_findings(linted(opened))

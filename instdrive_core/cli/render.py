@@ -15,8 +15,8 @@ from PIL import Image
 from instdrive_core.cli.arguments import default_time, known_ids, view_named
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.atomic import atomic_file
-from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
+from instdrive_core.project.open import open_edited
 from instdrive_core.rasterize.preview import Preview
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
 from instdrive_core.scene.camera import Camera, look_at
@@ -46,7 +46,7 @@ def render(
     """Draw a scene into PNG pictures without a window.
 
     Args:
-        scene: Scene file, or run folder.
+        scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
         out: PNG file to write; with --all-views a folder, which gets CAMERA/NN.png.
         view: A photo's camera as CAMERA/INDEX, or `orbit` for one that sees the whole scene; default: the first photo's
             camera, or `orbit` where the scene has none.
@@ -59,7 +59,7 @@ def render(
     """
     if all_views and view is not None:
         raise OptionError(f"--all-views and --view {view} exclude each other; give one of them")
-    opened = open_scene(scene)
+    opened = open_edited(scene)
     drawn = ~np.isin(opened.instance_ids, known_ids(hide, opened.table))
     shots = _all_shots(opened, out) if all_views else [(_camera_and_time(opened, view, time), _png(out))]
     for (camera, moment), path in shots:

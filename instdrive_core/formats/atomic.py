@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,33 +10,36 @@ from pathlib import Path
 from typing import BinaryIO
 
 from instdrive_core.errors import DataError
+from instdrive_core.formats.temporaries import temporary_beside
 
 
 @contextmanager
-def atomic_path(path: str | Path) -> Iterator[Path]:
+def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[Path]:
     """A file name beside `path` to write to; the file takes the place of `path` when the block ends without an error.
 
-    At any moment, also after a power cut, `path` is the old file or the new one, whole. Missing folders are made.
+    At any moment, also after a power cut, `path` is the old file or the new one, whole. Missing folders are made. What
+    an earlier writer of the same name left behind when it was killed is removed.
+
+    Args:
+        path: the file to be written.
+        temporary_for: the name by which that writer is known, where `path` has a new name each time.
+
     Raises DataError where the system does not let it be written (no space, no permission).
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.touch(exist_ok=False)
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        if path.exists():
-            temporary.chmod(stat.S_IMODE(path.stat().st_mode))
-        temporary.replace(path)
-        sync_folder(path.parent)
+        with temporary_beside(path.with_name(temporary_for or path.name)) as temporary:
+            yield temporary.path
+            with temporary.path.open("rb+") as file:
+                os.fsync(file.fileno())
+            if path.exists():
+                temporary.path.chmod(stat.S_IMODE(path.stat().st_mode))
+            temporary.replace(path)
+            sync_folder(path.parent)
     except OSError as error:
         problem = f"the file cannot be written ({error.strerror or error})"
         raise DataError(path, problem, "Free some space or choose another place") from error
-    finally:
-        if temporary.parent.is_dir():
-            temporary.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -46,7 +46,7 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
         arrays = {name: _halved(name, array) for name, array in arrays.items()}
     name = f"scene.{_digest(arrays)}.safetensors"
     try:
-        with atomic_path(folder / name) as temporary:
+        with atomic_path(folder / name, temporary_for="scene.safetensors") as temporary:
             save_file(arrays, temporary)
     except SafetensorError as error:
         problem = f"the file cannot be written ({error})"
@@ -70,6 +70,11 @@ def read_scene_folder(folder: str | Path) -> Scene:
         return scene_from_parts(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise _damaged(folder / MANIFEST, error) from error
+
+
+def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
+    """The files that `read_scene_folder` reads. Raises DataError where the folder holds no scene."""
+    return folder / MANIFEST, folder / _read_manifest(folder)["arrays"]
 
 
 def _arrays_of(scene: Scene) -> dict[str, ndarray]:

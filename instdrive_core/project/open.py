@@ -1,0 +1,152 @@
+"""Opening scenes and projects as documents."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from safetensors import SafetensorError
+from safetensors.numpy import load
+
+from instdrive_core.edits.bake import baked
+from instdrive_core.edits.document import Document
+from instdrive_core.errors import DataError
+from instdrive_core.formats.registry import open_scene
+from instdrive_core.project.archive import REMEDY, Archive, opened_archive
+from instdrive_core.project.bounded_json import parsed_json
+from instdrive_core.project.document_check import check_of
+from instdrive_core.project.large_lists import Numbers, unpacked
+from instdrive_core.project.manifest import Manifest, OtherVersionError, manifest_from_json
+from instdrive_core.project.replay import replay
+from instdrive_core.project.save import ARRAY, EDITS, MANIFEST, VIEW, is_project
+from instdrive_core.project.sources import SceneSources, open_recorded, open_source
+from instdrive_core.scene.scene import Scene
+
+_MAX_MANIFEST, _MAX_VIEW, _MAX_LINE = 16 << 20, 16 << 20, 16 << 20
+_NUMBERS_PER_SPLAT = 4
+"""A list of an edit names every splat once, or runs of splats by two numbers each."""
+
+
+@dataclass(frozen=True)
+class OpenedProject:
+    """A project, opened."""
+
+    document: Document
+    view: dict[str, Any] | None
+    """As it was handed to `save_project`."""
+    notes: tuple[str, ...] = ()
+    """What is not as it was, in sentences for the user; edits left out among them."""
+
+
+def open_document(path: str | Path, accept_changed: bool = False) -> tuple[Document, dict[str, Any] | None]:
+    """Open a scene, or a project with its history; edits of the document can insert files.
+
+    Args:
+        path: scene file, scene or run folder, or project.
+        accept_changed: as in `open_project`.
+
+    Returns: the document, and the view kept in a project.
+    Raises DataError, also as `open_project` does.
+    """
+    path = Path(path)
+    if is_project(path):
+        project = open_project(path, accept_changed)
+        return project.document, project.view
+    scene, source = open_source(path)
+    document = Document(scene)
+    document.open_scene = SceneSources(source)
+    return document, None
+
+
+def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProject:
+    """Open the scene of a project and do its edits again.
+
+    Args:
+        path: the project file.
+        accept_changed: open also where the scene or an inserted file is no longer the one that was edited, and leave
+            out edits that do not fit; `OpenedProject.notes` says which.
+
+    Raises DataError where the project is damaged, or its scene is not found; SceneChangedError where it is another.
+    """
+    path = Path(path)
+    with opened_archive(path) as archive:
+        manifest = _manifest(archive)
+        view = _view(archive) if VIEW in archive.names else None
+        scene, source = open_recorded(manifest.base, path, accept_changed)
+        document = Document(scene)
+        document.open_scene = SceneSources(source, manifest.inserted, path, accept_changed)
+        # The user vouches for a project whose scene has changed: its lists may be longer than this scene.
+        splats = manifest.check.splats if accept_changed else 0
+        notes = replay(document, _entries(archive, manifest, document, splats), manifest.cursor, path, accept_changed)
+    if not notes and check_of(document) != manifest.check:
+        notes = (f"The edits gave another result than when they were saved (by version {manifest.program})",)
+    return OpenedProject(document, view, notes)
+
+
+def open_edited(path: str | Path) -> Scene:
+    """Open a scene, or the scene that the edits of a project make; tracks stay tracks. Raises DataError."""
+    path = Path(path)
+    return baked(open_project(path).document) if is_project(path) else open_scene(path)
+
+
+def _manifest(archive: Archive) -> Manifest:
+    try:
+        manifest = manifest_from_json(archive.read(MANIFEST, _MAX_MANIFEST))
+    except OtherVersionError as error:
+        raise DataError(archive.path, str(error), "Update InstDrive") from error
+    except ValueError as error:
+        raise DataError(archive.path, f"{MANIFEST} is damaged: {error}", REMEDY) from error
+    if unlike := archive.names ^ {MANIFEST, *manifest.members}:
+        problem = f"the archive and its manifest do not agree about {min(unlike)[:200]!r}"
+        raise DataError(archive.path, problem, REMEDY)
+    return manifest
+
+
+def _view(archive: Archive) -> dict[str, Any]:
+    try:
+        view = parsed_json(archive.read(VIEW, _MAX_VIEW))
+    except ValueError as error:
+        raise DataError(archive.path, f"{VIEW} is damaged: {error}", REMEDY) from error
+    if not isinstance(view, dict):
+        raise DataError(archive.path, f"{VIEW} holds a {type(view).__name__}, not an object", REMEDY)
+    return view
+
+
+def _entries(archive: Archive, manifest: Manifest, document: Document, splats: int) -> Iterator[object]:
+    """The edits one by one: a history that unfolds absurdly far is refused by its first edit that does not fit."""
+
+    def numbers(name: object) -> Numbers:
+        return _numbers(archive, name, _NUMBERS_PER_SPLAT * max(splats, len(document.scene)))
+
+    number = 0
+    with archive.opened(EDITS) as lines:
+        while line := lines.readline(_MAX_LINE + 1):
+            number += 1
+            try:
+                if len(line) > _MAX_LINE:
+                    raise ValueError(f"it has more than {_MAX_LINE} bytes")
+                entry = parsed_json(line)
+            except ValueError as error:
+                raise DataError(archive.path, f"line {number} of {EDITS} is damaged: {error}", REMEDY) from error
+            yield unpacked(entry, numbers)
+    if number != manifest.edits:
+        raise DataError(archive.path, f"{EDITS} holds {number} edits, not {manifest.edits}", REMEDY)
+
+
+def _numbers(archive: Archive, name: object, limit: int) -> Numbers:
+    """A list of at most `limit` numbers."""
+    if not isinstance(name, str):
+        raise DataError(archive.path, f"{name!r} stands where an array's name should", REMEDY)
+    data = archive.read(name, 8 * limit + 4096)
+    try:
+        # The array's size is checked against the member's before anything is allocated.
+        numbers = load(data)[ARRAY]
+    except (SafetensorError, KeyError, ValueError, TypeError) as error:
+        raise DataError(archive.path, f"{name!r} is damaged ({error})", REMEDY) from error
+    if numbers.dtype.kind != "i" or numbers.ndim not in (1, 2) or math.prod(numbers.shape) > limit:
+        problem = f"{name!r} is a {numbers.dtype} array of shape {numbers.shape}, no list of whole numbers"
+        raise DataError(archive.path, problem, REMEDY)
+    return numbers

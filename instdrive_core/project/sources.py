@@ -1,0 +1,144 @@
+"""Where a document's splats come from: its base scene and the files that edits insert, each with what it held."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from instdrive_core.edits.document import Document
+from instdrive_core.errors import DataError, SceneChangedError
+from instdrive_core.formats.registry import open_scene
+from instdrive_core.formats.scene_files import FileIdentity, identity_of, scene_files, size_of
+from instdrive_core.scene.scene import Scene
+
+_ATTEMPTS = 3
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A scene as it was when it was opened."""
+
+    path: Path
+    """Absolute."""
+    identity: FileIdentity
+
+
+@dataclass(frozen=True)
+class RecordedSource:
+    """A scene as a project names it."""
+
+    relative: str
+    """From the project's folder, with ``/``; empty where there is no such path."""
+    absolute: str
+    identity: FileIdentity
+
+    def places(self, project: Path) -> list[Path]:
+        """Where it may be, the likeliest first: beside the project as before, where it was, or in its folder."""
+        folder = project.parent
+        name = PurePosixPath(self.relative or Path(self.absolute).as_posix()).name
+        named = [folder / self.relative] if self.relative else []
+        return list(dict.fromkeys([*named, Path(self.absolute), folder / name]))
+
+
+class SceneSources:
+    """How a document opens the files that its edits name; remembers what it opened.
+
+    Args:
+        base: the document's own scene.
+        recorded: files that are looked for where they may be now, by the names that edits give them.
+        project: the file that recorded them.
+        accept_changed: whether recorded files may hold something else by now.
+    """
+
+    def __init__(
+        self,
+        base: SceneSource,
+        recorded: Mapping[str, RecordedSource] | None = None,
+        project: Path | None = None,
+        accept_changed: bool = False,
+    ) -> None:
+        self.base = base
+        self.inserted: dict[str, SceneSource] = {}
+        """By the names that edits give them."""
+        self._recorded, self._project = dict(recorded or {}), project or Path()
+        self._accept_changed = accept_changed
+
+    def __call__(self, path: Path) -> Scene:
+        """Open a file that an edit inserts."""
+        name = str(path)
+        if name in self._recorded:
+            scene, source = open_recorded(self._recorded[name], self._project, self._accept_changed)
+        else:
+            known = self.inserted.get(name)
+            scene, source = open_source(known.path if known else path)
+        self.inserted[name] = source
+        return scene
+
+
+def sources_of(document: Document) -> SceneSources:
+    """Where a document comes from. Raises DataError where it was not opened by `open_document`."""
+    if isinstance(document.open_scene, SceneSources):
+        return document.open_scene
+    raise DataError(
+        "the document", "it comes from no file that edits could be kept for", "Export it, open the export, and go on"
+    )
+
+
+def open_source(path: Path) -> tuple[Scene, SceneSource]:
+    """Open a scene and digest its files meanwhile. Raises DataError."""
+    path = path.absolute()
+    try:
+        # Both read the file; the digest, outside of Python's lock, costs no time of its own.
+        with ThreadPoolExecutor(1) as digester:
+            for _ in range(_ATTEMPTS):
+                before = _stamps(path)
+                identity = digester.submit(identity_of, path)
+                scene = open_scene(path)
+                if _stamps(path) == before:
+                    return scene, SceneSource(path, identity.result())
+    except OSError as error:
+        raise DataError(path, f"it cannot be read ({error.strerror or error})", "Check its permissions") from error
+    raise DataError(path, "it changes while it is opened", "Wait until the program that writes it is done")
+
+
+def open_recorded(recorded: RecordedSource, project: Path, accept_changed: bool) -> tuple[Scene, SceneSource]:
+    """Find a recorded scene and open it.
+
+    Args:
+        recorded: what to look for.
+        project: the file that recorded it.
+        accept_changed: whether to take what is there, though it is not what was edited.
+
+    Raises DataError where it is not found, SceneChangedError where it is another one.
+    """
+    places = recorded.places(project)
+    there = [place for place in places if place.is_file() or place.is_dir()]
+    if not there:
+        problem = f"the edited scene is neither at {' nor at '.join(map(str, places))}"
+        raise DataError(project, problem, f"Put it back, or into the folder {project.parent}")
+    for place in there:
+        if size_of(scene_files(place)) == recorded.identity.size:
+            scene, source = open_source(place)
+            if source.identity == recorded.identity:
+                return scene, source
+            del scene
+    if accept_changed:
+        return open_source(there[0])
+    raise SceneChangedError(project, there[0], recorded.identity.sha256, identity_of(there[0]).sha256)
+
+
+def recorded_source(source: SceneSource, project: Path) -> RecordedSource:
+    """How a project file names a scene."""
+    try:
+        relative = Path(os.path.relpath(source.path, project.absolute().parent)).as_posix()
+    except ValueError:  # another drive of Windows
+        relative = ""
+    return RecordedSource(relative, str(source.path), source.identity)
+
+
+def _stamps(path: Path) -> list[tuple[str, int, int]]:
+    found = ((file, file.stat()) for file in scene_files(path))
+    return [(str(file), stat.st_mtime_ns, stat.st_size) for file, stat in found]
