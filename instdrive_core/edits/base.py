@@ -20,6 +20,8 @@ class Edit(ABC):
 
     kind: ClassVar[str]
     """The name under which the edit is serialised; never changes once released."""
+    selects_only: ClassVar[bool] = False
+    """Whether nothing but the selection changes: then there is nothing to save."""
 
     @property
     @abstractmethod

@@ -29,6 +29,7 @@ class GrowSelection(FlagEdit):
     """Select, too, what lies near a selected splat and is not hidden, locked or deleted."""
 
     kind: ClassVar[str] = "grow_selection"
+    selects_only: ClassVar[bool] = True
     distance: float | None = None
     """Metres between centres; None = as far as the selected splats lie apart."""
     time: float = 0.0
@@ -56,6 +57,7 @@ class ShrinkSelection(FlagEdit):
     """Deselect what lies near a splat that is drawn and not selected."""
 
     kind: ClassVar[str] = "shrink_selection"
+    selects_only: ClassVar[bool] = True
     distance: float | None = None
     """As for `GrowSelection`."""
     time: float = 0.0

@@ -31,6 +31,7 @@ class SelectInstances(FlagEdit):
     """Select whole instances, or add them to or remove them from the selection."""
 
     kind: ClassVar[str] = "select_instances"
+    selects_only: ClassVar[bool] = True
     ids: tuple[int, ...]
     mode: SelectMode = "replace"
 
@@ -53,6 +54,7 @@ class SelectClass(FlagEdit):
     """Select all instances of a class."""
 
     kind: ClassVar[str] = "select_class"
+    selects_only: ClassVar[bool] = True
     class_name: str
     """As in the instance table; empty = the instances that have none."""
     mode: SelectMode = "replace"
@@ -82,6 +84,7 @@ class SelectCodeword(FlagEdit):
     """Select all splats of a codeword, across instances (the paper's selection)."""
 
     kind: ClassVar[str] = "select_codeword"
+    selects_only: ClassVar[bool] = True
     codeword: int
     mode: SelectMode = "replace"
 
@@ -109,6 +112,7 @@ class SelectAll(FlagEdit):
     """Select every splat that is not hidden, locked or deleted."""
 
     kind: ClassVar[str] = "select_all"
+    selects_only: ClassVar[bool] = True
 
     @property
     def title(self) -> str:
@@ -125,6 +129,7 @@ class InvertSelection(FlagEdit):
     """Select what is not selected, of what is not hidden, locked or deleted, and nothing else."""
 
     kind: ClassVar[str] = "invert_selection"
+    selects_only: ClassVar[bool] = True
 
     @property
     def title(self) -> str:
@@ -143,6 +148,7 @@ class SelectNone(FlagEdit):
     """Clear the selection."""
 
     kind: ClassVar[str] = "select_none"
+    selects_only: ClassVar[bool] = True
 
     @property
     def title(self) -> str:

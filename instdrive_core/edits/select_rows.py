@@ -21,6 +21,7 @@ class SelectRows(FlagEdit):
     """Select splats by their rows; those that are hidden, locked or deleted are passed over."""
 
     kind: ClassVar[str] = "select_rows"
+    selects_only: ClassVar[bool] = True
     rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
     """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
     mode: SelectMode = "replace"
