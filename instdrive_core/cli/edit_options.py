@@ -10,11 +10,14 @@ from instdrive_core.cli.arguments import known_ids, parsed_assignment
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.adjustments import RANGES
-from instdrive_core.edits.base import Edit
+from instdrive_core.edits.base import Edit, counted
+from instdrive_core.edits.compound import CompoundEdit
+from instdrive_core.edits.delete import DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.instances import MergeInstances, SetInstanceClass
 from instdrive_core.edits.move import MoveInstances
+from instdrive_core.edits.select import InvertSelection, SelectClass, SelectInstances
 from instdrive_core.edits.split import SplitInstance
 from instdrive_core.errors import OptionError
 from instdrive_core.instances.table import InstanceTable
@@ -46,6 +49,10 @@ class EditOptions:
     """Move along the lane only."""
     duplicate: tuple[str, ...] = ()
     """Copies as ID=X,Y,Z in metres from the original."""
+    delete_class: tuple[str, ...] = ()
+    """Classes whose instances are deleted, e.g. Car."""
+    keep: tuple[int, ...] = ()
+    """IDs of the instances that are kept: everything else is deleted."""
 
     def edits(self, table: InstanceTable, time: float) -> list[Edit]:
         """The edits in order; `time` in seconds. Raises OptionError where an option cannot be read."""
@@ -61,6 +68,10 @@ class EditOptions:
         for text in self.duplicate:
             ids, (x, y, z) = _numbers(text, "--duplicate 4=0,6,0", table, 3, 3)
             steps.append(DuplicateInstances(ids, (x, y, z)))
+        steps += [_deletion(SelectClass(name), name=f"Delete class {name}") for name in self.delete_class]
+        if self.keep:
+            kept = SelectInstances(known_ids(self.keep, table))
+            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {counted(kept.ids)} only"))
         return steps
 
     def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:
@@ -89,6 +100,10 @@ def _numbers(
     if not least <= len(found) <= most or not all(math.isfinite(value) for value in found):
         raise OptionError(f"{values!r} in {text!r} is not a list of {least} numbers; write e.g. {example}")
     return known_ids([number], table), found
+
+
+def _deletion(*selection: Edit, name: str) -> CompoundEdit:
+    return CompoundEdit((*selection, DeleteSelected()), name)
 
 
 def _merge(text: str, table: InstanceTable) -> MergeInstances:

@@ -41,6 +41,17 @@ def test_edits_by_options(run, tmp_path):
     assert len(after) == 200 + 40 + len(copies) - len(originals)
 
 
+def test_a_class_is_deleted_and_all_but_some_instances(run, tmp_path):
+    before = random_scene()
+    assert main(["apply", str(run), "--set-class", "3=Car", "--delete-class", "Car", "-o", str(tmp_path / "few")]) == 0
+    cars = [1, 3, *(i.id for i in before.table if i.class_name == "Car")]
+    assert len(open_scene(tmp_path / "few")) == (~np.isin(before.instance_ids, cars)).sum()
+    assert main(["apply", str(run), "--keep", "2", "7", "-o", str(tmp_path / "kept")]) == 0
+    kept = open_scene(tmp_path / "kept")
+    assert np.unique(kept.instance_ids).tolist() == [2, 7]
+    assert len(kept) == np.isin(before.instance_ids, [2, 7]).sum()
+
+
 @pytest.mark.parametrize(
     ("option", "named"),
     [
@@ -53,6 +64,8 @@ def test_edits_by_options(run, tmp_path):
         (["--duplicate", "2"], "ID=VALUE"),
         (["--insert", "absent.ply"], "absent.ply"),
         (["--absorb", "77"], "77"),
+        (["--delete-class", "Bicycle"], "classes are: Car"),
+        (["--keep", "2", "77"], "77"),
         (["--split", "2", "--adjust", "2=hue:200"], "180"),
     ],
 )
