@@ -13,8 +13,6 @@ _NAMED = {
     "RightArrow": "right_arrow",
     "=": "equal",
     "-": "minus",
-    "KeypadAdd": "keypad_add",
-    "KeypadSubtract": "keypad_subtract",
 }
 
 

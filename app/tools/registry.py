@@ -31,7 +31,7 @@ class ToolRecord:
 TOOLS = (
     ToolRecord("pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda session, _: PickTool(session)),
     ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool, selects_regions=True),
-    ToolRecord("lasso", "Select by lasso", "ICON_FA_DRAW_POLYGON", "L", LassoTool, selects_regions=True),
+    ToolRecord("lasso", "Select by lasso", "ICON_FA_SIGNATURE", "L", LassoTool, selects_regions=True),
 )
 """In the toolbar's order."""
 

@@ -57,7 +57,7 @@ def _mode_word() -> None:
     word = MODE_WORDS[selection_mode(io.key_shift, io.key_ctrl)]
     if not word:
         return
-    size, draw = imgui.calc_text_size(word), imgui.get_window_draw_list()
+    size, draw = imgui.calc_text_size(word), imgui.get_foreground_draw_list()
     left, top = io.mouse_pos.x + 16, io.mouse_pos.y + 12
     draw.add_rect_filled(
         ImVec2(left - 6, top - 3), ImVec2(left + size.x + 6, top + size.y + 3), packed(BACKGROUND, 0.85), 4
