@@ -1,0 +1,66 @@
+"""Whatever is done to a view, releasing it leaves the GPU as it was."""
+
+import threading
+
+from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD, procedural_street
+
+from instdrive_app import camera
+from instdrive_app.render.gl_objects import live_objects
+from instdrive_app.render.renderer import Renderer
+from instdrive_app.state import EditorState, ViewMode, resolve
+from instdrive_core.edits.adjust import AdjustInstances
+from instdrive_core.edits.delete import DeleteInstances
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.instances import MergeInstances
+from instdrive_core.edits.move import MoveInstances
+from instdrive_core.edits.select import SelectInstances
+
+
+def session(gl, document):
+    """Open, look at everything in several sizes, edit, take back, release."""
+    renderer, state = Renderer(gl, document), EditorState(viewpoint=camera.through(document.scene.views[0]))
+    edits = (
+        DuplicateInstances((ROAD, DRIVING_CAR), (0.0, 1.0, 0.5)),
+        MoveInstances((FIRST_CAR,), (1.0, 0.0, 0.0)),
+        DuplicateInstances((ROAD, FIRST_CAR), (0.0, 2.0, 0.5)),
+        AdjustInstances((FIRST_CAR,), "hue", 40.0),
+        SelectInstances((FIRST_CAR,)),
+        MergeInstances((ROAD,), FIRST_CAR),
+        DeleteInstances((FIRST_CAR,)),
+    )
+    for number, edit in enumerate(edits):
+        document.apply(edit)
+        for mode in ViewMode:
+            state.view_mode = mode
+            size = (60 + 8 * number, 40)
+            renderer.render(resolve(state, *size, draft=number % 3 == 1), wait=number % 2 == 0)
+        renderer.instance_ids(resolve(state, *size))
+        renderer.free_retired()
+    while document.undo():
+        renderer.render(resolve(state, 60, 40), wait=False)
+    renderer.release()
+
+
+def test_twenty_sessions_leave_nothing_alive(gl):
+    scene = procedural_street(spacing=0.5)
+    session(gl, Document(scene))
+    before, threads = live_objects(), threading.active_count()
+    for _ in range(20):
+        session(gl, Document(scene))
+    assert live_objects() == before
+    assert threading.active_count() == threads
+    assert gl.error == "GL_NO_ERROR"
+
+
+def test_what_is_not_released_is_counted(gl):
+    before = live_objects()
+    kept = [gl.texture((4, 4), 4), gl.texture((4, 4), 1), gl.buffer(reserve=8)]
+    alive = live_objects()
+    assert alive["Texture"] == before["Texture"] + 2
+    assert alive["Buffer"] == before["Buffer"] + 1
+    kept.append(gl.framebuffer([kept[0]]))
+    assert live_objects()["Framebuffer"] == before["Framebuffer"] + 1
+    for thing in reversed(kept):
+        thing.release()
+    assert live_objects() == before
