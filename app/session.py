@@ -10,6 +10,7 @@ from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
 from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages
+from instdrive_app.moving import Moving
 from instdrive_app.navigation import Navigation
 from instdrive_app.reference_pictures import ReferencePictures
 from instdrive_app.solo import Solo
@@ -43,6 +44,7 @@ class EditorSession:
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.renamed: int = 0
+        self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
         """The instance whose name the user wants to change: the list takes it, else the rename dialog; 0 = none."""
         self.recolor_mode: RecolorMode = "tint"
         self.recolor_color: tuple[float, float, float] = (0.82, 0.13, 0.13)

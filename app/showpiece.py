@@ -11,9 +11,9 @@ from instdrive_app.render.renderer import Renderer
 from instdrive_app.session import EditorSession
 from instdrive_app.state import resolve
 from instdrive_core.instances.table import Instance
+from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.scene.scene import Scene
 
-CAR_WORDS = ("car", "vehicle", "truck", "bus", "van")
 THING_METRES = (0.8, 14.0)
 """Longest side of a box that can be an object rather than a surface or a building."""
 MAX_SHARE = 0.35
@@ -48,8 +48,7 @@ def ranked_things(scene: Scene, ids: UInt32[ndarray, "h w"]) -> list[int]:
 
 def is_car(instance: Instance) -> bool:
     """By its class, or where that is unknown by its name."""
-    label = (instance.class_name or instance.name).lower()
-    return any(word in label.split() for word in CAR_WORDS)
+    return is_vehicle(instance)
 
 
 def is_object_sized(instance: Instance) -> bool:

@@ -29,6 +29,7 @@ from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
 from instdrive_app.panels.overlays.region_outline import RegionOutline
+from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.view_switch import ViewSwitch
 from instdrive_app.panels.status import draw_status
 from instdrive_app.panels.timeline import TimelinePanel
@@ -73,7 +74,16 @@ class EditorWindow:
         self._dialogs = DialogHost((FileDialog(), RenameDialog(), ShortcutSheet(), CommandPalette()))
         self._panels = {
             "View": ViewportPanel(
-                (ViewSwitch(), Toolbar(), CameraTag(), DepthLegend(), OpacitySlider(), HoverLabel(), RegionOutline())
+                (
+                    Gizmo(),
+                    ViewSwitch(),
+                    Toolbar(),
+                    CameraTag(),
+                    DepthLegend(),
+                    OpacitySlider(),
+                    HoverLabel(),
+                    RegionOutline(),
+                )
             ),
             "Instances": InstancesPanel(),
             "Inspector": InspectorPanel(),

@@ -64,8 +64,11 @@ class ViewportPanel:
         imgui.set_next_item_allow_overlap()
         buttons = imgui.ButtonFlags_
         all_buttons = buttons.mouse_button_left | buttons.mouse_button_right | buttons.mouse_button_middle
-        imgui.invisible_button("##picture", ImVec2(place.width, place.height), all_buttons)
         taken = any(overlay.holds_mouse for overlay in self._overlays)
+        if taken:  # handles over the picture wait for the mouse to be over no item
+            imgui.dummy(ImVec2(place.width, place.height))
+        else:
+            imgui.invisible_button("##picture", ImVec2(place.width, place.height), all_buttons)
         hovered = imgui.is_item_hovered() and not taken
         self._navigate(ui, place, hovered, imgui.is_item_active() and not taken)
         self._point(ui, place, hovered)

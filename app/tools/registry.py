@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from instdrive_app.pointer import Tool
 from instdrive_app.session import EditorSession
+from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.rectangle import RectangleTool
@@ -32,6 +33,9 @@ TOOLS = (
     ToolRecord("pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda session, _: PickTool(session)),
     ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool, selects_regions=True),
     ToolRecord("lasso", "Select by lasso", "ICON_FA_SIGNATURE", "L", LassoTool, selects_regions=True),
+    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", lambda session, _: GizmoTool(session, "move")),
+    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", lambda session, _: GizmoTool(session, "rotate")),
+    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", lambda session, _: GizmoTool(session, "scale")),
 )
 """In the toolbar's order."""
 

@@ -1,0 +1,238 @@
+"""Moving what is selected, by a gizmo's drags and by typed numbers, and copying it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from instdrive_app.messages import Messages
+from instdrive_app.selection_box import Box, SelectionBoxes
+from instdrive_app.state import EditorState
+from instdrive_core.edits.compound import CompoundEdit
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.instances import new_instances
+from instdrive_core.edits.move import SCALE_LIMITS, MoveInstances
+from instdrive_core.edits.placement import Vector, center_of, lane_at
+from instdrive_core.edits.select import SelectInstances
+from instdrive_core.errors import EditError
+from instdrive_core.instances.vehicles import is_vehicle
+from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.scene.transforms import scale_of
+
+COPY_GAP = 0.5
+"""Metres between a thing and its copy."""
+Ids = tuple[int, ...]
+
+
+@dataclass
+class MoveOptions:
+    """What moves are bound to."""
+
+    on_ground: bool = False
+    along_lane: bool = False
+    yaw_only: bool | None = None
+    """None: for vehicles and whatever drives."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the selection is, in numbers that can be typed."""
+
+    position: Vector
+    """Its centre in the world, metres."""
+    yaw: float
+    """Degrees about the vertical: of an actor in the world, else since it was trained. Of several the first one's."""
+    scale: float
+    """Relative to the size it was trained with. Of several the first one's."""
+
+
+@dataclass
+class Drag:
+    """One drag of the gizmo: every frame moves from where it began, so that nothing adds up."""
+
+    document: Document
+    ids: Ids
+    time: float
+    gesture: str
+    center: Float64[ndarray, "3"]
+    """Where the centre was when it began, metres."""
+    axes: Float64[ndarray, "3 3"]
+    """The gizmo's axes, as columns."""
+    told: bool = False
+    """Whether the user was told what hinders it."""
+
+
+class Moving:
+    """All methods are about the selected instances at the shown moment."""
+
+    def __init__(
+        self,
+        state: EditorState,
+        document: Callable[[], Document | None],
+        apply: Callable[..., bool],
+        messages: Messages,
+    ) -> None:
+        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
+        self._state, self._document, self._apply, self._messages = state, document, apply, messages
+        self.options = MoveOptions()
+        self.drag: Drag | None = None
+        """The one under way."""
+        self._gestures = count()
+        self._boxes = SelectionBoxes()
+        self._lane: tuple[object, Float64[ndarray, "3"] | None] | None = None
+
+    @property
+    def ids(self) -> Ids:
+        """The selected instances."""
+        document = self._document()
+        return document.selected_instances() if document is not None else ()
+
+    @property
+    def yaw_only(self) -> bool:
+        """Whether the selection turns about the vertical only."""
+        if self.options.yaw_only is not None:
+            return self.options.yaw_only
+        document = self._document()
+        if document is None:
+            return False
+        instances = [document.scene.table[number] for number in self.ids]
+        return all(instance.node or is_vehicle(instance) for instance in instances)
+
+    def box(self) -> Box:
+        """The box of the selection, which is not empty."""
+        return self._boxes.box_of(self._opened, self.ids, self._state.time, held=self.drag is not None)
+
+    def center(self) -> Float64[ndarray, "3"]:
+        """The centre of the selection, which is not empty; metres."""
+        return center_of(self._opened, self.ids, self._state.time)
+
+    def lane(self) -> Float64[ndarray, "3"] | None:
+        """Unit direction of the lane at the selection, which is not empty; None where no lane is known."""
+        document, ids, time = self._opened, self.ids, self._state.time
+        place = self.drag.center if self.drag is not None else self.center()
+        key = (document, ids, time, place.tobytes(), document.track_version if self.drag is None else None)
+        if self._lane is None or (self._lane[0] != key and self.drag is None):
+            try:
+                self._lane = (key, lane_at(document, ids, place, time))
+            except EditError:
+                self._lane = (key, None)
+        return self._lane[1]
+
+    def placement(self) -> Placement:
+        """Where the selection, which is not empty, is now."""
+        document, time = self._opened, self._state.time
+        first = document.scene.table[self.ids[0]]
+        matrix = document.transforms.matrices[document.transforms.indices[document.rows_of((first.id,))[0]]]
+        turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
+        x, y, z = self.center().tolist()
+        yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
+        return Placement((x, y, z), yaw, scale_of(matrix))
+
+    def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
+        """Move from a placement to another one; on the ground, where that is asked for and no height was."""
+        if not self.ids:
+            return
+        shift = np.subtract(wanted.position, before.position).tolist()
+        half = math.radians(wanted.yaw - before.yaw) / 2
+        edit = MoveInstances(
+            self.ids,
+            (shift[0], shift[1], shift[2]),
+            (math.cos(half), 0.0, 0.0, math.sin(half)),
+            limited_scale(wanted.scale / before.scale),
+            before.position,
+            self._state.time,
+            on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
+        )
+        self._apply(lambda: edit, gesture=gesture)
+
+    def shift_along_lane(self, metres: float) -> None:
+        """Move forwards along the lane, or back."""
+        lane = self.lane() if self.ids else None
+        if lane is None:
+            self._messages.error("The scene has neither photo cameras nor a street here, so no lane is known")
+            return
+        x, y, z = (lane * metres).tolist()
+        ids, time, ground = self.ids, self._state.time, self.options.on_ground
+        self._apply(lambda: MoveInstances(ids, (x, y, z), time=time, on_ground=ground))
+
+    def put_on_ground(self) -> None:
+        """Set the selection down where it is."""
+        ids, time = self.ids, self._state.time
+        self._apply(lambda: MoveInstances(ids, time=time, on_ground=True))
+
+    def duplicate(self) -> None:
+        """Copy the selection beside itself, along the lane where there is one, select the copy and take it in hand."""
+        document, ids = self._document(), self.ids
+        if document is None or not ids:
+            return
+        lane = self.lane()
+        direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
+        x, y, z = (direction * (self.box().extent(direction) + COPY_GAP)).tolist()
+        edit = DuplicateInstances(ids, (x, y, z))
+        if self.apply_and_select(edit, len(ids)):
+            self._state.tool = "move"
+
+    def apply_and_select(self, edit: DuplicateInstances, instances: int) -> bool:
+        """Do an edit that adds so many instances, and select them, in one step; returns whether that was done."""
+        document = self._opened
+
+        def both() -> CompoundEdit:
+            added = tuple(entry.id for entry in new_instances(document, [None] * instances))
+            return CompoundEdit((edit, SelectInstances(added)), edit.title)
+
+        return self._apply(both)
+
+    # ------------------------------------------------------------------ drags
+
+    def begin_drag(self, axes: Float64[ndarray, "3 3"]) -> None:
+        """The gizmo, with these axes, was grasped."""
+        gesture = f"gizmo {next(self._gestures)}"
+        self.drag = Drag(self._opened, self.ids, self._state.time, gesture, self.center(), axes)
+
+    def drag_to(self, shift: Float[ndarray, "3"], rotation: Float[ndarray, "3 3"], scale: float) -> None:
+        """Where the drag has come: metres, a rotation matrix and a factor, all since it began."""
+        drag = self.drag
+        if drag is None or drag.document is not self._document() or drag.ids != self.ids:
+            self.drag = None
+            return
+        w, qx, qy, qz = quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()
+        options = self.options
+        try:
+            edit = MoveInstances(
+                drag.ids,
+                (float(shift[0]), float(shift[1]), float(shift[2])),
+                (w, qx, qy, qz),
+                limited_scale(scale),
+                (float(drag.center[0]), float(drag.center[1]), float(drag.center[2])),
+                drag.time,
+                yaw_only=self.yaw_only,
+                along_lane=options.along_lane,
+                on_ground=options.on_ground,
+            )
+            drag.document.apply(edit, drag.gesture)
+        except EditError as error:
+            if not drag.told:  # else the same message would be told in every frame
+                self._messages.error(str(error))
+            drag.told = True
+
+    def end_drag(self) -> None:
+        """The gizmo was let go."""
+        self.drag = None
+
+    @property
+    def _opened(self) -> Document:
+        document = self._document()
+        assert document is not None, "no document is open"
+        return document
+
+
+def limited_scale(scale: float) -> float:
+    """The nearest scale that a move may have."""
+    return float(np.clip(scale, *SCALE_LIMITS))

@@ -1,0 +1,174 @@
+"""The handles that move, turn and scale the selection, and the box and the lane that show what they act on."""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import imgui, imguizmo
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_app.moving import Moving
+from instdrive_app.panels.overlays.world_pen import WorldPen
+from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.selection_box import BOX_EDGES, Box, upright
+from instdrive_app.theme import ACCENT, TEXT, packed
+from instdrive_app.tools.gizmo import GizmoTool, Operation
+from instdrive_core.scene.camera import Camera
+
+guizmo = imguizmo.im_guizmo
+
+HANDLE_PIXELS = 84.0
+"""Length of the gizmo's axes."""
+MARK = 5.0
+"""Half the side, in pixels, of what is reported of a handle."""
+SNAPS: dict[Operation, float] = {"move": 0.25, "rotate": 5.0, "scale": 0.1}
+"""Steps while Ctrl is held: metres, degrees, and a factor."""
+NEAR, FAR = 0.05, 4000.0
+RING = 1.2
+"""Radius of the rings over the length of the axes."""
+LANE_METRES = 15.0
+"""Shown of the lane, to either side."""
+
+
+class Gizmo:
+    """Drawn while a tool with handles is in hand and something is selected."""
+
+    def __init__(self) -> None:
+        self.holds_mouse: bool = False
+        self._matrix = np.eye(4)
+        """The gizmo's, relative to where it stood when it was grasped; its axes as long as things were scaled."""
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        tool, moving, snapshot = ui.tool, ui.session.moving, ui.view.snapshot
+        if not isinstance(tool, GizmoTool) or not moving.ids or snapshot is None:
+            self.holds_mouse = False
+            moving.end_drag()
+            return
+        camera, box = snapshot.camera, moving.box()
+        pen = WorldPen(camera, place)
+        for first, second in BOX_EDGES:
+            pen.line(box.corners[first], box.corners[second], packed(ACCENT, 0.45))
+        drag = moving.drag
+        axes = gizmo_axes(moving, box, tool.operation) if drag is None else drag.axes
+        if tool.operation == "move" and moving.options.along_lane:
+            reach = LANE_METRES * axes[:, 1]
+            pen.dashes(moving.center() - reach, moving.center() + reach, packed(TEXT, 0.55))
+        self._manipulate(ui, place, camera, tool.operation, axes)
+        _mark_handles(ui, pen, camera, tool.operation, moving.center(), axes)
+
+    def _manipulate(
+        self, ui: Ui, place: Rectangle, camera: Camera, operation: Operation, axes: Float64[ndarray, "3 3"]
+    ) -> None:
+        """Let ImGuizmo turn the mouse into a matrix, in coordinates around where the drag began, and apply that."""
+        moving = ui.session.moving
+        center = moving.center() if moving.drag is None else moving.drag.center
+        if moving.drag is None:
+            self._matrix = np.eye(4)
+            self._matrix[:3, :3] = axes
+        _set_up(moving, place, operation)
+        matrix = _packed(self._matrix)
+        view = gl_view(camera)
+        view[:3, 3] += view[:3, :3] @ center
+        step = SNAPS[operation] if imgui.get_io().key_ctrl else None
+        changed = guizmo.manipulate(
+            _packed(view),
+            _packed(gl_projection(camera)),
+            _handles(moving, operation),
+            guizmo.MODE.local,
+            matrix,
+            snap=None if step is None else guizmo.Matrix3([step] * 3),
+        )
+        using = guizmo.is_using()
+        if using and moving.drag is None:
+            moving.begin_drag(axes)
+        if using and changed:
+            self._matrix = np.array(matrix.values, np.float64).reshape(4, 4).T
+            moving.drag_to(*change_of(self._matrix, axes))
+            if operation == "move" and moving.drag is not None:  # the handles go where the constraints let things go
+                self._matrix[:3, 3] = moving.center() - center
+        if not using:
+            moving.end_drag()
+        # A press that began elsewhere, to turn the camera, goes on across the handles.
+        self.holds_mouse = using or (guizmo.is_over() and not any(imgui.is_mouse_down(button) for button in range(3)))
+
+
+def gizmo_axes(moving: Moving, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
+    """Columns x, y, z: those of the box without its tilt; y along the lane where things move along it."""
+    lane = moving.lane() if operation == "move" and moving.options.along_lane else None
+    return box.upright_axes if lane is None else upright(lane)
+
+
+def gl_view(camera: Camera) -> Float64[ndarray, "4 4"]:
+    """World to camera in OpenGL's axes (y up, z backwards)."""
+    return np.diag([1.0, -1.0, -1.0, 1.0]) @ camera.camera_from_world
+
+
+def gl_projection(camera: Camera) -> Float64[ndarray, "4 4"]:
+    """Camera (OpenGL's axes) to clip space, so that a point falls on the pixel that `Camera.project` says."""
+    width, height = camera.width, camera.height
+    depth = (NEAR + FAR) / (NEAR - FAR)
+    return np.array(
+        [
+            [2 * camera.fx / width, 0.0, 1 - 2 * camera.cx / width, 0.0],
+            [0.0, 2 * camera.fy / height, 2 * camera.cy / height - 1, 0.0],
+            [0.0, 0.0, depth, 2 * FAR * NEAR / (NEAR - FAR)],
+            [0.0, 0.0, -1.0, 0.0],
+        ]
+    )
+
+
+def change_of(
+    matrix: Float64[ndarray, "4 4"], axes: Float64[ndarray, "3 3"]
+) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3 3"], float]:
+    """What a gizmo's matrix, whose columns were `axes`, has done: shift, rotation, and the scale of its handle."""
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    farthest = int(np.argmax(np.abs(np.log(lengths))))  # things scale evenly: the handle that was pulled counts
+    left, _, right = np.linalg.svd(matrix[:3, :3] / lengths @ axes.T)  # ImGuizmo adds up turns in 32 bits
+    return matrix[:3, 3], left @ right, float(lengths[farthest])
+
+
+def _packed(matrix: Float64[ndarray, "4 4"]) -> guizmo.Matrix16:
+    """Column by column."""
+    return guizmo.Matrix16(matrix.T.reshape(-1).tolist())
+
+
+def _set_up(moving: Moving, place: Rectangle, operation: Operation) -> None:
+    options, moves = moving.options, operation == "move"
+    guizmo.begin_frame()
+    guizmo.set_drawlist(imgui.get_window_draw_list())
+    guizmo.set_orthographic(False)
+    guizmo.set_rect(place.x, place.y, place.width, place.height)
+    guizmo.set_gizmo_size_clip_space(2 * HANDLE_PIXELS / max(place.width, place.height))
+    guizmo.allow_axis_flip(False)
+    along = moves and options.along_lane
+    guizmo.set_axis_mask(along, False, along or (moves and options.on_ground))
+
+
+def _handles(moving: Moving, operation: Operation) -> guizmo.OPERATION:
+    kinds = guizmo.OPERATION
+    if operation == "rotate":
+        return kinds.rotate_z if moving.yaw_only else kinds.rotate
+    return kinds.translate if operation == "move" else kinds.scale
+
+
+def _mark_handles(
+    ui: Ui,
+    pen: WorldPen,
+    camera: Camera,
+    operation: Operation,
+    center: Float64[ndarray, "3"],
+    axes: Float64[ndarray, "3 3"],
+) -> None:
+    """Tell whoever drives the window where the handles are."""
+    depth = float((camera.camera_from_world @ [*center, 1.0])[2])
+    length = HANDLE_PIXELS * depth / camera.fx
+    ends = {name: center + 0.8 * length * axes[:, column] for column, name in enumerate("xyz")}
+    if operation == "rotate":
+        towards = (camera.position - center) @ axes[:, :2] @ axes[:, :2].T
+        ends = {"z": center + RING * length * towards / max(float(np.linalg.norm(towards)), 1e-9)}
+    for name, end in {**ends, "center": center}.items():
+        pixel = pen.pixel(end)
+        if pixel is not None:
+            x, y = pixel
+            ui.marks[f"gizmo.{name}"] = (x - MARK, y - MARK, x + MARK, y + MARK)

@@ -1,0 +1,132 @@
+"""The box around what is selected, which goes along as it is moved: what the gizmo stands in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float, Float64, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.placement import SOLID_OPACITY
+from instdrive_core.instances.oriented_box import upright_box
+from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import Similarity, scale_of
+
+COUNTED = 4000
+"""Splats, evenly chosen, that shape the box of an instance."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Any box in the world, metres."""
+
+    center: Float64[ndarray, "3"]
+    axes: Float64[ndarray, "3 3"]
+    """Columns are unit vectors: to the right, forward (along the longer side), up."""
+    size: Float64[ndarray, "3"]
+    """Along the axes."""
+
+    @property
+    def corners(self) -> Float64[ndarray, "8 3"]:
+        """In the order of bits: corner k lies high along axis i where bit 2 - i of k is set."""
+        signs = np.array(list(product((-0.5, 0.5), repeat=3)))
+        return self.center + signs * self.size @ self.axes.T
+
+    @property
+    def upright_axes(self) -> Float64[ndarray, "3 3"]:
+        """The axes with no tilt: the same forward as seen from above."""
+        return upright(self.axes[:, 1])
+
+    def moved(self, matrix: Similarity) -> Box:
+        """The box after [s R | t]."""
+        scale = scale_of(matrix)
+        center = matrix[:, :3] @ self.center + matrix[:, 3]
+        return Box(center, matrix[:, :3] / scale @ self.axes, self.size * scale)
+
+    def extent(self, direction: Float[ndarray, "3"]) -> float:
+        """Metres from the first to the last corner along a unit vector."""
+        return float(np.ptp(self.corners @ direction))
+
+
+BOX_EDGES = tuple((corner, corner | bit) for corner in range(8) for bit in (1, 2, 4) if not corner & bit)
+"""Pairs of corners."""
+
+
+def upright(forward: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
+    """Axes as of a `Box` that stands level and heads where `forward` points as seen from above."""
+    length = float(np.hypot(forward[0], forward[1]))
+    if length < 1e-6:
+        return np.eye(3)
+    x, y = forward[0] / length, forward[1] / length
+    return np.array([[y, x, 0.0], [-x, y, 0.0], [0.0, 0.0, 1.0]])
+
+
+class SelectionBoxes:
+    """Boxes of selections; the one asked for last is kept as it was before it was moved."""
+
+    def __init__(self) -> None:
+        self._key: tuple[object, ...] = ()
+        self._unmoved: Box | None = None
+
+    def box_of(self, document: Document, ids: Sequence[int], time: float, held: bool = False) -> Box:
+        """The box of at least one instance at `time` (seconds).
+
+        A moving actor has its track's box; a parked thing the smallest upright box of its splats as they were trained,
+        moved as it was moved; several instances, or one of which parts were moved, have a box along the world's axes.
+        `held` says that the same instances are only being moved, so that their splats need not be measured again.
+        """
+        instance = document.scene.table[ids[0]]
+        if len(ids) == 1 and instance.node:
+            return _track_box(document, instance.node, time)
+        frame = None if len(ids) > 1 else _common_move(document, document.rows_of(ids))
+        if frame is None:
+            return _level_box(document, ids, time)
+        key = (document, instance.id)
+        if not (held and self._key[:2] == key):
+            key = (*key, document.table_version, document.state.version)
+            if key != self._key:
+                self._key, self._unmoved = key, _trained_box(document, instance.id)
+        assert self._unmoved is not None
+        return self._unmoved.moved(frame)
+
+
+def _track_box(document: Document, node: int, time: float) -> Box:
+    track = document.scene.actors[node - 1]
+    pose = track.pose_at(time)
+    return Box(pose[:3, 3], pose[:3, :3], track.dimensions)
+
+
+def _trained_box(document: Document, instance_id: int) -> Box:
+    """Of the solid splats that are left, as they were trained."""
+    rows = document.rows_of((instance_id,))
+    left = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
+    rows = left if len(left) else rows
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), COUNTED)).astype(int)]
+    opacities = document.scene.gaussians.opacities[rows]
+    rows = rows[opacities >= min(SOLID_OPACITY, opacities.max())]
+    means = document.scene.gaussians.means[rows].astype(np.float64)
+    found = upright_box(means, np.zeros((len(rows), 3, 3)))
+    longer, across, up = found.rotation.T
+    box = Box(found.center, np.stack([-across, longer, up], axis=1), found.size[[1, 0, 2]])
+    return box if longer[1] >= 0 else replace(box, axes=box.axes * [-1, -1, 1])
+
+
+def _level_box(document: Document, ids: Sequence[int], time: float) -> Box:
+    """Around the bounds of all instances, along the world's axes."""
+    corners = []
+    for instance_id in ids:
+        instance = document.scene.table[instance_id]
+        corners.append(_track_box(document, instance.node, time).corners if instance.node else instance.bounds)
+    points = np.concatenate([np.asarray(part) for part in corners])
+    low, high = points.min(axis=0), points.max(axis=0)
+    return Box((low + high) / 2, np.eye(3), high - low)
+
+
+def _common_move(document: Document, rows: Int64[ndarray, " k"]) -> Similarity | None:
+    """The move of all these rows; None where they were moved in different ways."""
+    entries = document.transforms.indices[rows]
+    return document.transforms.matrices[entries[0]] if (entries == entries[0]).all() else None
