@@ -92,7 +92,11 @@ def write_spz(
             check_numbers(path, attribute, part, numbers, allow_infinite)
     header = SpzHeader(version, len(scene), gaussians.sh_degree, _fractional_bits(path, gaussians, version))
     with atomic_file(path) as file:
-        write_container(file, header, lambda name: _encoded(name, gaussians, header, harmonics_bits))
+        write_container(
+            file,
+            header,
+            lambda name: (_encoded(name, gaussians, rows, header, harmonics_bits) for rows in _row_blocks(len(scene))),
+        )
         file.seek(0, 2)
         # What this reader would not believe is not written either.
         check_plausible_count(path, len(scene), file.tell())
@@ -137,27 +141,25 @@ def _decode(name: str, data: UInt8[ndarray, "n w"], gaussians: Gaussians, rows: 
             values.decode_harmonics(data, gaussians.sh_rest[rows])
 
 
-def _encoded(name: str, gaussians: Gaussians, header: SpzHeader, bits: tuple[int, int]) -> UInt8[ndarray, "n w"]:
-    data = np.empty((header.count, header.widths[name]), np.uint8)
+def _encoded(
+    name: str, gaussians: Gaussians, rows: slice, header: SpzHeader, bits: tuple[int, int]
+) -> UInt8[ndarray, "m w"]:
     flips = flips_from(RUB)
-    for rows in _row_blocks(header.count):
-        match name:
-            case "positions":
-                means = gaussians.means[rows] * flips.means
-                halves = header.version == 1
-                data[rows] = (
-                    values.encode_halves(means) if halves else values.encode_fixed(means, header.fractional_bits)
-                )
-            case "alphas":
-                data[rows] = values.encode_opacities(sigmoid(gaussians.opacity_logits[rows].astype(np.float64)))
-            case "colors":
-                data[rows] = values.encode_colors(gaussians.sh_dc[rows].astype(np.float64))
-            case "scales":
-                data[rows] = values.encode_log_scales(gaussians.log_scales[rows].astype(np.float64))
-            case "rotations":
-                encode = values.encode_first_three if header.version < 3 else values.encode_smallest_three
-                data[rows] = encode(gaussians.quats[rows] * flips.quats)
-            case "harmonics":
-                rest = gaussians.sh_rest[rows]
-                data[rows] = values.encode_harmonics(rest * flips.sh_rest[: rest.shape[1]], bits)
-    return data
+    match name:
+        case "positions" if header.version == 1:
+            data = values.encode_halves(gaussians.means[rows] * flips.means)
+        case "positions":
+            data = values.encode_fixed(gaussians.means[rows] * flips.means, header.fractional_bits)
+        case "alphas":
+            data = values.encode_opacities(sigmoid(gaussians.opacity_logits[rows].astype(np.float64)))
+        case "colors":
+            data = values.encode_colors(gaussians.sh_dc[rows].astype(np.float64))
+        case "scales":
+            data = values.encode_log_scales(gaussians.log_scales[rows].astype(np.float64))
+        case "rotations":
+            encode = values.encode_first_three if header.version < 3 else values.encode_smallest_three
+            data = encode(gaussians.quats[rows] * flips.quats)
+        case _:
+            rest = gaussians.sh_rest[rows]
+            data = values.encode_harmonics(rest * flips.sh_rest[: rest.shape[1]], bits)
+    return np.ascontiguousarray(data)

@@ -75,23 +75,27 @@ def read_container(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Bl
     raise DataError(path, f"the file begins with {start!r}, not as a .spz does", "Check that it is a .spz file")
 
 
-def write_container(file: BinaryIO, header: SpzHeader, block: Callable[[str], UInt8[ndarray, "n w"]]) -> None:
-    """Write header and attributes; `block` gives the bytes of each by its name, when they are needed."""
+def write_container(file: BinaryIO, header: SpzHeader, parts: Callable[[str], Iterable[UInt8[ndarray, "m w"]]]) -> None:
+    """Write header and attributes; `parts` gives the bytes of each by its name, some rows at a time."""
     names = [name for name, width in header.widths.items() if width * header.count]
     common = (MAGIC, header.version, header.count, header.sh_degree, header.fractional_bits, header.flags)
     if header.version < 4:
         with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, mtime=0) as packed:
             packed.write(_LEGACY_HEADER.pack(*common, 0))
             for name in names:
-                packed.write(block(name).data)
+                for part in parts(name):
+                    packed.write(part.data)
         return
     file.write(_HEADER.pack(*common, len(names), _HEADER.size))
     file.write(bytes(_TOC_ENTRY.size * len(names)))
     compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL, write_checksum=True)
     entries = []
     for name in names:
-        data = block(name)
-        entries.append((file.write(compressor.compress(data.data)), data.nbytes))
+        start, size = file.tell(), header.widths[name] * header.count
+        with compressor.stream_writer(file, size=size, closefd=False) as packed:
+            for part in parts(name):
+                packed.write(part.data)
+        entries.append((file.tell() - start, size))
     file.seek(_HEADER.size)
     file.write(b"".join(_TOC_ENTRY.pack(*entry) for entry in entries))
 
