@@ -6,23 +6,24 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.edits.base import checked_ids
+from instdrive_core.edits.bodies import body_of_rows, is_compact
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance
 from instdrive_core.errors import EditError
 from instdrive_core.instances.floaters import floaters_of_body
-from instdrive_core.instances.interiors import DEFAULT_CONFIG, Body, body_of_points
-from instdrive_core.instances.table import Instance
-from instdrive_core.maths.activations import sigmoid
+from instdrive_core.instances.interiors import DEFAULT_CONFIG
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import current_means
 
 _REACH = 1.5
 """Rows up to this factor of the hull's radius, and a metre, are looked at: more than `FloaterConfig` can ask for."""
+_ROUNDS = 8
 
 
 @dataclass
@@ -69,47 +70,51 @@ def floaters_of(document: Document, instance_id: int) -> ndarray:
 
     Raises EditError where the instance is no compact body.
     """
-    instance = known_instance(document, instance_id)
-    scene, flags = document.scene, document.state.flags
+    known_instance(document, instance_id)
+    flags = document.state.flags
     members = document.rows_of((instance_id,))
     alive = members[(flags[members] & Flag.DELETED) == 0]
     members = alive if len(alive) else members
-    body = _body(document, instance_id, members)
-    reach = np.float32(_REACH * body.reach + 1)
-    means = current_means(scene.gaussians, document.transforms)
-    offsets = means - body.center.astype(np.float32)
-    near = np.flatnonzero((np.abs(offsets) <= reach).all(axis=1) & (scene.nodes == instance.node))
-    free = (flags[near] & (Flag.DELETED | Flag.LOCKED)) == 0
-    owned = np.isin(near, members, assume_unique=True)
-    near, owned = near[free | owned], owned[free | owned]
-    ids = scene.instance_ids[near]
-    others = [other for other in np.unique(ids).tolist() if other in scene.table and other != instance_id]
-    compact = [other for other in others if _is_compact(scene.table[other])]
-    gaussians = scene.gaussians
-    strays = floaters_of_body(body, means[near], color_from_dc(gaussians.sh_dc[near]), owned, np.isin(ids, compact))
-    return near[strays & (ids != instance_id)]
-
-
-def _body(document: Document, instance_id: int, members: ndarray) -> Body:
-    gaussians = document.scene.gaussians
-    solid = members[sigmoid(gaussians.opacity_logits[members]) >= DEFAULT_CONFIG.min_opacity]
-    body = None
-    if len(solid) >= DEFAULT_CONFIG.min_gaussians:
-        body = body_of_points(instance_id, document.means_of(solid).astype(np.float64))
-    if body is None:
+    if body_of_rows(document, instance_id, members) is None:
         raise EditError(
             f"instance {instance_id} is no compact body (at most {DEFAULT_CONFIG.max_length:g} m long, at least "
             f"{DEFAULT_CONFIG.min_height:g} m high), so nothing lies inside of it"
         )
-    return body
+    return floaters_around(document, instance_id, members)
 
 
-def _is_compact(instance: Instance) -> bool:
-    """Whether an instance's bounds are those of an object, not of a surface or a scrap."""
-    low, high = np.array(instance.bounds)
-    size = high - low
-    large_enough = instance.count >= DEFAULT_CONFIG.min_gaussians and size[2] >= DEFAULT_CONFIG.min_height
-    return bool(large_enough and size[:2].max() <= DEFAULT_CONFIG.max_length)
+def floaters_around(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+    """Strays in and around the body of some rows of one instance, rising; none where they span no body.
+
+    What joins a body may make it larger, so that more lies inside: looked for until nothing is left, a few times.
+    """
+    found = np.zeros(0, np.int64)
+    for _ in range(_ROUNDS):
+        joined = _strays(document, instance_id, np.concatenate([members, found]))
+        if not len(joined):
+            break
+        found = np.concatenate([found, joined])
+    return np.sort(found)
+
+
+def _strays(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+    scene, flags = document.scene, document.state.flags
+    body = body_of_rows(document, instance_id, members)
+    if body is None:
+        return np.zeros(0, np.int64)
+    reach = np.float32(_REACH * body.reach + 1)
+    means = current_means(scene.gaussians, document.transforms)
+    offsets = means - body.center.astype(np.float32)
+    near = np.flatnonzero((np.abs(offsets) <= reach).all(axis=1) & (scene.nodes == scene.nodes[members[0]]))
+    owned = np.isin(near, members)
+    free = (flags[near] & (Flag.DELETED | Flag.LOCKED)) == 0
+    near, owned = near[free | owned], owned[free | owned]
+    ids = scene.instance_ids[near]
+    others = [other for other in np.unique(ids).tolist() if other in scene.table and other != instance_id]
+    compact = [other for other in others if is_compact(scene.table[other])]
+    colors = color_from_dc(scene.gaussians.sh_dc[near])
+    strays = floaters_of_body(body, means[near], colors, owned, np.isin(ids, compact))
+    return near[strays]
 
 
 def _written(edit: RelabelEdit) -> ndarray:

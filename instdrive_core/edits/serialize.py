@@ -14,6 +14,7 @@ from instdrive_core.edits.color import RecolorInstances, ResetColors
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.fill_hole import FillHole
 from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
@@ -44,6 +45,7 @@ EDITS: dict[str, type[Edit]] = {
         DeleteRows,
         DeleteSelected,
         DuplicateInstances,
+        FillHole,
         GrowSelection,
         HideInstances,
         InsertScene,

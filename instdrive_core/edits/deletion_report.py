@@ -1,0 +1,136 @@
+"""What a deletion leaves: residue of what was deleted, and holes in the ground that nothing ever showed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int64
+from numpy import ndarray
+
+from instdrive_core.edits.absorb import AbsorbFloaters, floaters_around
+from instdrive_core.edits.base import Edit, checked_ids
+from instdrive_core.edits.compound import CompoundEdit
+from instdrive_core.edits.delete import DeleteSelected
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.fill_hole import FillHole, fill_of
+from instdrive_core.edits.holes import Hole, hole_under
+from instdrive_core.edits.instances import MAX_NAME_LENGTH, known_instance
+from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.edits.surroundings import Surroundings, surroundings
+
+
+@dataclass(frozen=True)
+class DeletedPart:
+    """Rows of one instance that were deleted together."""
+
+    instance_id: int
+    name: str
+    rows: Int64[ndarray, " m"]
+    whole: bool
+    """Nothing of the instance is left."""
+
+
+@dataclass(frozen=True)
+class DeletionReport:
+    """What is left of a deletion, and what it uncovers."""
+
+    parts: tuple[DeletedPart, ...]
+    residue: Int64[ndarray, " r"]
+    """Rows, rising: strays in and close around what was deleted."""
+    carriers: dict[int, int]
+    """How many of them each instance has now; 0 = none."""
+    hole: Hole | None
+    """None where nothing that stood on the ground was deleted, or no ground was seen."""
+
+    @property
+    def name(self) -> str:
+        """``Car 17``, or ``3 instances``."""
+        return self.parts[0].name if len(self.parts) == 1 else f"{len(self.parts)} instances"
+
+    @property
+    def hole_area(self) -> float:
+        """Square metres."""
+        return 0.0 if self.hole is None else self.hole.area
+
+    @property
+    def summary(self) -> str:
+        """``34 splats of residue, hole of 3.1 m²``."""
+        count = len(self.residue)
+        residue = f"{count:,} splat{'' if count == 1 else 's'} of residue" if count else "no residue"
+        hole = f"hole of {self.hole_area:.1f} m²" if self.hole_area else "no hole"
+        return f"{residue}, {hole}"
+
+    def absorption(self) -> Edit | None:
+        """The edit that takes the residue away; None where there is none."""
+        if not len(self.residue):
+            return None
+        if all(part.whole for part in self.parts):
+            edits: tuple[Edit, ...] = tuple(AbsorbFloaters(part.instance_id) for part in self.parts)
+        else:
+            edits = (SelectRows(self.residue), DeleteSelected())
+        return CompoundEdit(edits, f"Absorb floaters of {self.name}")
+
+    def filling(self, seed: int = 0) -> FillHole | None:
+        """The edit that fills the hole; None where there is none."""
+        if self.hole is None or not self.hole_area:
+            return None
+        return fill_of(self.hole, f"fill of {self.name}"[:MAX_NAME_LENGTH], seed)
+
+
+@dataclass(frozen=True)
+class DeletionSurvey:
+    """All that a report needs, copied out of the document: it can be studied on another thread."""
+
+    parts: tuple[DeletedPart, ...]
+    residue: Int64[ndarray, " r"]
+    carriers: dict[int, int]
+    around: Surroundings | None
+
+    def report(self) -> DeletionReport:
+        """Look for the hole."""
+        hole = None if self.around is None else hole_under(self.around, self.residue)
+        return DeletionReport(self.parts, self.residue, self.carriers, hole)
+
+
+def deletion_report(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
+    """What deleting instances left, or would leave; `time` (seconds) says where moving ones are.
+
+    Raises EditError for an unknown ID.
+    """
+    return deletion_survey(document, ids, time).report()
+
+
+def deletion_report_of_rows(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
+    """The same for deleted rows of any instances, such as a selection."""
+    return deletion_survey_of_rows(document, rows, time).report()
+
+
+def deletion_survey(document: Document, ids: Iterable[int], time: float) -> DeletionSurvey:
+    """The part of `deletion_report` that reads the document."""
+    parts = []
+    for instance_id in checked_ids(ids):
+        name = known_instance(document, instance_id).name
+        parts.append(DeletedPart(instance_id, name, document.rows_of((instance_id,)), True))
+    return _survey(document, parts, time)
+
+
+def deletion_survey_of_rows(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionSurvey:
+    """The part of `deletion_report_of_rows` that reads the document."""
+    ids, parts = document.scene.instance_ids[rows], []
+    for instance_id in np.unique(ids[ids > 0]).tolist():
+        mine, whole = rows[ids == instance_id], document.rows_of((instance_id,))
+        parts.append(DeletedPart(instance_id, document.scene.table[instance_id].name, mine, len(mine) == len(whole)))
+    return _survey(document, parts, time)
+
+
+def _survey(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionSurvey:
+    found = [floaters_around(document, part.instance_id, part.rows) for part in parts]
+    residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
+    gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
+    residue = np.setdiff1d(residue, gone, assume_unique=True)
+    carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
+    carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
+    around = surroundings(document, [(part.instance_id, part.rows) for part in parts], time)
+    return DeletionSurvey(tuple(parts), residue, carriers, around)

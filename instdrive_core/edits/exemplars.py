@@ -1,0 +1,91 @@
+"""Filling a hole in a picture with pieces of itself: exemplar-based inpainting (Criminisi, Pérez & Toyama 2004).
+
+The picture is the ground from above. Instead of colours the answer names, for each missing cell, the cell to copy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy import ndimage
+
+
+@dataclass(frozen=True)
+class ExemplarConfig:
+    """How pieces are chosen."""
+
+    windows: tuple[int, ...] = (5, 3, 1)
+    """Cells per side of a piece: the largest size of which there are enough is taken."""
+    min_candidates: int = 30
+    across_penalty: float = 3e-4
+    """Added to the mean squared difference per squared cell that a piece comes from across the lane: kerbs, lane marks
+    and ruts run along it."""
+    along_penalty: float = 2e-5
+    """The same per cell along the lane."""
+    variety: float = 0.1
+    """Share by which costs are drawn larger, so that no piece is repeated for a tiny advantage."""
+
+
+DEFAULT_CONFIG = ExemplarConfig()
+
+
+def source_cells(
+    values: Float64[ndarray, "a b v"],
+    known: Bool[ndarray, "a b"],
+    hole: Bool[ndarray, "a b"],
+    rng: np.random.Generator,
+    config: ExemplarConfig = DEFAULT_CONFIG,
+) -> Int64[ndarray, "a b 2"] | None:
+    """For each cell of the hole the known cell to copy, -1 elsewhere; None where nothing is known.
+
+    Axis 0 runs along the lane. Cells that are neither known nor of the hole are left out of comparisons.
+    """
+    known = known & ~hole
+    window = _window(known, config)
+    if window is None:
+        return None
+    pad = window // 2
+    padded = np.pad(values, ((pad, pad), (pad, pad), (0, 0)))
+    filled, todo = np.pad(known, pad), np.pad(hole, pad)
+    patches = sliding_window_view(padded, (window, window), axis=(0, 1))
+    middles = _whole_windows(known, window)
+    candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
+    sources = np.full((*hole.shape, 2), -1)
+    while todo.any():
+        middle = _next_middle(filled, todo, window)
+        part = tuple(slice(each, each + window) for each in middle)
+        there = filled[part]
+        differences = ((candidates[:, there] - padded[part][there]) ** 2).sum(axis=2)
+        costs = differences.mean(axis=1) if there.any() else np.zeros(len(middles))
+        away = np.abs(middles - middle)
+        costs = costs + config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
+        best = int(np.argmin(costs * (1 + config.variety * rng.random(len(costs)))))
+        fresh = np.argwhere(todo[part])
+        places = fresh + middle
+        padded[tuple(places.T)] = candidates[best][tuple(fresh.T)]
+        sources[tuple((places - pad).T)] = fresh - pad + middles[best]
+        filled[tuple(places.T)], todo[tuple(places.T)] = True, False
+    return sources
+
+
+def _window(known: Bool[ndarray, "a b"], config: ExemplarConfig) -> int | None:
+    counts = {window: len(_whole_windows(known, window)) for window in config.windows}
+    enough = [window for window, count in counts.items() if count >= config.min_candidates]
+    some = [window for window, count in counts.items() if count]
+    return next(iter(enough or some), None)
+
+
+def _whole_windows(known: Bool[ndarray, "a b"], window: int) -> Int64[ndarray, "c 2"]:
+    """Middles of the squares in which every cell is known."""
+    return np.argwhere(ndimage.binary_erosion(known, np.ones((window, window)), border_value=0))
+
+
+def _next_middle(filled: Bool[ndarray, "p q"], todo: Bool[ndarray, "p q"], window: int) -> Int64[ndarray, "2"]:
+    """Where to go on: the missing cell with most filled ones around it (in cells of the picture without its margin)."""
+    support = ndimage.uniform_filter(filled.astype(np.float64), window, mode="constant")
+    support[~todo] = -1
+    return np.array(np.unravel_index(int(support.argmax()), todo.shape)) - window // 2
