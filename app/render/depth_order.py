@@ -35,13 +35,17 @@ def depth_order(key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[nda
     return DepthOrder(key, np.concatenate([front, behind]), len(front), _middle(depths, front))
 
 
+NOTHING_SORTED = DepthOrder(None, np.zeros(0, np.uint32), 0, (1.0, 100.0))
+"""The order before the first one: nothing is drawn."""
+
+
 class OrderSorter:
     """Keeps the last order, and gets newer ones either now or soon."""
 
     def __init__(self) -> None:
         self._thread: ThreadPoolExecutor | None = None
         self._running: tuple[Hashable, Future[DepthOrder]] | None = None
-        self._latest: DepthOrder | None = None
+        self._latest = NOTHING_SORTED
 
     def now(
         self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
@@ -50,7 +54,7 @@ class OrderSorter:
         running = self._running
         if running is not None and running[0] == key:
             self._latest, self._running = running[1].result(), None
-        if self._latest is None or self._latest.key != key:
+        if self._latest.key != key:
             self._latest = depth_order(key, means, axis, near)
         return self._latest
 
@@ -62,8 +66,6 @@ class OrderSorter:
         At most one sort runs: a camera that never stops gets each order that is done in time for it. Raises what a sort
         raised. Rows that move while they are sorted spoil an order that is then out of date anyway.
         """
-        if self._latest is None:
-            return self.now(key, means, axis, near)
         if self._running is not None and self._running[1].done():
             self._latest, self._running = self._running[1].result(), None
         if self._running is None and self._latest.key != key:
@@ -76,7 +78,7 @@ class OrderSorter:
         """End the thread."""
         if self._thread is not None:
             self._thread.shutdown(wait=True, cancel_futures=True)
-        self._thread = self._running = self._latest = None
+        self._thread, self._running, self._latest = None, None, NOTHING_SORTED
 
 
 def _middle(depths: Float32[ndarray, " n"], front: UInt32[ndarray, " m"]) -> tuple[float, float]:

@@ -20,6 +20,8 @@ from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.transforms import TransformPalette
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
+UPLOADED_AT_ONCE = 1 << 16
+"""Splats whose stored parameters go to the GPU in one step: some 16 MB."""
 
 
 class GpuScene:
@@ -39,6 +41,7 @@ class GpuScene:
         self.sky = sky_texture(ctx, document.scene.sky)
         self._world = WorldMeans(document)
         self._new_rows = document.new_rows.reader()
+        self._uploaded = 0
         self._dirty_states = document.state.dirty_reader()
         self._dirty_colors = document.colors.dirty_reader()
         self._dirty_transforms = document.transforms.dirty_reader()
@@ -60,8 +63,16 @@ class GpuScene:
         """World positions at the time of the last update."""
         return self._world.values
 
-    def update(self, time: float) -> None:
-        """Upload what changed since the last call, and the actors' poses at `time` (seconds)."""
+    @property
+    def complete(self) -> bool:
+        """Whether all splats are on the GPU. Those that are not yet are not drawn."""
+        return self._uploaded == len(self)
+
+    def update(self, time: float, wait: bool = True) -> None:
+        """Upload what changed since the last call, and the actors' poses at `time` (seconds).
+
+        Without `wait`, one call uploads the stored parameters of a limited number of new splats; see `complete`.
+        """
         document = self._document
         before = self._versions
         self._versions = (
@@ -73,7 +84,8 @@ class GpuScene:
         )
         rows, states, colors, transforms, table = (old != new for old, new in zip(before, self._versions, strict=True))
         if rows:
-            self._update_rows()
+            self._make_room()
+        self._upload_parameters(wait)
         if states or rows:
             self._update_states()
         if colors or rows:
@@ -102,7 +114,7 @@ class GpuScene:
             set_uniforms(program, **{name: unit})
         set_uniforms(
             program,
-            row_count=len(self),
+            row_count=self._uploaded,
             texture_width=WIDTH,
             sh_texels=self._harmonic_texels,
             sh_rest_count=self._document.scene.gaussians.sh_rest.shape[1],
@@ -120,24 +132,33 @@ class GpuScene:
         if self.sky is not None:
             self.sky.release()
 
-    def _update_rows(self) -> None:
-        """Stored parameters of rows that were not there before; what else they have, the other updates bring."""
-        scene, count = self._document.scene, len(self)
+    def _make_room(self) -> None:
+        count = len(self)
         for array in (self._geometry, self._harmonics, self._nodes, self._color_entries, self._transform_entries):
             array.hold(count)
         for array in (self.states, self.instance_ids, self.codewords):
             array.hold(count)
         fresh = self._new_rows.take()
-        if fresh is not None:
-            rows = slice(*fresh)
-            gaussians = scene.gaussians.select(rows)
-            self._geometry.write(_geometry_texels(gaussians), fresh[0])
-            self._harmonics.write(_harmonic_texels(gaussians, self._harmonic_texels), fresh[0])
-            self._nodes.write(scene.nodes[rows], fresh[0])
-            self.codewords.write(scene.codewords[rows], fresh[0])
+        self._uploaded = min(self._uploaded, count if fresh is None else fresh[0])
         self.look_version += 1
         self.pose_version += 1
         self.id_version += 1
+
+    def _upload_parameters(self, wait: bool) -> None:
+        """What edits never write to; what they do, the other updates bring."""
+        scene, count = self._document.scene, len(self)
+        while self._uploaded < count:
+            start = self._uploaded
+            rows = slice(start, min(start + UPLOADED_AT_ONCE, count))
+            gaussians = scene.gaussians.select(rows)
+            self._geometry.write(_geometry_texels(gaussians), start)
+            self._harmonics.write(_harmonic_texels(gaussians, self._harmonic_texels), start)
+            self._nodes.write(scene.nodes[rows], start)
+            self.codewords.write(scene.codewords[rows], start)
+            self._uploaded = rows.stop
+            self.look_version += 1
+            if not wait:
+                break
 
     def _update_states(self) -> None:
         flags, dirty = self._document.state.flags, self._dirty_states.take()

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_app.render.depth_order import DepthOrder, OrderSorter
+from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
 from instdrive_app.render.gl_state import drawing_into
 from instdrive_app.render.gpu_scene import GpuScene
 from instdrive_app.render.programs import build_program, set_uniforms
@@ -38,7 +38,7 @@ class Projector:
         self._no_texture = ctx.texture((1, 1), 4)
         self._no_picture = ctx.framebuffer([self._no_texture])
         self._sorter = OrderSorter()
-        self._uploaded: DepthOrder | None = None
+        self._uploaded = NOTHING_SORTED
         self.serial = 0
         """Rises with every other order."""
         self.current = False
@@ -47,13 +47,12 @@ class Projector:
     @property
     def count(self) -> int:
         """Splats to draw: those in front of the camera, or all where the order is an older one."""
-        order = self._uploaded
-        return 0 if order is None else order.in_front if self.current else len(order.rows)
+        return self._uploaded.in_front if self.current else len(self._uploaded.rows)
 
     @property
     def depth_range(self) -> tuple[float, float]:
         """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
-        return self._uploaded.depth_range if self._uploaded is not None else (1.0, 100.0)
+        return self._uploaded.depth_range
 
     def sort(self, scene: GpuScene, camera: Camera, wait: bool) -> None:
         """Bring `order` up to date with the camera and the splats' positions; without `wait` perhaps only later, and

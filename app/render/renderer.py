@@ -55,15 +55,16 @@ class Renderer:
 
     @property
     def settled(self) -> bool:
-        """Whether the last frame was blended in the right order; where not, the next may be."""
-        return self._projector.current
+        """Whether the last frame showed all splats, blended in the right order; where not, the next may."""
+        return self._projector.current and self.scene.complete
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
         """Bring `picture` up to date.
 
-        Without `wait` no frame waits for sorting: the last order serves until the new one is there; see `settled`.
+        Without `wait` no frame waits for sorting or for the upload of many splats: the last order serves until the new
+        one is there, and a large scene appears over a few frames; see `settled`.
         """
-        self.scene.update(snapshot.time)
+        self.scene.update(snapshot.time, wait)
         targets = self._sized(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait)
         if snapshot.view_mode in FLAT_MODES:

@@ -9,6 +9,7 @@ from procedural_street import FIRST_CAR
 
 from instdrive_app import camera
 from instdrive_app.render import depth_order as orders
+from instdrive_app.render import gpu_scene
 from instdrive_app.render.depth_order import OrderSorter, depth_order
 from instdrive_app.render.renderer import Renderer
 from instdrive_app.state import EditorState, resolve
@@ -76,11 +77,12 @@ def test_nothing_in_front_is_an_order_too():
 
 def test_soon_gives_the_last_order_until_the_next_is_there_and_sorts_one_at_a_time(gate):
     sorter, means = OrderSorter(), points([3.0, 5.0])
-    assert sorter.soon("a", means, AXIS, NEAR).key == "a", "there is no older one to show"
+    assert len(sorter.soon("a", means, AXIS, NEAR).rows) == 0, "there is none yet, and nobody waits"
+    assert sorter.now("a", means, AXIS, NEAR).key == "a"
     gate.shut()
     for key in "bcd":
         assert sorter.soon(key, means, AXIS, NEAR).key == "a"
-    assert gate.calls == 2
+    eventually(lambda: gate.calls == 2)
     gate.open()
     eventually(lambda: sorter.soon("d", means, AXIS, NEAR).key == "d")
     assert gate.calls == 3, "c was never sorted: the camera had moved on"
@@ -156,6 +158,21 @@ def test_a_frame_never_waits_and_settles_on_the_exact_picture(street, renderer, 
     draws = renderer.blended_draws
     renderer.render(second, wait=False)
     assert renderer.blended_draws == draws
+
+
+def test_a_large_scene_appears_over_some_frames_that_do_not_wait(street, renderer, monkeypatch):
+    snapshot = snapshot_of(street, 0)
+    monkeypatch.setattr(gpu_scene, "UPLOADED_AT_ONCE", 5000)
+    covered = []
+    while not renderer.settled:
+        covered.append((blend(renderer, snapshot, wait=False)[..., 3] > 0.9).mean())
+        time.sleep(0.002)
+    assert len(covered) >= 4
+    assert covered[0] < 0.9 * covered[-1]
+    one_by_one = blend(renderer, snapshot, wait=False)
+    fresh = Renderer(renderer.picture.ctx, street)
+    np.testing.assert_array_equal(one_by_one, blend(fresh, snapshot))
+    fresh.release()
 
 
 def test_an_order_older_than_an_undo_shows_no_row_that_is_gone(street, renderer, gate):
