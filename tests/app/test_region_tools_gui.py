@@ -51,7 +51,7 @@ def outline(window, box):
     """Left, top, right, bottom, in the window, of a world box."""
     (x0, y0, z0), (x1, y1, z1) = box
     corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)]
-    pixels = np.array([window.pixel_of(corner) for corner in corners])
+    pixels = window.pixels_of(corners)
     left, top, right, bottom = window.state["widgets"]["viewport"]
     low = np.maximum(pixels.min(axis=0), [left + 60, top + 60])
     return (*low, *np.minimum(pixels.max(axis=0), [right - 4, bottom - 4]))

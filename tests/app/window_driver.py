@@ -77,14 +77,18 @@ class WindowDriver:
 
     def pixel_of(self, point):
         """Where a world point is in the window."""
+        x, y = self.pixels_of([point])[0]
+        return x, y
+
+    def pixels_of(self, points):
+        """Where world points are in the window: (n, 2)."""
         state = self.wait_until_calm()
         left, top, right, bottom = state["widgets"]["picture"]
         lens = state["camera"]
         pose = np.array(lens["world_from_camera"])
         size = (int(right - left), int(bottom - top))
         camera = Camera(*(float(lens[name]) for name in ("fx", "fy", "cx", "cy")), *size, pose)
-        x, y = camera.project(np.array([point], float))[0][0]
-        return left + x, top + y
+        return camera.project(np.array(points, float))[0] + [left, top]
 
     def move(self, x, y):
         """Move the mouse; a second, tiny move makes sure that the window hears of it."""
