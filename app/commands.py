@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+
+MenuItem = tuple[str, Callable[[], None]]
+"""Title and callback of an entry of a submenu."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,10 @@ class Command:
     """Name of an icon constant of Font Awesome 6, e.g. ``ICON_FA_TRASH``."""
     separator: bool = False
     """Whether the menu draws a line above it."""
+    items: Callable[[], Sequence[MenuItem]] | None = None
+    """For submenus: what they hold, asked for each time they are open; `run` is then not called from the menu."""
+    undoable: bool | None = None
+    """True: a step of the history. False: cannot be undone. None: changes nothing but what is shown or asked."""
 
 
 class Commands:

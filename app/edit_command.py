@@ -35,10 +35,12 @@ def edit(
     path = scene if scene is not None else sample_scene()
     if not path.exists():
         raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
+    from instdrive_app.log_file import start_logging
     from instdrive_app.session import EditorSession
     from instdrive_app.window import EditorWindow, WindowOptions, require_display
 
     require_display()
+    start_logging()
     session = EditorSession()
     window = EditorWindow(session, WindowOptions(size, report, remember_layout))
     session.files.open(path)

@@ -1,38 +1,88 @@
-"""Opening and exporting, in the background."""
+"""The open document's files: opening, saving, exporting, all beside the window."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
+from instdrive_app.opening import Opened, opened
+from instdrive_app.recents import RecentFiles
 from instdrive_core.edits.bake import baked
+from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
-from instdrive_core.formats.registry import open_scene, save_scene
+from instdrive_core.errors import SceneChangedError
+from instdrive_core.formats.registry import save_scene
+from instdrive_core.progress import part_of_work
+from instdrive_core.project.save import is_project, project_state, write_project
+from instdrive_core.user_folders import state_folder
 
 
 class Files:
-    """What is on the disk of the open document."""
+    """What is on the disk of the open document, and what is not yet."""
 
-    def __init__(self, jobs: Jobs, messages: Messages, show: Callable[[Document, Path], None]) -> None:
+    def __init__(self, jobs: Jobs, messages: Messages, show: Callable[[Opened], None]) -> None:
         """`show` gets each document that was opened."""
         self._jobs, self._messages, self._show = jobs, messages, show
         self.path: Path | None = None
-        """Where the open document came from."""
+        """Where the open document came from: a scene or a project."""
         self.last_export: Path | None = None
+        self.changed_project: tuple[Path, str] | None = None
+        """A project whose scene is no longer the one that was edited, and what is said about it: to be asked about."""
+        self.recents = RecentFiles(state_folder() / "recent.json")
+        self._saved: tuple[Edit, ...] = ()
 
-    def open(self, path: Path) -> None:
-        """Open a scene."""
-        self._jobs.submit(f"Opening {path.name}", lambda: _opened(path), lambda document: self._show(document, path))
+    @property
+    def project(self) -> Path | None:
+        """The project file that Save writes; None where there is none yet."""
+        return self.path if self.path is not None and is_project(self.path) else None
+
+    def entered(self, document: Document, path: Path | None) -> None:
+        """A document is shown that came from `path`; it has no unsaved changes."""
+        self.path, self._saved = path, changes_of(document)
+        if path is not None:
+            self.recents.add(path)
+
+    def is_unsaved(self, document: Document) -> bool:
+        """Whether the document differs from its project, or from the scene while there is no project."""
+        return changes_of(document) != self._saved
+
+    def open(self, path: Path, accept_changed: bool = False) -> None:
+        """Open a scene or a project; where its scene has changed, `changed_project` is set instead."""
+
+        def failed(error: BaseException) -> bool:
+            if not isinstance(error, SceneChangedError):
+                return False
+            self.changed_project = (path, str(error))
+            return True
+
+        self._jobs.submit(f"Opening {path.name}", lambda: opened(path, accept_changed), self._show, failed=failed)
+
+    def save(
+        self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None] = lambda: None
+    ) -> None:
+        """Write the document's project; it can be edited meanwhile. `then` is called when the file is whole."""
+        state, changes = project_state(document, view), changes_of(document)
+
+        def done(_: None) -> None:
+            self.path, self._saved = path, changes
+            self.recents.add(path)
+            self._messages.info(f"Saved {path}")
+            then()
+
+        self._jobs.submit(f"Saving {path.name}", lambda: write_project(path, state), done, modal=False)
 
     def export(self, document: Document, path: Path, time: float) -> None:
         """Write the edited scene: a file holds the moment `time` (seconds), a folder keeps the tracks."""
         moment = time if path.suffix else None
 
         def work() -> tuple[Path, int]:
-            scene = baked(document, moment)
-            save_scene(path, scene)
+            with part_of_work(0.0, 0.3):
+                scene = baked(document, moment)
+            with part_of_work(0.3, 1.0):
+                save_scene(path, scene)
             return path, len(scene)
 
         self._jobs.submit(f"Exporting {path.name}", work, self._exported)
@@ -42,8 +92,6 @@ class Files:
         self._messages.info(f"Exported {count:,} splats to {self.last_export}")
 
 
-def _opened(path: Path) -> Document:
-    document = Document(open_scene(path))
-    document.open_scene = open_scene
-    document.counts()  # builds the index of instances here, so that the first click finds it built
-    return document
+def changes_of(document: Document) -> tuple[Edit, ...]:
+    """The edits done that changed more than the selection."""
+    return tuple(edit for edit in document.history.done if not edit.selects_only)

@@ -26,6 +26,8 @@ class Job:
     done: Callable[[Any], None]
     modal: bool
     """Whether edits wait until it is done."""
+    failed: Callable[[BaseException], bool]
+    """Gets what went wrong; returns whether that was all there is to do about it."""
     future: Future = field(default_factory=Future)
     share: float | None = None
     """How much of it is done, 0 … 1; None while that is not known."""
@@ -63,13 +65,19 @@ class Jobs:
         return any(job.modal for job in self._jobs)
 
     def submit(
-        self, title: str, work: Callable[[], Any], done: Callable[[Any], None] = lambda _: None, modal: bool = True
+        self,
+        title: str,
+        work: Callable[[], Any],
+        done: Callable[[Any], None] = lambda _: None,
+        modal: bool = True,
+        failed: Callable[[BaseException], bool] = lambda _: False,
     ) -> None:
         """Run `work` in the background, then `done(result)` on the UI's thread.
 
-        What `work` tells by `instdrive_core.progress.report` is the job's `share`.
+        What `work` tells by `instdrive_core.progress.report` is the job's `share`. A failure goes to `failed` first,
+        and where that returns False to the user.
         """
-        job = Job(title, done, modal)
+        job = Job(title, done, modal, failed)
 
         def listened() -> Any:
             with reporting(job.progressed):
@@ -94,6 +102,8 @@ class Jobs:
                 self._report_cancelled(f"{job.title} was cancelled")
             elif error is None:
                 job.done(job.future.result())
+            elif job.failed(error):
+                _log.info("%s failed: %s", job.title, error)
             elif isinstance(error, InstDriveError):
                 self._report_error(str(error))
             else:

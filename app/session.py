@@ -12,18 +12,21 @@ from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages
 from instdrive_app.moving import Moving
 from instdrive_app.navigation import Navigation
+from instdrive_app.opening import Opened
 from instdrive_app.reference_pictures import ReferencePictures
 from instdrive_app.solo import Solo
 from instdrive_app.state import EditorState
+from instdrive_app.view_memory import remembered, restore
 from instdrive_core.edits.adjustments import AdjustKind
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode, ResetColors
 from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.look import SetAdjustment
-from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectMode, SelectNone
+from instdrive_core.edits.select import SelectClass, SelectCodeword, SelectInstances, SelectMode, SelectNone
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
+from instdrive_core.scene.lint import Finding
 from instdrive_core.scene.selection import Flag
 
 
@@ -37,29 +40,69 @@ class EditorSession:
         self.commands = Commands()
         self.document: Document | None = None
         self.navigation = Navigation(self.state, lambda: self.document)
-        self.files = Files(self.jobs, self.messages, self.show)
+        self.files = Files(self.jobs, self.messages, self.enter)
         self.references = ReferencePictures(self.messages.error, wake)
         self.labels = Labels(lambda: self.document, self.apply, self.messages)
         self.solo = Solo(lambda: self.document, self.apply)
+        self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
+        self.asked_about: tuple[int, ...] = ()
+        """The instances that the dialog is about."""
         self.renamed: int = 0
-        self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
         """The instance whose name the user wants to change: the list takes it, else the rename dialog; 0 = none."""
         self.recolor_mode: RecolorMode = "tint"
         self.recolor_color: tuple[float, float, float] = (0.82, 0.13, 0.13)
         """What the inspector's colour picker holds."""
+        self.findings: tuple[Finding, ...] = ()
+        """What was odd about the splats of the scene opened last."""
+        self.waiting: Callable[[], None] | None = None
+        """What the user wants to do next, while asked about unsaved changes."""
         self.quitting = False
+
+    def enter(self, opened: Opened) -> None:
+        """Show what was opened from a file, as it was looked at when it was saved."""
+        self.show(opened.document, opened.path)
+        if opened.view is not None:
+            restore(opened.view, self.state, self.navigation, len(opened.document.scene.views))
+        for note in opened.notes:
+            self.messages.info(note)
+        self.findings = opened.findings
+        if opened.findings and not opened.document.history.edits:
+            self.dialog = "findings"
 
     def show(self, document: Document, path: Path | None = None) -> None:
         """Make a document the one that is edited."""
         scene = document.scene
-        self.document, self.files.path = document, path
+        self.document = document
+        self.files.entered(document, path)
         self.state.hovered = 0
         self.references.forget()
         self.navigation.enter(document)
         name = path.name if path else "the scene"
         self.messages.info(f"Opened {name}: {len(scene):,} splats, {len(scene.table):,} instances")
+
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether something would be lost if the document were closed."""
+        return self.document is not None and self.files.is_unsaved(self.document)
+
+    def leave(self, then: Callable[[], None]) -> None:
+        """Do what closes the document, `then`; where changes are unsaved the user is asked first."""
+        if self.is_unsaved:
+            self.waiting, self.dialog = then, "unsaved"
+        else:
+            then()
+
+    def quit(self) -> None:
+        """Close the window."""
+        self.quitting = True
+
+    def save(self, path: Path | None = None, then: Callable[[], None] = lambda: None) -> None:
+        """Save the project, to its file where no path is given; then do what was waiting."""
+        path = path or self.files.project
+        if self.document is not None and path is not None:
+            self.files.save(self.document, path, remembered(self.state), then)
 
     def export(self, path: Path) -> None:
         """Write the edited scene as it is at the shown moment."""
@@ -106,6 +149,14 @@ class EditorSession:
         return self.document.selected_instances() if self.document else ()
 
     @property
+    def locked(self) -> tuple[int, ...]:
+        """IDs of the instances with any locked splat."""
+        if self.document is None:
+            return ()
+        counts = self.document.counts()
+        return tuple(counts.ids[counts.locked > 0].tolist())
+
+    @property
     def has_selection(self) -> bool:
         """Whether any splat is selected, of an instance or of none."""
         return self.document is not None and bool(self.document.state.mask(Flag.SELECTED).any())
@@ -121,6 +172,10 @@ class EditorSession:
             self.apply(SelectInstances, ids, mode)
         elif mode == "replace":
             self.clear_selection()
+
+    def select_class(self, class_name: str, mode: SelectMode = "replace") -> None:
+        """Select all instances of a class; empty = those that have none."""
+        self.apply(SelectClass, class_name, mode)
 
     def select_codeword_of(self, instance: int) -> None:
         """Select all splats that share an instance's codeword."""
@@ -183,6 +238,10 @@ class EditorSession:
         """Give instances their trained colours and opacities back."""
         if ids:
             self.apply(ResetColors, ids)
+
+    def ask(self, dialog: str, ids: tuple[int, ...]) -> None:
+        """Open a dialog that is about some instances."""
+        self.dialog, self.asked_about = dialog, ids
 
     def ask_name(self, instance: int) -> None:
         """Let the user type another name for an instance."""

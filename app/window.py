@@ -15,10 +15,16 @@ from numpy import ndarray
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
+from instdrive_app.panels.dialogs.file_browser import FileBrowser
+from instdrive_app.panels.dialogs.findings import FindingsDialog
 from instdrive_app.panels.dialogs.palette import CommandPalette
+from instdrive_app.panels.dialogs.reassign import ReassignDialog
 from instdrive_app.panels.dialogs.rename import RenameDialog
-from instdrive_app.panels.dialogs.scene_files import FileDialog
+from instdrive_app.panels.dialogs.set_class import ClassDialog
 from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
+from instdrive_app.panels.dialogs.split import SplitDialog
+from instdrive_app.panels.dialogs.unsaved import UnsavedDialog
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector import InspectorPanel
 from instdrive_app.panels.instances import InstancesPanel
@@ -26,10 +32,10 @@ from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
+from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
 from instdrive_app.panels.overlays.region_outline import RegionOutline
-from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.view_switch import ViewSwitch
 from instdrive_app.panels.status import draw_status
 from instdrive_app.panels.timeline import TimelinePanel
@@ -71,7 +77,20 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs = DialogHost((FileDialog(), RenameDialog(), ShortcutSheet(), CommandPalette()))
+        self._dialogs = DialogHost(
+            (
+                FileBrowser(),
+                RenameDialog(),
+                ClassDialog(),
+                SplitDialog(),
+                ReassignDialog(),
+                ShortcutSheet(),
+                CommandPalette(),
+                UnsavedDialog(),
+                ChangedSceneDialog(),
+                FindingsDialog(),
+            )
+        )
         self._panels = {
             "View": ViewportPanel(
                 (
@@ -265,6 +284,8 @@ class EditorWindow:
         if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
             self._session.quitting = True
         parameters = hello_imgui.get_runner_params()
+        if parameters.app_shall_exit and not self._session.quitting:  # the window's own cross
+            self._session.leave(self._session.quit)
         parameters.app_shall_exit = self._session.quitting
         parameters.fps_idling.enable_idling = not self._is_lively()
 

@@ -18,6 +18,15 @@ def _checked_modules() -> list[str]:
 
 install_import_hook(_checked_modules(), "beartype.beartype")
 
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_state_folder(tmp_path_factory):
+    """Tests, and the editors they start, never touch the user's recent files, logs and recovery journals."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("INSTDRIVE_STATE", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 SHARED = ROOT.parent / "shared"
 
 

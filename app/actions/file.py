@@ -1,20 +1,63 @@
-"""Opening, exporting, quitting."""
+"""Opening, saving, exporting, quitting."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command
+from instdrive_app.commands import Command, MenuItem
 from instdrive_app.session import EditorSession
 
 
 def commands(session: EditorSession) -> list[Command]:
     """The File menu."""
 
-    def quit_editor() -> None:
-        session.quitting = True
+    def opening(path: Path) -> Callable[[], None]:
+        return lambda: session.leave(lambda: session.files.open(path))
+
+    def recent() -> list[MenuItem]:
+        return [(path.name, opening(path)) for path in session.files.recents.paths]
+
+    def save() -> None:
+        if session.files.project is None:
+            session.dialog = "save"
+        else:
+            session.save()
+
+    def can_save() -> bool:
+        return editable(session) and session.files.path is not None
 
     return [
         Command("file.open", "Open…", asking(session, "open"), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"),
+        Command(
+            "file.recent",
+            "Open recent",
+            asking(session, "open"),
+            "File",
+            enabled=lambda: bool(session.files.recents.paths),
+            icon="ICON_FA_CLOCK_ROTATE_LEFT",
+            items=recent,
+        ),
+        Command(
+            "file.save",
+            "Save project",
+            save,
+            "File",
+            ("Ctrl+S",),
+            enabled=can_save,
+            icon="ICON_FA_FLOPPY_DISK",
+            separator=True,
+        ),
+        Command(
+            "file.save_as",
+            "Save project as…",
+            asking(session, "save"),
+            "File",
+            ("Ctrl+Shift+S",),
+            enabled=can_save,
+            icon="ICON_FA_FILE_PEN",
+        ),
         Command(
             "file.export",
             "Export…",
@@ -24,5 +67,13 @@ def commands(session: EditorSession) -> list[Command]:
             enabled=lambda: editable(session),
             icon="ICON_FA_FILE_EXPORT",
         ),
-        Command("file.quit", "Quit", quit_editor, "File", ("Ctrl+Q",), icon="ICON_FA_POWER_OFF", separator=True),
+        Command(
+            "file.quit",
+            "Quit",
+            lambda: session.leave(session.quit),
+            "File",
+            ("Ctrl+Q",),
+            icon="ICON_FA_POWER_OFF",
+            separator=True,
+        ),
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.commands import Command
-from instdrive_app.panels.ui import Ui, icon_menu_item
+from instdrive_app.panels.ui import Ui, icon_menu_item, icon_submenu
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {
@@ -32,9 +32,24 @@ def draw_menus(ui: Ui) -> None:
 def _menu_item(ui: Ui, command: Command) -> None:
     shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
     checked = command.checked() if command.checked else False
-    if icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
+    if command.items is not None:
+        _submenu(ui, command)
+    elif icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
         ui.session.commands.run(command.id)
     ui.mark(f"menu {command.id}")
+
+
+def _submenu(ui: Ui, command: Command) -> None:
+    assert command.items is not None
+    opened = icon_submenu(command.icon, command.title, command.enabled())
+    ui.mark(f"menu {command.id}")
+    if not opened:
+        return
+    for number, (title, run) in enumerate(command.items()):
+        if imgui.menu_item(f"{title}##{number}", "", False)[0]:
+            run()
+        ui.mark(f"menu {command.id} {number}")
+    imgui.end_menu()
 
 
 def run_shortcuts(ui: Ui) -> None:

@@ -99,16 +99,33 @@ def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None
         imgui.set_tooltip(f"{command.title}{shortcut}")
 
 
+def icon_submenu(symbol: str, title: str, enabled: bool = True) -> bool:
+    """A submenu behind an icon column; returns whether it is open, and must then be ended."""
+    at, space = _icon_column()
+    draw = imgui.get_window_draw_list()  # of the menu around it: an open submenu is a window of its own
+    opened = imgui.begin_menu(f"{space}{title}", enabled)
+    _draw_icon(draw, at, symbol, enabled)
+    return opened
+
+
 def icon_menu_item(symbol: str, title: str, shortcut: str = "", checked: bool = False, enabled: bool = True) -> bool:
     """A menu item behind an icon column; returns whether it was clicked."""
-    at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.3
-    space = " " * int(np.ceil((width + 8) / imgui.calc_text_size(" ").x))
+    at, space = _icon_column()
     clicked, _ = imgui.menu_item(f"{space}{title}", shortcut, checked, enabled)
-    glyph = icon(symbol)
-    color = packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6)
-    place = ImVec2(at.x + (width - imgui.calc_text_size(glyph).x) / 2, at.y)
-    imgui.get_window_draw_list().add_text(place, color, glyph)
+    _draw_icon(imgui.get_window_draw_list(), at, symbol, enabled)
     return clicked
+
+
+def _icon_column() -> tuple[ImVec2, str]:
+    """Where an item begins, and blanks as wide as its icon's column."""
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.3
+    return at, " " * int(np.ceil((width + 8) / imgui.calc_text_size(" ").x))
+
+
+def _draw_icon(draw: imgui.ImDrawList, at: ImVec2, symbol: str, enabled: bool) -> None:
+    glyph, width = icon(symbol), imgui.get_font_size() * 1.3
+    place = ImVec2(at.x + (width - imgui.calc_text_size(glyph).x) / 2, at.y)
+    draw.add_text(place, packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6), glyph)
 
 
 def fitted_text(text: str, width: float) -> str:

@@ -8,8 +8,10 @@ from imgui_bundle import imgui
 
 from instdrive_app import edit_command
 from instdrive_app.actions import register_commands
-from instdrive_app.panels.dialogs.scene_files import _listing, _problem, has_desktop_dialogs
-from instdrive_app.panels.instances import _matches
+from instdrive_app.folder_listing import listing
+from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
+from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
+from instdrive_app.panels.instance_rows import matches
 from instdrive_app.panels.menus import key_chord
 from instdrive_app.panels.ui import icon
 from instdrive_app.session import EditorSession
@@ -38,24 +40,31 @@ def test_the_file_browser_lists_folders_and_scenes(tmp_path):
     for name in ("a.ply", "notes.txt", ".hidden.ply", "Z.PLY", "b.splat", "c.compressed.ply"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "run").mkdir()
-    assert [entry.name for entry in _listing(tmp_path)] == ["run", "a.ply", "b.splat", "c.compressed.ply", "Z.PLY"]
-    assert _listing(tmp_path / "nowhere") == []
+    found = listing(tmp_path, PURPOSES["open"].suffixes, holds_scene)
+    assert [entry.path.name for entry in found] == ["run", "a.ply", "b.splat", "c.compressed.ply", "Z.PLY"]
+    assert [entry.is_scene for entry in found] == [False, True, True, True, True]
+    (tmp_path / "b.splat").write_bytes(b"x" * 4_200_000)
+    sizes = {entry.path.name: entry.size_text for entry in listing(tmp_path, (".splat",), holds_scene)}
+    assert sizes == {"run": "", "b.splat": "4.2 MB"}
+    assert listing(tmp_path / "nowhere", (".ply",), holds_scene) == []
 
 
 def test_paths_are_judged_before_they_are_used(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"")
     (tmp_path / "run").mkdir()
-    assert not _problem("open", tmp_path / "a.ply")
-    assert _problem("open", tmp_path / "run")
+    opened, exported, saved = (PURPOSES[name].problem for name in ("open", "export", "save"))
+    assert not opened(tmp_path / "a.ply")
+    assert opened(tmp_path / "run")
     (tmp_path / "run" / MANIFEST).write_text("{}")
-    assert not _problem("open", tmp_path / "run")
-    assert not _problem("export", tmp_path / "new.ply")
-    assert not _problem("export", tmp_path / "new.compressed.ply")
-    assert not _problem("export", tmp_path / "new.SPLAT")
-    assert not _problem("export", tmp_path / "new_run")
-    assert ".ply" in _problem("export", tmp_path / "new.obj")
-    assert "no folder" in _problem("export", tmp_path / "nowhere" / "new.ply")
-    assert "file name" in _problem("export", tmp_path)
+    assert not opened(tmp_path / "run")
+    for name in ("new.ply", "new.compressed.ply", "new.SPLAT", "new_run"):
+        assert not exported(tmp_path / name)
+    assert ".ply" in exported(tmp_path / "new.obj")
+    assert "no folder" in exported(tmp_path / "nowhere" / "new.ply")
+    assert "file name" in exported(tmp_path)
+    assert not saved(tmp_path / "new.instdrive")
+    assert ".instdrive" in saved(tmp_path / "new.ply")
+    assert ".instdrive" in saved(tmp_path / "new")
 
 
 @pytest.mark.parametrize(("tools", "expected"), [((), False), (("zenity",), True), (("kdialog",), True)])
@@ -69,7 +78,7 @@ def test_desktop_dialogs_need_their_program(monkeypatch, tools, expected):
     ("search", "found"), [("", True), ("CAR", True), ("17", True), ("red car", True), ("tree", False)]
 )
 def test_search_takes_every_word(search, found):
-    assert _matches(Instance(17, "red taxi", class_name="Car"), search.lower().split()) is found
+    assert matches(Instance(17, "red taxi", class_name="Car"), search.lower().split()) is found
 
 
 def test_a_timeline_without_cameras_takes_the_tracks_moments():

@@ -14,12 +14,12 @@ def centered(size: ImVec2) -> None:
     imgui.set_next_window_size(size)
 
 
-def confirmed(ui: Ui, title: str, entered: bool, valid: bool) -> bool:
+def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
     """The two buttons at the end of a dialog; closes it where one is pressed, or Escape."""
     imgui.spacing()
     width = 92.0
     imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - 18)
-    cancelled = imgui.button("Cancel", ImVec2(width, 0)) or imgui.is_key_pressed(imgui.Key.escape)
+    cancelled = imgui.button(cancel, ImVec2(width, 0)) or imgui.is_key_pressed(imgui.Key.escape)
     ui.mark("dialog.cancel")
     imgui.same_line()
     imgui.begin_disabled(not valid)

@@ -1,0 +1,46 @@
+"""What is read when a scene or project is opened: all in one go, beside the window."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from instdrive_core.edits.document import Document
+from instdrive_core.progress import part_of_work, report
+from instdrive_core.project.open import open_document, open_project
+from instdrive_core.project.save import is_project
+from instdrive_core.scene.lint import Finding, linted
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A document, ready to be shown."""
+
+    document: Document
+    path: Path
+    view: dict[str, Any] | None = None
+    """How the user looked at it when the project was saved."""
+    notes: tuple[str, ...] = ()
+    """What the user should know about the project."""
+    findings: tuple[Finding, ...] = ()
+    """What is odd about the scene's splats."""
+
+
+def opened(path: Path, accept_changed: bool = False) -> Opened:
+    """Open a scene file, a run folder or a project, and look for odd splats.
+
+    `accept_changed` opens a project also where its scene is no longer the one that was edited.
+    Raises DataError; SceneChangedError where the scene of a project has changed.
+    """
+    notes: tuple[str, ...] = ()
+    with part_of_work(0.0, 0.9):
+        if is_project(path):
+            project = open_project(path, accept_changed)
+            document, view, notes = project.document, project.view, project.notes
+        else:
+            document, view = open_document(path)
+    document.counts()  # builds the index of instances here, so that the first click finds it built
+    report(0.95)
+    findings = tuple(finding for finding in linted(document.scene) if len(finding.rows))
+    return Opened(document, path, view, notes, findings)

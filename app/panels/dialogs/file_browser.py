@@ -1,0 +1,169 @@
+"""Asking for a path: by the desktop's own dialog where there is one, else by a file browser in the window."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from pathlib import Path
+
+from imgui_bundle import ImVec2, imgui
+from imgui_bundle import portable_file_dialogs as desktop
+
+from instdrive_app.folder_listing import Entry, listing
+from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
+from instdrive_app.panels.dialogs.frame import centered, confirmed
+from instdrive_app.panels.ui import Ui, dim_text, icon
+from instdrive_app.theme import DIM, ERROR, rgba
+
+DESKTOP_TOOLS = ("zenity", "kdialog", "matedialog", "qarma")
+RELIST_SECONDS = 1.0
+"""A folder that is shown is read again so often."""
+_STAY = imgui.SelectableFlags_.no_auto_close_popups
+
+
+class FileBrowser:
+    """One dialog for all `PURPOSES`; what is done with the answer is the purpose's."""
+
+    names: tuple[str, ...] = tuple(PURPOSES)
+
+    def __init__(self) -> None:
+        self._purpose = PURPOSES["open"]
+        self._folder = Path.cwd()
+        self._text = ""
+        self._pending: desktop.open_file | desktop.save_file | None = None
+        self._listed: tuple[Path, float, list[Entry]] | None = None
+
+    def ask(self, ui: Ui, name: str) -> None:
+        """Ask for a path, in the folder of the file used last."""
+        purpose = self._purpose = PURPOSES[name]
+        files = ui.session.files
+        current = (files.last_export if name == "export" else files.project) or files.path
+        folder = current.resolve().parent if current else Path.cwd()
+        stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
+        self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
+        self._listed = None
+        if not has_desktop_dialogs():
+            imgui.open_popup(purpose.title)
+            return
+        endings = " ".join(f"*{suffix}" for suffix in purpose.suffixes)
+        dialog = desktop.save_file if purpose.writes else desktop.open_file
+        self._pending = dialog(purpose.title, self._text, ["Scenes", endings])
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        if self._pending is not None and self._pending.ready(0):
+            self._take_answer(ui)
+        centered(ImVec2(46 * imgui.get_font_size(), 29 * imgui.get_font_size()))
+        if imgui.begin_popup_modal(self._purpose.title, None, imgui.WindowFlags_.no_saved_settings)[0]:
+            self._browse(ui, self._purpose)
+            imgui.end_popup()
+
+    def _take_answer(self, ui: Ui) -> None:
+        assert self._pending is not None
+        result, self._pending = self._pending.result(), None
+        answer = result[0] if isinstance(result, list) and result else result
+        if isinstance(answer, str) and answer:
+            path = Path(answer)
+            if self._purpose.writes and not path.suffix and not self._purpose.folders:
+                path = path.with_name(path.name + self._purpose.suffixes[0])
+            problem = self._purpose.problem(path)
+            if problem:
+                ui.session.messages.error(f"{path}: {problem}")
+            else:
+                self._purpose.act(ui.session, path)
+
+    def _browse(self, ui: Ui, purpose: FilePurpose) -> None:
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        entered, self._text = imgui.input_text("##path", self._text, imgui.InputTextFlags_.enter_returns_true)
+        ui.mark("dialog.path")
+        path = Path(self._text).expanduser()
+        folder = path if path.is_dir() and not holds_scene(path) else path.parent
+        below = ImVec2(0, -imgui.get_frame_height() * 2.7)
+        if imgui.begin_child("##places", ImVec2(11 * imgui.get_font_size(), below.y)):
+            self._places(ui)
+        imgui.end_child()
+        imgui.same_line()
+        if imgui.begin_child("##entries", below, imgui.ChildFlags_.borders):
+            self._entries(ui, folder, path)
+        imgui.end_child()
+        problem = purpose.problem(path)
+        if problem:
+            imgui.text_colored(rgba(ERROR), problem)
+        else:
+            dim_text("The file there is replaced." if purpose.writes and path.is_file() else " ")
+        if confirmed(ui, purpose.verb, entered, not problem):
+            purpose.act(ui.session, path)
+
+    def _places(self, ui: Ui) -> None:
+        places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": Path.cwd()}
+        for symbol, place in places.items():
+            if imgui.selectable(f"{icon(symbol)}   {place.name or place}##{symbol}", False, _STAY)[0]:
+                self._go(place)
+        recents = ui.session.files.recents.paths
+        if recents:
+            imgui.spacing()
+            dim_text("Recent")
+        for recent in recents:
+            if imgui.selectable(f"{recent.name}##{recent}", False, _STAY)[0]:
+                self._choose(recent)
+            if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+                imgui.set_tooltip(str(recent))
+
+    def _entries(self, ui: Ui, folder: Path, path: Path) -> None:
+        flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.no_borders_in_body
+        if not imgui.begin_table("##files", 3, flags):
+            return
+        em, fixed = imgui.get_font_size(), imgui.TableColumnFlags_.width_fixed
+        imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch)
+        imgui.table_setup_column("Size", fixed, 4.5 * em)
+        imgui.table_setup_column("Changed", fixed, 7 * em)
+        imgui.table_setup_scroll_freeze(0, 1)
+        imgui.table_headers_row()
+        if folder.parent != folder:
+            imgui.table_next_row()
+            imgui.table_set_column_index(0)
+            if imgui.selectable(f"{icon('ICON_FA_ARROW_UP')}   ..", False, _STAY)[0]:
+                self._go(folder.parent)
+        for entry in self._listing(folder):
+            self._entry(ui, entry, entry.path == path)
+        imgui.end_table()
+
+    def _entry(self, ui: Ui, entry: Entry, chosen: bool) -> None:
+        imgui.table_next_row()
+        imgui.table_set_column_index(0)
+        symbol = icon("ICON_FA_CUBES" if entry.is_scene else "ICON_FA_FOLDER")
+        flags = _STAY | imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
+        if imgui.selectable(f"{symbol}   {entry.path.name}", chosen, flags)[0]:
+            if not entry.is_scene:
+                self._go(entry.path)
+            elif not self._purpose.writes and imgui.is_mouse_double_clicked(0):
+                imgui.close_current_popup()
+                self._purpose.act(ui.session, entry.path)
+            else:
+                self._choose(entry.path)
+        ui.mark(f"browser.{entry.path.name}")
+        for column, text in ((1, entry.size_text), (2, entry.changed_text)):
+            imgui.table_set_column_index(column)
+            imgui.text_colored(rgba(DIM), text)
+
+    def _listing(self, folder: Path) -> list[Entry]:
+        now = time.monotonic()
+        if self._listed is None or self._listed[0] != folder or now - self._listed[1] > RELIST_SECONDS:
+            self._listed = (folder, now, listing(folder, self._purpose.suffixes, holds_scene))
+        return self._listed[2]
+
+    def _go(self, folder: Path) -> None:
+        """Show another folder; the name of a file to be written stays."""
+        name = Path(self._text).name if self._purpose.writes else ""
+        self._text = str(folder / name) if name else f"{str(folder).rstrip('/')}/"
+
+    def _choose(self, path: Path) -> None:
+        self._text = str(path)
+
+
+def has_desktop_dialogs() -> bool:
+    """Whether the desktop brings file dialogs; on Linux they are programs that may be missing."""
+    return not sys.platform.startswith("linux") or any(shutil.which(tool) for tool in DESKTOP_TOOLS)

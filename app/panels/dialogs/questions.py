@@ -1,0 +1,46 @@
+"""Questions that have to be answered before something goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.dialogs.frame import centered
+from instdrive_app.panels.ui import Ui
+from instdrive_app.theme import ACCENT, BACKGROUND, rgba
+
+Answers = dict[str, Callable[[], None]]
+"""Title of each button and what it does, the least first; the last one is the proposed one, the first Escape's."""
+
+
+def question(ui: Ui, title: str, text: str, answers: Answers) -> None:
+    """Draw a question while its popup is open; an answer closes it. Marks: ``question.TITLE OF BUTTON``."""
+    em = imgui.get_font_size()
+    centered(ImVec2(30 * em, 0))
+    if not imgui.begin_popup_modal(title, None, imgui.WindowFlags_.no_saved_settings)[0]:
+        return
+    imgui.text_wrapped(text)
+    imgui.spacing()
+    gap = imgui.get_style().item_spacing.x
+    widths = [imgui.calc_text_size(name).x + 2.2 * em for name in answers]
+    imgui.set_cursor_pos_x(imgui.get_window_width() - sum(widths) - gap * (len(widths) - 1) - 10)
+    names = list(answers)
+    for name, width in zip(names, widths, strict=True):
+        proposed = name == names[-1]
+        if proposed:
+            imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
+            imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+        pressed = imgui.button(name, ImVec2(width, 0))
+        ui.mark(f"question.{name}")
+        if proposed:
+            imgui.pop_style_color(2)
+        pressed |= proposed and imgui.is_key_pressed(imgui.Key.enter) and not imgui.is_window_appearing()
+        pressed |= name == names[0] and imgui.is_key_pressed(imgui.Key.escape)
+        if pressed:
+            imgui.close_current_popup()
+            answers[name]()
+            break
+        imgui.same_line()
+    imgui.new_line()
+    imgui.end_popup()

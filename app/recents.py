@@ -1,0 +1,48 @@
+"""The scenes and projects opened last, kept from one session to the next."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+
+from instdrive_core.errors import DataError
+from instdrive_core.formats.atomic import write_bytes
+
+KEPT = 10
+_log = logging.getLogger(__name__)
+
+
+class RecentFiles:
+    """The newest first. A list that cannot be read or written is no reason to bother anybody: it is logged."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Those that are still there."""
+        return tuple(path for path in self._listed() if path.exists())
+
+    def add(self, path: Path) -> None:
+        """Put a path at the top."""
+        path = path.absolute()
+        listed = [path, *(other for other in self._listed() if other != path)][:KEPT]
+        try:
+            write_bytes(self._file, json.dumps([str(entry) for entry in listed], indent=1).encode())
+        except DataError:
+            _log.warning("the list of recent files was not written", exc_info=True)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._file.unlink(missing_ok=True)
+
+    def _listed(self) -> list[Path]:
+        try:
+            listed = json.loads(self._file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return []
+        except (OSError, ValueError):
+            _log.warning("the list of recent files %s cannot be read", self._file, exc_info=True)
+            return []
+        return [Path(entry) for entry in listed if isinstance(entry, str)] if isinstance(listed, list) else []
