@@ -95,6 +95,7 @@ class Document:
         """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
         self.first_free_id = _first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
+        self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
         self._counts: tuple[int, InstanceCounts] | None = None
@@ -151,8 +152,14 @@ class Document:
 
     def set_actors(self, actors: tuple[Track, ...]) -> None:
         """Replace the list of actors; node k is ``actors[k - 1]``."""
+        known = {track.id for track in self.scene.actors}
+        self._first_tracks |= {track.id: track for track in actors if track.id not in known}
         self.scene.actors = actors
         self.track_version += 1
+
+    def first_track(self, node: int) -> Track:
+        """An actor's track before any edit of it: as it came with the scene, or with the edit that added it."""
+        return self._first_tracks[self.scene.actors[node - 1].id]
 
     def append_rows(self, added: Scene) -> None:
         """Add splats at the end, neither coloured nor moved, with no state bit set; told by edits of kind `AppendEdit`.

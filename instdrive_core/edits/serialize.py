@@ -21,6 +21,7 @@ from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetIn
 from instdrive_core.edits.look import SetAdjustment
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
+from instdrive_core.edits.reset_moves import ResetMoves
 from instdrive_core.edits.select import (
     InvertSelection,
     SelectAll,
@@ -57,6 +58,7 @@ EDITS: dict[str, type[Edit]] = {
         RecolorInstances,
         RenameInstance,
         ResetColors,
+        ResetMoves,
         SelectAll,
         SelectClass,
         SelectCodeword,
