@@ -1,9 +1,10 @@
-"""The wheel, installed outside the checkout, holds all code, shaders and assets, and its command runs."""
+"""Wheel and source archive hold what they should; the wheel, installed outside the checkout, runs."""
 
 import os
 import shutil
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
 RESOURCES = {"shaders": "instdrive_app/shaders", "assets": "instdrive_app/assets"}
+ARCHIVED = ("tests", "benchmarks", "docs")
+"""Only in the source archive."""
+FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "Makefile", "constraints.txt")
 
 
 def run(*command, cwd, **environment):
@@ -27,13 +31,20 @@ def files_under(folder):
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """A folder with the wheel's content, built from a copy so that the checkout stays clean."""
-    source, wheels, target = (tmp_path_factory.mktemp(name) for name in ("source", "wheels", "installed"))
-    for name in (*FOLDERS, *RESOURCES):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+def source(tmp_path_factory):
+    """A copy of what is packaged, so that the checkout stays clean."""
+    source = tmp_path_factory.mktemp("source")
+    for name in (*FOLDERS, *RESOURCES, *ARCHIVED):
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "*.jpg"))
+    for name in FILES:
         shutil.copy(ROOT / name, source / name)
+    return source
+
+
+@pytest.fixture(scope="module")
+def installed(source, tmp_path_factory):
+    """A folder with the wheel's content."""
+    wheels, target = (tmp_path_factory.mktemp(name) for name in ("wheels", "installed"))
     pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
     run(*pip, "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", str(wheels), str(source), cwd=source)
     (wheel,) = wheels.glob("instdrive-*.whl")
@@ -49,6 +60,31 @@ def test_the_wheel_holds_every_module_and_resource(installed):
         assert not missing, f"list the packages of {sorted(missing)} in pyproject.toml"
     for folder, package in RESOURCES.items():
         assert files_under(ROOT / folder) <= files_under(installed / package)
+
+
+def test_the_wheel_holds_nothing_else(installed):
+    found = {path.split("/")[0] for path in files_under(installed)}
+    assert {name for name in found if not name.endswith(".dist-info")} <= {*FOLDERS.values(), "bin"}
+    packages = [installed / package for package in FOLDERS.values()]
+    strays = {name for package in packages for name in files_under(package) if name.endswith((".nbi", ".nbc", ".log"))}
+    assert not strays
+
+
+def test_the_source_archive_builds_and_tests(source, tmp_path):
+    code = f"from setuptools import build_meta; build_meta.build_sdist({str(tmp_path)!r})"
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=source, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "would be ignored" not in result.stderr
+    (archive,) = tmp_path.glob("instdrive-*.tar.gz")
+    with tarfile.open(archive) as packed:
+        found = {name.partition("/")[2] for name in packed.getnames()}
+    expected = {f"{folder}/{name}" for folder in (*FOLDERS, *RESOURCES) for name in files_under(source / folder)}
+    expected |= {f"{folder}/{name}" for folder in ("tests", "benchmarks") for name in files_under(source / folder)}
+    expected |= {f"docs/{name}" for name in files_under(source / "docs") if name.endswith(".md")}
+    assert expected | set(FILES) <= found
+    assert not {name for name in found if "/__pycache__" in name or name.startswith(("runs", ".venv", ".git"))}
 
 
 def test_the_installed_editor_finds_its_resources(installed, tmp_path):
