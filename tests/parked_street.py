@@ -45,7 +45,7 @@ def parked_street(views: bool = True, seed: int = 5) -> ParkedStreet:
     rng = np.random.default_rng(seed)
     ground, ground_ids = _ground(rng)
     wall = np.stack(np.meshgrid([6.0], np.arange(-12, 12, 0.2), np.arange(0.3, 3.5, 0.2)), axis=-1).reshape(-1, 3)
-    cars = [_shell(rng, 1500, center) for center in (CAR_CENTER, CAR_CENTER + [0, 6.5, 0])]
+    cars = [_shell(rng, 1500, center) for center in (CAR_CENTER, CAR_CENTER + np.array([0, 6.5, 0]))]
     standing = [wall, cars[1]]
     standing_ids = np.repeat([WALL, OTHER_CAR], [len(part) for part in standing])
     standing_colors = np.repeat([[0.6, 0.4, 0.3], [0.7, 0.7, 0.1]], [len(part) for part in standing], axis=0)

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from instdrive_core.cli.arguments import default_time, known_ids, parsed_assignment, parsed_color
+from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
@@ -31,6 +32,7 @@ def apply(
     recolor_mode: RecolorMode = "tint",
     rename: tuple[str, ...] = (),
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
+    after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
     sibr: bool = False,
@@ -46,14 +48,17 @@ def apply(
         recolor_mode: `tint` keeps light and shade, `hue` turns hues and keeps greys, `solid` is the plain colour.
         rename: New names as ID=NAME.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
+        after_deletion: What is told of deletions, and done about what they leave.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
     """
     document, view = open_document(scene)
     shown = default_time(document.scene) if time is None else time
-    for edit in _edits(document.scene, delete, recolor, recolor_mode, rename, edits, more, shown):
+    steps = _edits(document.scene, delete, recolor, recolor_mode, rename, edits, more, shown)
+    for edit in steps:
         document.apply(edit)
+    after_deletion.follow(document, steps, shown)
     if is_project(out):
         save_project(out, document, view)
         print(f"{out}: {len(document.history.done)} edits of {scene}")
