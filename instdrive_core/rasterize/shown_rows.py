@@ -15,6 +15,7 @@ from jaxtyping import Float32, Float64, Int, UInt8, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import multiplied, normalized, quaternion_from_matrix
+from instdrive_core.scene.entry_palette import read_only
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.transforms import TransformPalette
@@ -44,7 +45,8 @@ def place_means(
     world_means: Float32[ndarray, "n 3"],
 ) -> None:
     """Write the world positions (metres) of rows ``start … stop - 1`` into `world_means`."""
-    _place_means(means, entry_of_row, node_of_row, frames.entries, frames.nodes, *rows, world_means)
+    inputs = (_input(array) for array in (means, entry_of_row, node_of_row, frames.entries, frames.nodes))
+    _place_means(*inputs, *rows, world_means)
 
 
 def largest_log_scales(
@@ -56,7 +58,7 @@ def largest_log_scales(
 ) -> None:
     """Write the logarithm of each row's longest axis (metres), its move's scale included, into `log_sizes`."""
     growth = np.log(np.linalg.norm(frames.entries[:, :, 0], axis=1)).astype(np.float32)
-    _largest_log_scales(log_scales, entry_of_row, growth, *rows, log_sizes)
+    _largest_log_scales(_input(log_scales), _input(entry_of_row), _input(growth), *rows, log_sizes)
 
 
 def shown_opacities(
@@ -71,8 +73,8 @@ def shown_opacities(
 ) -> None:
     """Write the opacities that are shown into `opacities`: recoloured, and 0 where a row has any of `hidden_flags` or
     its node is not `present`."""
-    alphas, hidden = colors.alphas.copy(), np.uint8(hidden_flags)
-    _shown_opacities(logits, colors.indices, alphas, flags, hidden, node_of_row, present, *rows, opacities)
+    inputs = (_input(array) for array in (logits, colors.indices, colors.alphas, flags, node_of_row, present))
+    _shown_opacities(*inputs, np.uint8(hidden_flags), *rows, opacities)
 
 
 def world_shapes(
@@ -98,6 +100,11 @@ def world_shapes(
     quats[moved] = multiplied(turns[place], normalized(quats[moved]))
     log_scales[moved] += np.log(scales)[place, None].astype(np.float32)
     return quats, log_scales
+
+
+def _input(array: ndarray) -> ndarray:
+    """In the one layout that the kernels are compiled for; a view wherever rows are stored as they should be."""
+    return read_only(np.ascontiguousarray(array))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -129,7 +136,7 @@ def _largest_log_scales(log_scales, entry_of_row, growth, start, stop, log_sizes
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _shown_opacities(logits, entry_of_row, alphas, flags, hidden, node_of_row, present, start, stop, opacities):
+def _shown_opacities(logits, entry_of_row, alphas, flags, node_of_row, present, hidden, start, stop, opacities):
     half, one = np.float32(0.5), np.float32(1)
     for i in range(start, stop):
         if flags[i] & hidden or not present[node_of_row[i]]:

@@ -10,6 +10,7 @@ from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.move import MoveInstances
+from instdrive_core.rasterize import shown_rows
 from instdrive_core.rasterize.pixel import rows_near
 from instdrive_core.rasterize.shown_rows import Frames, largest_log_scales, place_means, shown_opacities, world_shapes
 from instdrive_core.scene.camera import Camera, look_at
@@ -65,6 +66,17 @@ def test_rows_outside_the_range_are_left_alone(document):
     for array in (means, sizes, opacities):
         written = np.isfinite(array.reshape(len(array), -1)).all(axis=1)
         assert np.flatnonzero(written).tolist() == list(range(20, 30))
+
+
+def test_arrays_that_cannot_be_written_need_no_other_kernels(document):
+    arrays_of(document, [(0, 10)])
+    kernels = (shown_rows._place_means, shown_rows._largest_log_scales, shown_rows._shown_opacities)
+    before = [len(kernel.signatures) for kernel in kernels]
+    gaussians = document.scene.gaussians
+    for array in (gaussians.means, gaussians.log_scales, gaussians.opacity_logits, document.scene.nodes):
+        array.flags.writeable = False
+    arrays_of(document, [(0, 10)])
+    assert [len(kernel.signatures) for kernel in kernels] == before
 
 
 def test_deleted_rows_and_absent_actors_have_no_opacity(document):
