@@ -45,8 +45,8 @@ def place_means(
     world_means: Float32[ndarray, "n 3"],
 ) -> None:
     """Write the world positions (metres) of rows ``start … stop - 1`` into `world_means`."""
-    inputs = (_input(array) for array in (means, entry_of_row, node_of_row, frames.entries, frames.nodes))
-    _place_means(*inputs, *rows, world_means)
+    rigid = _input(frames.entries), _input(frames.nodes)
+    _place_means(_input(means), _input(entry_of_row), _input(node_of_row), *rigid, *rows, world_means)
 
 
 def largest_log_scales(
@@ -73,8 +73,9 @@ def shown_opacities(
 ) -> None:
     """Write the opacities that are shown into `opacities`: recoloured, and 0 where a row has any of `hidden_flags` or
     its node is not `present`."""
-    inputs = (_input(array) for array in (logits, colors.indices, colors.alphas, flags, node_of_row, present))
-    _shown_opacities(*inputs, np.uint8(hidden_flags), *rows, opacities)
+    recoloring = _input(colors.indices), _input(colors.alphas)
+    visibility = _input(flags), _input(node_of_row), _input(present), np.uint8(hidden_flags)
+    _shown_opacities(_input(logits), *recoloring, *visibility, *rows, opacities)
 
 
 def world_shapes(
