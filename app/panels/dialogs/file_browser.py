@@ -91,7 +91,7 @@ class FileBrowser:
         imgui.end_child()
         problem = purpose.problem(path)
         if problem:
-            imgui.text_colored(rgba(ERROR), problem)
+            imgui.text_colored(rgba(DIM if path.is_dir() else ERROR), problem)
         else:
             dim_text("The file there is replaced." if purpose.writes and path.is_file() else " ")
         if confirmed(ui, purpose.verb, entered, not problem):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered
@@ -16,12 +19,22 @@ MOUSE = (
     ("Alt + click", "Select the whole codeword"),
     ("Shift + Ctrl", "With a region: keep what is inside"),
     ("Right click", "Menu"),
-    ("Left drag", "Orbit around what is under the cursor, or draw the tool's region"),
-    ("Right drag", "Look around"),
+    ("Left drag", "Orbit around what is under the cursor; region tools: select"),
+    ("Right drag", "Look around; region tools: orbit"),
     ("Middle, Shift + drag", "Pan"),
     ("Wheel", "Nearer, farther"),
     ("W A S D, Q E", "Fly; with Shift: faster"),
 )
+COLUMNS = 3
+
+
+@dataclass(frozen=True)
+class Section:
+    """What is listed under one heading."""
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+    """Keys and what they do."""
 
 
 class ShortcutSheet:
@@ -35,17 +48,15 @@ class ShortcutSheet:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        centered(ImVec2(820, 0))
+        centered(ImVec2(76 * imgui.get_font_size(), 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        if imgui.begin_table("##sheet", 2, imgui.TableFlags_.sizing_stretch_same):
-            imgui.table_next_column()
-            for menu in ("File", "Edit", "Select", "Tools"):
-                _command_section(ui, menu)
-            imgui.table_next_column()
-            for menu in ("View", "Time"):
-                _command_section(ui, menu)
-            _sheet_section(ui, "Mouse", MOUSE)
+        columns = balanced(_sections(ui), COLUMNS)
+        if imgui.begin_table("##sheet", COLUMNS, imgui.TableFlags_.sizing_stretch_same):
+            for column in columns:
+                imgui.table_next_column()
+                for section in column:
+                    _draw_section(ui, section)
             imgui.end_table()
         imgui.spacing()
         closed = imgui.button("Close", ImVec2(92, 0))
@@ -55,18 +66,43 @@ class ShortcutSheet:
         imgui.end_popup()
 
 
-def _command_section(ui: Ui, menu: str) -> None:
-    commands = [command for command in ui.session.commands.in_menu(menu) if command.shortcuts]
-    rows = [(", ".join(map(shortcut_title, command.shortcuts)), command.title) for command in commands]
-    _sheet_section(ui, menu, tuple(rows))
+def balanced(sections: Sequence[Section], columns: int) -> list[list[Section]]:
+    """The sections in order, parted so that the longest column is as short as it can be."""
+    heights = [len(section.rows) + 2 for section in sections]
+    limit = max(heights, default=0)
+    while True:
+        parted: list[list[Section]] = [[]]
+        filled = 0
+        for section, height in zip(sections, heights, strict=True):
+            if filled and filled + height > limit:
+                parted.append([])
+                filled = 0
+            parted[-1].append(section)
+            filled += height
+        if len(parted) <= columns:
+            return parted
+        limit += 1
 
 
-def _sheet_section(ui: Ui, title: str, rows: tuple[tuple[str, str], ...]) -> None:
+def _sections(ui: Ui) -> list[Section]:
+    commands = ui.session.commands
+    found = []
+    for menu in commands.menus:
+        rows = [
+            (", ".join(map(shortcut_title, command.shortcuts)), command.title)
+            for command in commands.in_menu(menu)
+            if command.shortcuts
+        ]
+        found.append(Section(menu, tuple(rows)))
+    return [*(section for section in found if section.rows), Section("Mouse", MOUSE)]
+
+
+def _draw_section(ui: Ui, section: Section) -> None:
     imgui.push_font(ui.fonts.bold, 0.0)
-    imgui.text(title)
+    imgui.text(section.title)
     imgui.pop_font()
-    for key, action in rows:
+    for key, action in section.rows:
         dim_text(key)
-        imgui.same_line(imgui.get_cursor_start_pos().x + imgui.get_font_size() * 10)
+        imgui.same_line(imgui.get_font_size() * 9.5)
         imgui.text_wrapped(action)
     imgui.spacing()
