@@ -1,0 +1,32 @@
+"""Loading compiled kernels before they are needed: a third of a second that would freeze the first frame or click."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from instdrive_app.render.depth_order import depth_order
+from instdrive_app.render.picking import Picker
+from instdrive_app.state import EditorState, resolve
+from instdrive_core.edits.document import Document
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.scene import scene_from_gaussians
+
+_SIDE = 16
+"""Pixels."""
+
+
+def warm_up() -> None:
+    """Sort and pick once, in a scene of one splat. To be called on a thread of its own when the program starts."""
+    state = EditorState()
+    document = _one_splat_at(state.viewpoint.pivot)
+    snapshot = resolve(state, _SIDE, _SIDE)
+    Picker().instances_at(document, snapshot, _SIDE / 2, _SIDE / 2)
+    depth_order("warm-up", document.scene.gaussians.means, np.array([0, 0, 1, 9], np.float32), 0.2)
+
+
+def _one_splat_at(place: np.ndarray) -> Document:
+    shapes = {"log_scales": (3,), "sh_dc": (3,), "sh_rest": (0, 3), "features": (0,)}
+    nothing = {name: np.zeros((1, *shape), np.float32) for name, shape in shapes.items()}
+    upright, solid = np.array([[1, 0, 0, 0]], np.float32), np.full(1, 3, np.float32)
+    gaussians = Gaussians(place[None].astype(np.float32), upright, opacity_logits=solid, **nothing)
+    return Document(scene_from_gaussians(gaussians))
