@@ -20,9 +20,9 @@ from instdrive_core.project.bounded_json import parsed_json
 from instdrive_core.project.document_check import check_of
 from instdrive_core.project.large_lists import Numbers, unpacked
 from instdrive_core.project.manifest import Manifest, OtherVersionError, manifest_from_json
-from instdrive_core.project.replay import replay
+from instdrive_core.project.replay import KeptHistory, replayed
 from instdrive_core.project.save import ARRAY, EDITS, MANIFEST, VIEW, is_project
-from instdrive_core.project.sources import SceneSources, open_recorded, open_source
+from instdrive_core.project.sources import SceneSources, open_source
 from instdrive_core.scene.scene import Scene
 
 _MAX_MANIFEST, _MAX_VIEW, _MAX_LINE = 16 << 20, 16 << 20, 16 << 20
@@ -75,12 +75,14 @@ def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProjec
     with opened_archive(path) as archive:
         manifest = _manifest(archive)
         view = _view(archive) if VIEW in archive.names else None
-        scene, source = open_recorded(manifest.base, path, accept_changed)
-        document = Document(scene)
-        document.open_scene = SceneSources(source, manifest.inserted, path, accept_changed)
         # The user vouches for a project whose scene has changed: its lists may be longer than this scene.
         splats = manifest.check.splats if accept_changed else 0
-        notes = replay(document, _entries(archive, manifest, document, splats), manifest.cursor, path, accept_changed)
+
+        def entries(document: Document) -> Iterator[object]:
+            return _entries(archive, manifest, document, splats)
+
+        kept = KeptHistory(path, manifest.base, manifest.inserted, manifest.cursor, entries)
+        document, notes = replayed(kept, accept_changed)
     if not notes and check_of(document) != manifest.check:
         notes = (f"The edits gave another result than when they were saved (by version {manifest.program})",)
     return OpenedProject(document, view, notes)

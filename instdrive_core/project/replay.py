@@ -2,48 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError, SceneChangedError
+from instdrive_core.project.sources import RecordedSource, SceneSources, open_recorded
 
 
-def replay(
-    document: Document, entries: Iterable[object], cursor: int, source: Path, accept_changed: bool
-) -> tuple[str, ...]:
-    """Do all edits, then undo those from the cursor on, so that they can be redone.
+@dataclass(frozen=True)
+class KeptHistory:
+    """Edits in a file, and what they are for."""
+
+    path: Path
+    """The file, for messages; relative paths of scenes start in its folder."""
+    base: RecordedSource
+    inserted: Mapping[str, RecordedSource]
+    cursor: int
+    """How many of the edits are done in the end."""
+    entries: Callable[[Document], Iterable[object]]
+    """The edits as `Edit.to_json` gave them, read while they are done; gets the document as it is by then."""
+
+
+def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[str, ...]]:
+    """Open the base scene, do all edits, then undo those from the cursor on, so that they can be redone.
 
     Args:
-        document: of the base scene, without history.
-        entries: edits as `Edit.to_json` gave them.
-        cursor: how many of them are done in the end.
-        source: the file that holds them, for messages.
-        accept_changed: whether edits that do not fit are left out.
+        kept: what to do again.
+        accept_changed: whether scenes may have changed; edits that do not fit are left out then.
 
-    Returns: one sentence for each edit that was left out.
-    Raises DataError for the first edit that does not fit, SceneChangedError where it inserts a file that has changed.
+    Returns: the document, and one sentence for each edit that was left out.
+    Raises DataError where the scene is not found or an edit does not fit, SceneChangedError for a scene that changed.
     """
+    scene, source = open_recorded(kept.base, kept.path, accept_changed)
+    document = Document(scene)
+    document.open_scene = SceneSources(source, kept.inserted, kept.path, accept_changed)
     left_out: list[str] = []
     done = 0
-    for number, entry in enumerate(entries, start=1):
+    for number, entry in enumerate(kept.entries(document), start=1):
         try:
-            edit = edit_from_json(entry)
-            _do(document, edit)
+            _do(document, edit_from_json(entry))
         except (EditError, DataError) as error:
-            if isinstance(error, SceneChangedError) and not accept_changed:
-                raise
-            problem = f"edit {number} of the history cannot be done ({error})"
             if not accept_changed:
-                raise DataError(source, problem, "Open with accept_changed to leave such edits out") from error
-            left_out.append(problem)
-            continue
-        done += number <= cursor
+                if isinstance(error, SceneChangedError):
+                    raise
+                remedy = "Open with accept_changed to leave such edits out"
+                raise DataError(kept.path, _left_out(number, error), remedy) from error
+            left_out.append(_left_out(number, error))
+        else:
+            done += number <= kept.cursor
     while document.history.cursor > done:
         document.undo()
-    return tuple(left_out)
+    return document, tuple(left_out)
+
+
+def _left_out(number: int, error: Exception) -> str:
+    return f"edit {number} of the history cannot be done ({error})"
 
 
 def _do(document: Document, edit: Edit) -> None:
