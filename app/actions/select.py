@@ -27,6 +27,7 @@ def _sets(session: EditorSession) -> list[Command]:
             ("Ctrl+A",),
             enabled=lambda: editable(session),
             icon="ICON_FA_OBJECT_GROUP",
+            undoable=True,
         ),
         Command(
             "select.none",
@@ -36,6 +37,7 @@ def _sets(session: EditorSession) -> list[Command]:
             ("Escape",),
             enabled=lambda: session.has_selection,
             icon="ICON_FA_BAN",
+            undoable=True,
         ),
         Command(
             "select.invert",
@@ -45,6 +47,7 @@ def _sets(session: EditorSession) -> list[Command]:
             ("Ctrl+I",),
             enabled=lambda: editable(session),
             icon="ICON_FA_CIRCLE_HALF_STROKE",
+            undoable=True,
         ),
     ]
 
@@ -59,6 +62,7 @@ def _borders(session: EditorSession) -> list[Command]:
             ("Ctrl+=",),
             enabled=lambda: session.has_selection,
             icon="ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER",
+            undoable=True,
             separator=True,
         ),
         Command(
@@ -69,6 +73,7 @@ def _borders(session: EditorSession) -> list[Command]:
             ("Ctrl+-",),
             enabled=lambda: session.has_selection,
             icon="ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",
+            undoable=True,
         ),
     ]
 
@@ -83,6 +88,7 @@ def _kinds(session: EditorSession) -> list[Command]:
             ("K",),
             enabled=lambda: bool(_classes(session)),
             icon="ICON_FA_TAGS",
+            undoable=True,
             separator=True,
         ),
         Command(
@@ -93,6 +99,7 @@ def _kinds(session: EditorSession) -> list[Command]:
             ("G",),
             enabled=lambda: len(session.selected) == 1 and session.has_codewords,
             icon="ICON_FA_BARCODE",
+            undoable=True,
         ),
     ]
 

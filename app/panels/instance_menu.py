@@ -8,37 +8,89 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.recolor import preset_row
 from instdrive_app.panels.ui import Ui, icon_menu_item, swatch
+from instdrive_core.edits.document import Document
+
+Ids = tuple[int, ...]
 
 
 def instance_menu(ui: Ui, instance_id: int) -> None:
     """Menu items for one instance, or for the whole selection where the instance belongs to it."""
-    session = ui.session
-    document = session.document
+    document = ui.session.document
     if document is None or instance_id not in document.scene.table:
         return
-    ids = session.selected if instance_id in session.selected else (instance_id,)
-    instance, hidden = document.scene.table[instance_id], document.instance_flags(instance_id).is_hidden
+    ids = ui.session.selected if instance_id in ui.session.selected else (instance_id,)
+    instance = document.scene.table[instance_id]
     swatch(instance)
     imgui.same_line()
     imgui.text(instance.name if len(ids) == 1 else f"{len(ids)} instances")
     imgui.separator()
-    _item(ui, "delete", "ICON_FA_TRASH", "Delete", lambda: session.delete(ids))
-    if hidden:
-        _item(ui, "hide", "ICON_FA_EYE", "Show", lambda: session.hide(ids, hidden=False))
-    else:
-        _item(ui, "hide", "ICON_FA_EYE_SLASH", "Hide", lambda: session.hide(ids))
-    _item(ui, "solo", "ICON_FA_BULLSEYE", "Show only this", lambda: session.solo.toggle(ids))
-    _item(ui, "frame", "ICON_FA_EXPAND", "Frame", lambda: session.navigation.frame(ids))
-    _item(ui, "rename", "ICON_FA_PEN", "Rename…", lambda: session.ask_name(instance_id))
-    if document.scene.code_bits:
-        title = f"Select codeword {instance.codeword}"
-        _item(ui, "codeword", "ICON_FA_BARCODE", title, lambda: session.select_codeword_of(instance_id))
+    _visibility(ui, document, ids)
     imgui.separator()
+    _kinds(ui, document, instance_id, ids)
+    imgui.separator()
+    _repairs(ui, document, instance_id, ids)
+    imgui.separator()
+    _item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.reset_colors(ids))
+    imgui.dummy(imgui.ImVec2(0, 1))
     if preset_row(ui, "menu", ids):
         imgui.close_current_popup()
 
 
-def _item(ui: Ui, name: str, symbol: str, title: str, action: Callable[[], None]) -> None:
-    if icon_menu_item(symbol, title):
+def _visibility(ui: Ui, document: Document, ids: Ids) -> None:
+    session = ui.session
+    summaries = [document.instance_flags(i) for i in ids]
+    hidden, locked = all(s.is_hidden for s in summaries), all(s.is_locked for s in summaries)
+    solo = set(ids) == set(session.solo.ids)
+    _item(ui, "delete", "edit.delete", "Delete", lambda: session.delete(ids), not locked)
+    _item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.hide(ids, not hidden))
+    _item(ui, "lock", "edit.lock", "Unlock" if locked else "Lock", lambda: session.lock(ids, not locked))
+    _item(ui, "solo", "edit.solo", "Show all again" if solo else "Show only this", lambda: session.solo.toggle(ids))
+    _item(ui, "frame", "view.frame", "Frame", lambda: session.navigation.frame(ids))
+
+
+def _kinds(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
+    session, instance = ui.session, document.scene.table[instance_id]
+    if len(ids) == 1:
+        _item(ui, "rename", "edit.rename", "Rename…", lambda: session.ask_name(instance_id))
+    if imgui.begin_menu(f"{_SPACE}Set class"):
+        for name in session.labels.classes():
+            if imgui.menu_item(name, "", all(document.scene.table[i].class_name == name for i in ids))[0]:
+                session.labels.set_class(ids, name)
+            ui.mark(f"menu.class.{name}")
+        imgui.separator()
+        if imgui.menu_item("Other…", "", False)[0]:
+            session.ask("class", ids)
+        ui.mark("menu.class")
+        imgui.end_menu()
+    ui.mark("menu.classes")
+    what = f"class {instance.class_name}" if instance.class_name else "what has no class"
+    _item(ui, "select_class", "select.class", f"Select {what}", lambda: session.select_class(instance.class_name))
+    if document.scene.code_bits:
+        title = f"Select codeword {instance.codeword}"
+        _item(ui, "codeword", "select.codeword", title, lambda: session.select_codeword_of(instance_id))
+
+
+def _repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
+    session = ui.session
+    if len(ids) > 1:
+        title = f"Merge {len(ids)} instances into this"
+        _item(ui, "merge", "labels.merge", title, lambda: session.labels.merge(ids, instance_id))
+    else:
+        _item(ui, "split", "labels.split", "Split by component…", lambda: session.ask("split", ids))
+    _item(ui, "absorb", "labels.absorb", "Absorb floaters", lambda: session.labels.absorb(ids))
+    if session.selected and instance_id not in session.selected:
+        title = "Give the selected splats to this"
+        _item(ui, "reassign", "labels.reassign", title, lambda: session.labels.reassign(instance_id))
+
+
+_SPACE = "      "
+"""Where the icons of the other items are."""
+
+
+def _item(ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True) -> None:
+    """An item that does what a command does, to the menu's instances; icon and shortcut are the command's."""
+    command = ui.session.commands[command_id]
+    shortcut = command.shortcuts[0] if command.shortcuts else ""
+    if icon_menu_item(command.icon, title, shortcut, enabled=enabled):
         action()
     ui.mark(f"menu.{name}")

@@ -1,32 +1,28 @@
-"""The list of instances: swatch, number, name, class, count, eye; in step with the view's selection."""
+"""The list of instances, in step with the view: what is selected, hovered, hidden, locked or shown alone."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.instance_menu import instance_menu
-from instdrive_app.panels.ui import Ui, fitted_text, icon, swatch
-from instdrive_app.theme import DIM, rgba
-from instdrive_core.edits.document import Document, InstanceSummary
-from instdrive_core.instances.table import Instance
+from instdrive_app.panels.instance_row import COLUMNS, Row, RowPainter
+from instdrive_app.panels.instance_rows import InstanceRows, Query
+from instdrive_app.panels.ui import Ui, icon
+from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
+from instdrive_core.edits.document import Document
 
-COLUMNS = ("", "#", "Name", "Class", "Splats", " ")
-SORT_KEYS: dict[int, Callable[[Instance], object]] = {
-    1: lambda instance: instance.id,
-    2: lambda instance: instance.name.lower(),
-    3: lambda instance: instance.class_name.lower(),
-    4: lambda instance: instance.count,
-}
+UNKNOWN = "unknown"
+"""How the class that is none is called."""
 
 
 class InstancesPanel:
-    """Search, sort, select (Shift: a range, Ctrl: one more or less), hide by the eye."""
+    """Search, filter by class, sort; select (Shift: a range, Ctrl: one more), hide, lock, show alone, rename."""
 
     def __init__(self) -> None:
-        self._search = ""
-        self._sort = (1, False)
+        self._rows, self._query = InstanceRows(), Query()
+        self._painter = RowPainter()
+        self._shows_codes, self._flips_codes = False, False
         self._anchor = 0
         self._selected_before: tuple[int, ...] = ()
         self._own_click = False
@@ -35,136 +31,221 @@ class InstancesPanel:
         """One frame."""
         document = ui.session.document
         if document is None:
+            imgui.push_text_wrap_pos(0)
             imgui.text_disabled("Instances of the open scene appear here.")
+            imgui.pop_text_wrap_pos()
             return
-        imgui.set_next_item_width(-1)
-        hint = f"{icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
-        _, self._search = imgui.input_text_with_hint("##search", hint, self._search)
-        ui.mark("instances.search")
-        flags = imgui.TableFlags_
-        style = flags.scroll_y | flags.row_bg | flags.sortable | flags.resizable | flags.no_saved_settings
-        if imgui.begin_table("##instances", len(COLUMNS), style | flags.pad_outer_x | flags.no_borders_in_body):
-            self._columns()
-            rows = self._rows(document)
-            self._draw_rows(ui, document, rows)
-            imgui.end_table()
+        if self._query.class_name is not None and self._query.class_name not in dict(self._rows.classes):
+            self._query = replace(self._query, class_name=None)
+        self._search(ui, document)
+        self._take_rename(ui)
+        self._rows.update(document, self._query)
+        self._class_chips(ui)
+        self._banner(ui)
+        self._table(ui, document)
+        self._take_rename(ui)
 
-    def _columns(self) -> None:
+    # ------------------------------------------------------------------ above the list
+
+    def _search(self, ui: Ui, document: Document) -> None:
+        code_button = document.scene.code_bits > 0
+        room = imgui.get_frame_height() + imgui.get_style().item_inner_spacing.x if code_button else 0
+        imgui.set_next_item_width(-room or -1)
+        hint = f"{icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
+        _, search = imgui.input_text_with_hint("##search", hint, self._query.search)
+        ui.mark("instances.search")
+        self._query = replace(self._query, search=search)
+        if not code_button:
+            return
+        imgui.same_line(0, imgui.get_style().item_inner_spacing.x)
+        imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if self._shows_codes else DIM))
+        if imgui.button(icon("ICON_FA_BARCODE"), ImVec2(imgui.get_frame_height(), 0)):
+            self._flips_codes = True
+        imgui.pop_style_color()
+        ui.mark("instances.codes")
+        imgui.set_item_tooltip("Show the codeword of each instance, bit by bit")
+
+    def _class_chips(self, ui: Ui) -> None:
+        """One button per class: a click lists that class only, another one all again. As many as fit into a line."""
+        if len(self._rows.classes) < 2:
+            return
+        imgui.push_style_var(imgui.StyleVar_.frame_rounding, imgui.get_text_line_height() / 2)
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(7, 1))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(4, 6))
+        more, end = (
+            imgui.calc_text_size("…").x + 18,
+            imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x,
+        )
+        chosen = self._query.class_name
+        # The chosen one comes first, so that it is never among those that do not fit.
+        order = sorted(self._rows.classes, key=lambda item: item[0] != chosen)
+        left: list[tuple[str, int]] = []
+        for number, (name, count) in enumerate(order):
+            text = f"{name or UNKNOWN} {count}"
+            last = number == len(order) - 1
+            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + 4
+            if number and x + imgui.calc_text_size(text).x + 14 + (0 if last else more) > end:
+                left = order[number:]
+                break
+            if number:
+                imgui.same_line()
+            self._chip(ui, name, text, name == chosen)
+        imgui.pop_style_var(1)
+        if left:
+            imgui.same_line(0, 4)
+            self._other_chips(ui, left)
+        imgui.pop_style_var(2)
+
+    def _chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
+        if on:
+            imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
+        imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT, 1.0 if on else 0.85))
+        if imgui.button(f"{text}##class {name}"):
+            self._query = replace(self._query, class_name=None if on else name)
+        imgui.pop_style_color(2 if on else 1)
+        ui.mark(f"instances.class.{name or UNKNOWN}")
+        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+            imgui.set_tooltip("List all classes again" if on else f"List {name or 'instances without a class'} only")
+
+    def _other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
+        if imgui.button("…##classes"):
+            imgui.open_popup("##classes")
+        ui.mark("instances.classes")
+        if imgui.begin_popup("##classes"):
+            for name, count in classes:
+                if imgui.selectable(f"{name or UNKNOWN}  {count}##{name}", False)[0]:
+                    self._query = replace(self._query, class_name=name)
+                ui.mark(f"instances.class.{name or UNKNOWN}")
+            imgui.end_popup()
+
+    def _banner(self, ui: Ui) -> None:
+        """What keeps instances out of the list or the view, and the way back."""
+        solo, shown = ui.session.solo.ids, len(self._rows.ids)
+        if shown < self._rows.total:
+            self._notice(
+                ui,
+                f"{shown:,} of {self._rows.total:,}",
+                "Select",
+                "instances.select_shown",
+                shown > 0,
+                self._select_shown,
+            )
+        if solo:
+            what = "1 instance" if len(solo) == 1 else f"{len(solo)} instances"
+            self._notice(
+                ui, f"Only {what} shown", "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave()
+            )
+
+    def _notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
+        imgui.align_text_to_frame_padding()
+        imgui.text_colored(rgba(ACCENT if mark == "instances.leave_solo" else DIM), text)
+        width = imgui.calc_text_size(button).x + 2 * imgui.get_style().frame_padding.x
+        imgui.same_line(imgui.get_cursor_start_pos().x + imgui.get_content_region_avail().x - width)
+        imgui.begin_disabled(not enabled)
+        if imgui.button(f"{button}##{mark}"):
+            action(ui)
+        imgui.end_disabled()
+        ui.mark(mark)
+
+    def _select_shown(self, ui: Ui) -> None:
+        self._own_click = True
+        ui.session.select(self._rows.ids)
+
+    # ------------------------------------------------------------------ the list
+
+    def _table(self, ui: Ui, document: Document) -> None:
+        flags = imgui.TableFlags_
+        style = (
+            flags.scroll_y | flags.row_bg | flags.sortable | flags.hideable | flags.resizable | flags.no_saved_settings
+        )
+        imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(3, 3))
+        if imgui.begin_table("##instances", len(COLUMNS), style | flags.no_borders_in_body):
+            self._columns(document)
+            self._draw_rows(ui, document)
+            imgui.end_table()
+        imgui.pop_style_var()
+
+    def _columns(self, document: Document) -> None:
         fixed, stretch = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
-        no_sort, no_resize = imgui.TableColumnFlags_.no_sort, imgui.TableColumnFlags_.no_resize
         em = imgui.get_font_size()
-        imgui.table_setup_column(COLUMNS[0], fixed | no_sort | no_resize, em)
-        imgui.table_setup_column(COLUMNS[1], fixed | imgui.TableColumnFlags_.default_sort, 2.2 * em)
-        imgui.table_setup_column(COLUMNS[2], stretch, 1.6)
-        imgui.table_setup_column(COLUMNS[3], stretch, 1.0)
-        imgui.table_setup_column(COLUMNS[4], fixed | imgui.TableColumnFlags_.prefer_sort_descending, 3.4 * em)
-        imgui.table_setup_column(COLUMNS[5], fixed | no_sort | no_resize, 1.6 * em)
+        code_width = min(document.scene.code_bits, 12) * 6.0
+        for number, column in enumerate(COLUMNS):
+            width = code_width if column.name == "Code" else column.width * em
+            flags = stretch if column.stretches else fixed
+            imgui.table_setup_column(
+                column.header, flags | column.flags, column.width if column.stretches else width, number
+            )
         imgui.table_setup_scroll_freeze(0, 1)
+        names = [column.name for column in COLUMNS]
+        code = names.index("Code")
+        self._shows_codes = bool(imgui.table_get_column_flags(code) & imgui.TableColumnFlags_.is_enabled)
+        if self._flips_codes:
+            imgui.table_set_column_enabled(code, not self._shows_codes)
+            self._flips_codes = False
         imgui.table_headers_row()
         specs = imgui.table_get_sort_specs()
         if specs is not None and specs.specs_dirty and specs.specs_count:
             spec = specs.get_specs(0)
-            self._sort = (spec.column_index, spec.sort_direction == imgui.SortDirection.descending)
+            descending = spec.sort_direction == imgui.SortDirection.descending
+            self._query = replace(self._query, column=names[spec.column_index], descending=descending)
             specs.specs_dirty = False
+            self._rows.update(document, self._query)
 
-    def _rows(self, document: Document) -> list[Instance]:
-        """Instances that are left, match the search, in order."""
-        counts = document.counts()
-        alive = {int(i) for i in counts.ids[counts.count > counts.deleted]}
-        wanted = self._search.lower().split()
-        found = [i for i in document.scene.table if i.id in alive and _matches(i, wanted)]
-        column, descending = self._sort
-        found.sort(key=SORT_KEYS[column], reverse=descending)  # type: ignore[arg-type]
-        return found
-
-    def _draw_rows(self, ui: Ui, document: Document, rows: list[Instance]) -> None:
-        selected = ui.session.selected
-        ids = [instance.id for instance in rows]
-        scroll_to = self._newly_selected(selected, ids)
+    def _draw_rows(self, ui: Ui, document: Document) -> None:
+        selected, solo = ui.session.selected, ui.session.solo.ids
+        chosen = set(selected)
+        scroll_to = self._newly_selected(selected)
+        if self._painter.renamed and self._painter.is_new:
+            scroll_to = self._rows.place.get(self._painter.renamed)
         clipper = imgui.ListClipper()
-        clipper.begin(len(rows))
+        clipper.begin(len(self._rows.instances))
         if scroll_to is not None:
             clipper.include_item_by_index(scroll_to)
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
-                instance = rows[number]
+                instance = self._rows.instances[number]
                 summary = document.instance_flags(instance.id)
-                imgui.push_id(instance.id)
-                imgui.table_next_row()
-                self._draw_row(ui, instance, summary, instance.id in selected, ids)
+                row = Row(instance, summary, instance.id in chosen, instance.id in solo, document.scene.code_bits)
+                if self._painter.draw(ui, row):
+                    self._click(ui, row)
                 if number == scroll_to:
                     imgui.set_scroll_here_y(0.5)
-                imgui.pop_id()
-        if not rows:
+        if not self._rows.instances:
             imgui.table_next_row()
-            imgui.table_set_column_index(2)
-            imgui.text_disabled("None")
+            imgui.table_set_column_index([column.name for column in COLUMNS].index("Name"))
+            imgui.text_disabled("No instances" if not self._rows.total else "None found")
 
-    def _newly_selected(self, selected: tuple[int, ...], ids: list[int]) -> int | None:
+    def _newly_selected(self, selected: tuple[int, ...]) -> int | None:
         """The row to scroll to: the first that was selected elsewhere since the last frame."""
         if selected == self._selected_before:
             return None
-        new = [i for i in selected if i not in self._selected_before]
-        self._selected_before, own = selected, self._own_click
-        self._own_click = False
-        return ids.index(new[0]) if new and not own and new[0] in ids else None
+        before, own = set(self._selected_before), self._own_click
+        self._selected_before, self._own_click = selected, False
+        new = [i for i in selected if i not in before and i in self._rows.place]
+        return self._rows.place[new[0]] if new and not own else None
 
-    def _draw_row(self, ui: Ui, instance: Instance, summary: InstanceSummary, selected: bool, ids: list[int]) -> None:
-        imgui.table_set_column_index(0)
-        swatch(instance)
-        imgui.table_set_column_index(1)
-        flags = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_overlap
-        if imgui.selectable(str(instance.id), selected, flags)[0]:
-            self._click(ui, instance.id, ids)
-        ui.mark(f"instances.{instance.id}")
-        if imgui.is_item_hovered():
-            ui.session.state.hovered = instance.id if summary.drawn else 0
-            if imgui.is_mouse_double_clicked(0):
-                ui.session.navigation.frame((instance.id,))
-        if imgui.begin_popup_context_item("##menu"):
-            instance_menu(ui, instance.id)
-            imgui.end_popup()
-        faded = summary.is_hidden
-        if faded:
-            imgui.push_style_color(imgui.Col_.text, rgba(DIM))
-        for column, text in ((2, instance.name), (3, instance.class_name)):
-            imgui.table_set_column_index(column)
-            imgui.text(fitted_text(text, imgui.get_content_region_avail().x))
-        imgui.table_set_column_index(4)
-        text = f"{summary.count - summary.deleted:,}"
-        imgui.set_cursor_pos_x(
-            imgui.get_cursor_pos_x() + max(imgui.get_content_region_avail().x - imgui.calc_text_size(text).x, 0)
-        )
-        imgui.text(text)
-        if faded:
-            imgui.pop_style_color()
-        imgui.table_set_column_index(5)
-        self._eye(ui, instance, summary)
-
-    def _eye(self, ui: Ui, instance: Instance, summary: InstanceSummary) -> None:
-        imgui.push_style_color(imgui.Col_.button, rgba(DIM, 0.0))
-        imgui.push_style_color(imgui.Col_.text, rgba(DIM, 0.55 if summary.is_hidden else 1.0))
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(2, 0))
-        if imgui.button(icon("ICON_FA_EYE_SLASH" if summary.is_hidden else "ICON_FA_EYE")):
-            ui.session.hide((instance.id,), not summary.is_hidden)
-        imgui.pop_style_var()
-        imgui.pop_style_color(2)
-        ui.mark(f"instances.{instance.id}.eye")
-
-    def _click(self, ui: Ui, instance: int, ids: list[int]) -> None:
-        io, session = imgui.get_io(), ui.session
+    def _click(self, ui: Ui, row: Row) -> None:
+        io, session, instance = imgui.get_io(), ui.session, row.instance.id
         self._own_click = True
-        if io.key_ctrl:
-            session.select((instance,), "remove" if instance in session.selected else "add")
-        elif io.key_shift and self._anchor in ids:
-            first, last = sorted((ids.index(self._anchor), ids.index(instance)))
-            session.select(tuple(ids[first : last + 1]))
+        if io.key_shift and self._anchor in self._rows.place:
+            first, last = sorted((self._rows.place[self._anchor], self._rows.place[instance]))
+            session.select(self._rows.ids[first : last + 1], "add" if io.key_ctrl else "replace")
             return
+        self._anchor = instance
+        if row.summary.is_locked:
+            session.messages.info(f"{row.instance.name} is locked: unlock it in order to select it")
+        elif io.key_ctrl:
+            session.select((instance,), "remove" if row.selected else "add")
         else:
             session.select((instance,))
-        self._anchor = instance
 
-
-def _matches(instance: Instance, wanted: list[str]) -> bool:
-    text = f"{instance.id} {instance.name} {instance.class_name}".lower()
-    return all(word in text for word in wanted)
+    def _take_rename(self, ui: Ui) -> None:
+        """Where the user wants to rename an instance, let it be done in its row, and see that the row is there."""
+        session = ui.session
+        if not session.renamed or session.document is None:
+            return
+        if session.renamed in session.document.scene.table:
+            if session.renamed not in self._rows.place:
+                self._query = replace(self._query, search="", class_name=None)
+            self._painter.rename(session.document.scene.table[session.renamed])
+        session.renamed = 0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import count
-
 from imgui_bundle import ImVec2, ImVec4, imgui
 
+from instdrive_app.panels.gestures import Gesture
 from instdrive_app.panels.ui import Ui
 from instdrive_core.edits.color import RecolorMode
+from instdrive_core.edits.document import Document
 
 PRESETS: dict[str, tuple[float, float, float]] = {
     "red": (0.82, 0.13, 0.13),
@@ -19,9 +19,10 @@ PRESETS: dict[str, tuple[float, float, float]] = {
     "white": (0.92, 0.92, 0.92),
     "black": (0.08, 0.08, 0.09),
 }
-MODES: dict[RecolorMode, str] = {"tint": "Tint", "solid": "Solid"}
+MODES: dict[RecolorMode, str] = {"tint": "Tint", "hue": "Hue", "solid": "Solid"}
 MODE_HINTS: dict[RecolorMode, str] = {
-    "tint": "Keeps light, shade and reflections",
+    "tint": "All in this colour; light, shade and reflections stay",
+    "hue": "Turns the hues to this colour's; greys, light and shade stay",
     "solid": "One flat colour from everywhere",
 }
 
@@ -45,14 +46,15 @@ def preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
     return clicked
 
 
-class RecolorControls:
+class RecolorSection:
     """Mode switch, presets and colour picker for some instances."""
 
-    def __init__(self) -> None:
-        self._gestures = count()
-        self._gesture = ""
+    title: str = "Colour"
 
-    def draw(self, ui: Ui, ids: tuple[int, ...]) -> None:
+    def __init__(self) -> None:
+        self._gesture = Gesture("recolour")
+
+    def draw(self, ui: Ui, document: Document, ids: tuple[int, ...]) -> None:
         """Every change is applied at once; one drag in the picker is one step of the history."""
         session = ui.session
         for number, (mode, title) in enumerate(MODES.items()):
@@ -66,12 +68,13 @@ class RecolorControls:
         preset_row(ui, "inspector", ids)
         flags = imgui.ColorEditFlags_
         style = flags.no_alpha | flags.display_hex | flags.picker_hue_wheel | flags.no_options | flags.no_label
-        imgui.set_next_item_width(imgui.get_font_size() * 9)
-        if imgui.is_mouse_clicked(0):
-            self._gesture = f"recolor {next(self._gestures)}"
+        imgui.same_line()
+        imgui.set_next_item_width(-1)
+        pressed = imgui.is_mouse_clicked(0)
         changed, picked = imgui.color_edit3("##recolor", list(session.recolor_color), style)
+        gesture = self._gesture.after_item(pressed)
         ui.mark("inspector.color")
         if changed:
             r, g, b = (min(max(float(channel), 0.0), 1.0) for channel in picked)
             session.recolor_color = (r, g, b)
-            session.recolor(ids, session.recolor_mode, (r, g, b), self._gesture)
+            session.recolor(ids, session.recolor_mode, (r, g, b), gesture)

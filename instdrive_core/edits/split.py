@@ -18,6 +18,8 @@ from instdrive_core.errors import EditError
 from instdrive_core.instances.components import ComponentConfig, split_components
 from instdrive_core.instances.rejoining import RejoinConfig
 
+DEFAULT_GAP = 1.0
+
 
 @dataclass
 class SplitInstance(RelabelEdit):
@@ -25,7 +27,7 @@ class SplitInstance(RelabelEdit):
 
     kind: ClassVar[str] = "split_instance"
     id: int
-    gap: float = 1.0
+    gap: float = DEFAULT_GAP
     """Metres: parts farther apart are different things, dense ones already at three times their own spacing; the
     extents of the splats come on top."""
 
@@ -50,6 +52,14 @@ class SplitInstance(RelabelEdit):
             raise EditError(f"instance {self.id} hangs together at gaps of {self.gap:g} m; try a smaller gap")
         pieces = [rows[parts == number] for number in range(2, count + 1)]
         return [Relabeling(*pair) for pair in zip(pieces, new_instances(document, [source] * len(pieces)), strict=True)]
+
+
+def split_sizes(document: Document, instance_id: int, gap: float) -> tuple[int, ...]:
+    """How many splats each part would have, the one that keeps the ID first. Raises EditError for an unknown ID."""
+    rows = editable(document, (instance_id,))
+    parts = _parts(document, rows, gap)
+    faint, *sizes = np.bincount(parts, minlength=2).tolist()
+    return (sizes[0] + faint, *sizes[1:])
 
 
 def _parts(document: Document, rows: ndarray, gap: float) -> UInt32[ndarray, " n"]:

@@ -1,0 +1,84 @@
+"""Repairing labels: which splats belong to which instance, and of which class instances are."""
+
+from __future__ import annotations
+
+from instdrive_app.actions.conditions import editable
+from instdrive_app.commands import Command
+from instdrive_app.session import EditorSession
+
+
+def commands(session: EditorSession) -> list[Command]:
+    """The Labels menu."""
+
+    def some(count: int = 1) -> bool:
+        return editable(session) and len(session.selected) >= count
+
+    def one() -> bool:
+        return editable(session) and len(session.selected) == 1
+
+    def splats() -> bool:
+        return editable(session) and session.has_selection
+
+    return [
+        Command(
+            "labels.class",
+            "Set class…",
+            lambda: session.ask("class", session.selected),
+            "Labels",
+            ("Ctrl+T",),
+            enabled=some,
+            icon="ICON_FA_TAG",
+            undoable=True,
+        ),
+        Command(
+            "labels.merge",
+            "Merge",
+            lambda: session.labels.merge(session.selected),
+            "Labels",
+            ("Ctrl+M",),
+            enabled=lambda: some(2),
+            icon="ICON_FA_OBJECT_GROUP",
+            separator=True,
+            undoable=True,
+        ),
+        Command(
+            "labels.split",
+            "Split by component…",
+            lambda: session.ask("split", session.selected),
+            "Labels",
+            ("Ctrl+J",),
+            enabled=one,
+            icon="ICON_FA_OBJECT_UNGROUP",
+            undoable=True,
+        ),
+        Command(
+            "labels.reassign",
+            "Reassign the selected splats…",
+            lambda: session.ask("reassign", session.selected),
+            "Labels",
+            ("Ctrl+R",),
+            enabled=splats,
+            icon="ICON_FA_RIGHT_LEFT",
+            undoable=True,
+        ),
+        Command(
+            "labels.new",
+            "New instance from the selected splats",
+            lambda: session.labels.reassign(None),
+            "Labels",
+            ("Ctrl+Shift+N",),
+            enabled=splats,
+            icon="ICON_FA_PLUS",
+            undoable=True,
+        ),
+        Command(
+            "labels.absorb",
+            "Absorb floaters",
+            lambda: session.labels.absorb(session.selected),
+            "Labels",
+            ("Ctrl+B",),
+            enabled=some,
+            icon="ICON_FA_BROOM",
+            undoable=True,
+        ),
+    ]

@@ -1,0 +1,75 @@
+"""Asking how far apart the parts of an instance must be to become instances of their own."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.dialogs.frame import centered, confirmed
+from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_core.edits.split import DEFAULT_GAP, split_sizes
+
+TITLE = "Split by component"
+SHOWN = 6
+"""Sizes of parts that are told one by one."""
+
+
+class SplitDialog:
+    """Shows beforehand, worked out beside the window, which parts a gap gives."""
+
+    names: tuple[str, ...] = ("split",)
+
+    def __init__(self) -> None:
+        self._instance, self._gap = 0, DEFAULT_GAP
+        self._sizes: tuple[int, ...] | None = None
+
+    def ask(self, ui: Ui, name: str) -> None:
+        """Open it for the first instance asked about."""
+        if not ui.session.asked_about or ui.session.document is None:
+            return
+        self._instance = ui.session.asked_about[0]
+        self._try(ui)
+        imgui.open_popup(TITLE)
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        centered(ImVec2(360, 0))
+        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+            return
+        document = ui.session.document
+        assert document is not None
+        imgui.text_wrapped(document.scene.table[self._instance].name)
+        imgui.align_text_to_frame_padding()
+        dim_text("Parts farther apart than")
+        imgui.same_line()
+        imgui.set_next_item_width(-1)
+        flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
+        _, self._gap = imgui.slider_float("##gap", self._gap, 0.05, 5.0, "%.2f m", flags)
+        ui.mark("split.gap")
+        if imgui.is_item_deactivated_after_edit():
+            self._try(ui)
+        imgui.push_text_wrap_pos(0)
+        imgui.text(_told(self._sizes))
+        imgui.pop_text_wrap_pos()
+        if confirmed(ui, "Split", False, self._sizes is not None and len(self._sizes) > 1):
+            ui.session.labels.split(self._instance, self._gap)
+        imgui.end_popup()
+
+    def _try(self, ui: Ui) -> None:
+        document, instance, gap = ui.session.document, self._instance, self._gap
+        assert document is not None
+        self._sizes = None
+
+        def show(result: tuple[int, ...]) -> None:
+            if (instance, gap) == (self._instance, self._gap):
+                self._sizes = result
+
+        ui.session.jobs.submit("Looking for parts", lambda: split_sizes(document, instance, gap), show, modal=False)
+
+
+def _told(sizes: tuple[int, ...] | None) -> str:
+    if sizes is None:
+        return "Looking for parts…"
+    if len(sizes) < 2:
+        return "It hangs together; try a smaller gap."
+    shown = " · ".join(f"{size:,}" for size in sizes[:SHOWN])
+    return f"{len(sizes)} parts of {shown}{' …' if len(sizes) > SHOWN else ''} splats"
