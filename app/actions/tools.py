@@ -67,4 +67,5 @@ def _taking(session: EditorSession, record: ToolRecord) -> Command:
         (record.shortcut,),
         checked=lambda: session.state.tool == record.name,
         icon=record.icon,
+        separator=record.starts_group,
     )

@@ -14,6 +14,7 @@ from instdrive_app.tools.registry import TOOLS
 MARGIN = 10.0
 """Pixels between the picture's edge and the bar."""
 GAP = 2.0
+GROUP_GAP = 8.0
 PADDING = 3.0
 BUTTON = 2.1
 """Side of a button over the font's size."""
@@ -27,37 +28,50 @@ class Toolbar:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         side = round(imgui.get_font_size() * BUTTON)
-        left = place.x + MARGIN
-        top = place.y + 2 * MARGIN + imgui.get_frame_height()
+        left, top = place.x + MARGIN, place.y + 2 * MARGIN + imgui.get_frame_height()
+        tops = _tops(side)
         commands = ui.session.commands
-        _strip(ui, [commands[f"tool.{record.name}"] for record in TOOLS], ImVec2(left, top), ImVec2(0, side + GAP))
-        for number, record in enumerate(TOOLS):
+        _plate(left, top, side, tops[-1] + side)
+        for record, offset in zip(TOOLS, tops, strict=True):
+            command = commands[f"tool.{record.name}"]
+            _tool_button(ui, command, ImVec2(left, top + offset), side)
             if record.name == ui.session.state.tool and record.selects_regions:
-                beside = ImVec2(left + side + 2 * PADDING + MARGIN / 2, top + number * (side + GAP))
-                _strip(ui, [commands[name] for name in REGION_OPTIONS], beside, ImVec2(side + GAP, 0))
+                _options(ui, left + side + 2 * PADDING + MARGIN / 2, top + offset, side)
 
 
-def _strip(ui: Ui, commands: list[Command], corner: ImVec2, step: ImVec2) -> None:
-    """Buttons from `corner` on, each `step` pixels from the last, on a plate of their own."""
-    side = round(imgui.get_font_size() * BUTTON)
-    last = len(commands) - 1
-    end = ImVec2(corner.x + last * step.x + side + 2 * PADDING, corner.y + last * step.y + side + 2 * PADDING)
-    imgui.get_window_draw_list().add_rect_filled(corner, end, packed(BACKGROUND, 0.78), 6)
-    for number, command in enumerate(commands):
-        at = ImVec2(corner.x + PADDING + number * step.x, corner.y + PADDING + number * step.y)
-        imgui.set_cursor_screen_pos(at)
-        _tool_button(ui, command, ImVec2(side, side))
+def _tops(side: float) -> list[float]:
+    """How far each tool is below the first; a gap parts the groups."""
+    tops, top = [], 0.0
+    for record in TOOLS:
+        top += GROUP_GAP if record.starts_group else 0.0
+        tops.append(top)
+        top += side + GAP
+    return tops
 
 
-def _tool_button(ui: Ui, command: Command, size: ImVec2) -> None:
-    """An icon, filled with the accent's colour where the command is on."""
+def _options(ui: Ui, left: float, top: float, side: float) -> None:
+    step = side + GAP
+    _plate(left, top, len(REGION_OPTIONS) * step - GAP, side)
+    for number, name in enumerate(REGION_OPTIONS):
+        _tool_button(ui, ui.session.commands[name], ImVec2(left + number * step, top), side)
+
+
+def _plate(left: float, top: float, width: float, height: float) -> None:
+    """What buttons stand on, so that they show on any picture."""
+    low, high = ImVec2(left, top), ImVec2(left + width + 2 * PADDING, top + height + 2 * PADDING)
+    imgui.get_window_draw_list().add_rect_filled(low, high, packed(BACKGROUND, 0.78), 6)
+
+
+def _tool_button(ui: Ui, command: Command, corner: ImVec2, side: float) -> None:
+    """An icon, filled with the accent's colour where the command is on; `corner` is the plate's."""
+    imgui.set_cursor_screen_pos(ImVec2(corner.x + PADDING, corner.y + PADDING))
     on = command.checked is not None and command.checked()
     imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.95) if on else rgba(BACKGROUND, 0.0))
     if on:
         imgui.push_style_color(imgui.Col_.button_hovered, rgba(ACCENT))
     imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
-    if imgui.button(f"{icon(command.icon)}##{command.id}", size):
+    if imgui.button(f"{icon(command.icon)}##{command.id}", ImVec2(side, side)):
         ui.session.commands.run(command.id)
     imgui.pop_style_var()
     imgui.pop_style_color(3 if on else 2)

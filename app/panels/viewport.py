@@ -90,7 +90,10 @@ class ViewportPanel:
             ui.session.navigation.look_from(moved)
 
     def _dragged_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
-        """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans."""
+        """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans.
+
+        Where the left button is the tool's, the right one orbits.
+        """
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
         button = next((b for b in range(3) if imgui.is_mouse_dragging(b, DRAG_PIXELS)), None)
         if button is None:
@@ -110,7 +113,7 @@ class ViewportPanel:
             return viewpoint
         if button == 2 or (button == 0 and io.key_shift):
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fitted(place.width, place.height).fx)
-        turn = camera.look if button == 1 else camera.orbit
+        turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL, -dy * TURN_PER_PIXEL)
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:

@@ -27,13 +27,22 @@ class ToolRecord:
     create: Callable[[EditorSession, Winners], Tool]
     selects_regions: bool = False
     """Whether the options of region tools are its own."""
+    starts_group: bool = False
+    """Whether toolbar and menu part it from the tools before."""
 
 
 TOOLS = (
     ToolRecord("pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda session, _: PickTool(session)),
     ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool, selects_regions=True),
     ToolRecord("lasso", "Select by lasso", "ICON_FA_SIGNATURE", "L", LassoTool, selects_regions=True),
-    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", lambda session, _: GizmoTool(session, "move")),
+    ToolRecord(
+        "move",
+        "Move",
+        "ICON_FA_UP_DOWN_LEFT_RIGHT",
+        "T",
+        lambda session, _: GizmoTool(session, "move"),
+        starts_group=True,
+    ),
     ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", lambda session, _: GizmoTool(session, "rotate")),
     ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", lambda session, _: GizmoTool(session, "scale")),
 )
