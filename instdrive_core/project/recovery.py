@@ -74,18 +74,24 @@ class Recovery:
         sources_of(document)
         root, path = session_root(root), Path(path)
         try:
-            folder, lock = new_session_folder(root)
-            recovery = cls(document, path, folder, lock)
-            recovery._marks.append({"saved": None if restored else document.history.cursor})
-            recovery._write()
-            recovery._journal.sync()
+            recovery = cls(document, path, *new_session_folder(root))
+            try:
+                recovery._start(restored)
+            except BaseException:
+                recovery.end()
+                raise
         except OSError as error:
             raise _not_written(root, error) from error
-        write_session(folder, path, recorded_source(recovery._sources.base, path))
+        return recovery
+
+    def _start(self, restored: Restored | None) -> None:
+        self._marks.append({"saved": None if restored else self._document.history.cursor})
+        self._write()
+        self._journal.sync()
+        write_session(self.folder, self._path, recorded_source(self._sources.base, self._path))
         if restored is not None:
             restored.remove()
-        recovery._thread.start()
-        return recovery
+        self._thread.start()
 
     def record(self) -> None:
         """Tell that the document may have changed: after each edit, undo, redo and jump, or once a frame.
