@@ -14,12 +14,14 @@ from numpy import ndarray
 from instdrive_app.messages import Messages
 from instdrive_app.selection_box import Box, SelectionBoxes
 from instdrive_app.state import EditorState
+from instdrive_core.edits.append import AppendEdit
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.instances import new_instances
 from instdrive_core.edits.move import SCALE_LIMITS, MoveInstances
 from instdrive_core.edits.placement import Vector, center_of, lane_at
+from instdrive_core.edits.reset_moves import ResetMoves
 from instdrive_core.edits.select import SelectInstances
 from instdrive_core.errors import EditError
 from instdrive_core.instances.vehicles import is_vehicle
@@ -152,20 +154,24 @@ class Moving:
         )
         self._apply(lambda: edit, gesture=gesture)
 
-    def shift_along_lane(self, metres: float) -> None:
-        """Move forwards along the lane, or back."""
-        lane = self.lane() if self.ids else None
-        if lane is None:
-            self._messages.error("The scene has neither photo cameras nor a street here, so no lane is known")
-            return
-        x, y, z = (lane * metres).tolist()
-        ids, time, ground = self.ids, self._state.time, self.options.on_ground
-        self._apply(lambda: MoveInstances(ids, (x, y, z), time=time, on_ground=ground))
+    def shift_along_lane(self, metres: float, gesture: str | None = None) -> None:
+        """Move forwards along the lane, or back; what has the same `gesture` is one step, told from its beginning."""
+        document, ids, time, ground = self._opened, self.ids, self._state.time, self.options.on_ground
+
+        def edit() -> MoveInstances:
+            x, y, z = (lane_at(document, ids, self.center(), time) * metres).tolist()
+            return MoveInstances(ids, (x, y, z), time=time, on_ground=ground)
+
+        self._apply(edit, gesture=gesture)
 
     def put_on_ground(self) -> None:
         """Set the selection down where it is."""
         ids, time = self.ids, self._state.time
         self._apply(lambda: MoveInstances(ids, time=time, on_ground=True))
+
+    def reset(self) -> None:
+        """Back to where the scene's file has it."""
+        self._apply(ResetMoves, self.ids)
 
     def duplicate(self) -> None:
         """Copy the selection beside itself, along the lane where there is one, select the copy and take it in hand."""
@@ -179,7 +185,7 @@ class Moving:
         if self.apply_and_select(edit, len(ids)):
             self._state.tool = "move"
 
-    def apply_and_select(self, edit: DuplicateInstances, instances: int) -> bool:
+    def apply_and_select(self, edit: AppendEdit, instances: int) -> bool:
         """Do an edit that adds so many instances, and select them, in one step; returns whether that was done."""
         document = self._opened
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from instdrive_app.commands import Commands
 from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
+from instdrive_app.inserting import Inserting
 from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages
 from instdrive_app.moving import Moving
@@ -48,6 +49,7 @@ class EditorSession:
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.asked_about: tuple[int, ...] = ()
+        self.inserting = Inserting(self.state, lambda: self.document, self.jobs, self.messages, self.moving)
         """The instances that the dialog is about."""
         self.renamed: int = 0
         """The instance whose name the user wants to change: the list takes it, else the rename dialog; 0 = none."""

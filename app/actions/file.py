@@ -40,6 +40,15 @@ def commands(session: EditorSession) -> list[Command]:
             items=recent,
         ),
         Command(
+            "file.insert",
+            "Insert scene…",
+            asking(session, "insert"),
+            "File",
+            ("Ctrl+Shift+I",),
+            enabled=lambda: editable(session),
+            icon="ICON_FA_FILE_IMPORT",
+        ),
+        Command(
             "file.save",
             "Save project",
             save,

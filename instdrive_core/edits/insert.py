@@ -44,6 +44,24 @@ class InsertScene(AppendEdit):
             raise EditError(f"digest {self.digest!r} is no text")
         self.translation = checked_vector(self.translation, "translation")
 
+    @classmethod
+    def of(cls, source: Scene, path: str, translation: Vector = (0.0, 0.0, 0.0)) -> InsertScene:
+        """The edit for a scene that has been opened already: doing it reads nothing.
+
+        Raises EditError where the scene has no splats.
+        """
+        edit = cls(path, translation, _digest(source.gaussians))
+        edit._source = source
+        _check_not_empty(source, path)
+        return edit
+
+    @property
+    def added_instances(self) -> int:
+        """How many there will be. Raises ValueError before the scene is opened, by `of` or by doing the edit."""
+        if self._source is None:
+            raise ValueError(f"{self.path} was not opened yet")
+        return len(_found(self._source)) or 1
+
     @property
     def title(self) -> str:
         """``Insert car.ply``."""
@@ -91,14 +109,22 @@ class InsertScene(AppendEdit):
                 self._source = None
                 raise EditError(f"{self.path} is no longer the file that was inserted; restore it")
             self.digest = digest
-        if not len(self._source):
-            raise EditError(f"{self.path} has no splats")
+        _check_not_empty(self._source, self.path)
         return self._source
+
+
+def _check_not_empty(source: Scene, path: str) -> None:
+    if not len(source):
+        raise EditError(f"{path} has no splats")
+
+
+def _found(source: Scene) -> list[Instance]:
+    return [entry for entry in source.table if entry.count]
 
 
 def _renumbered(document: Document, source: Scene, name: str) -> tuple[ndarray, tuple[Instance, ...]]:
     """Each row's new ID, and the new entries of the table."""
-    found = [entry for entry in source.table if entry.count]
+    found = _found(source)
     if not found:
         like = [Instance(0, name[:MAX_NAME_LENGTH] or "inserted")]
         if source.actors:

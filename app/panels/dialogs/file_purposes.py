@@ -73,6 +73,7 @@ def _export(session: EditorSession, path: Path) -> None:
 
 PURPOSES = {
     "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENES), _open),
+    "insert": FilePurpose("Insert a scene", "Insert", SCENES, lambda session, path: session.inserting.insert(path)),
     "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX),
     "export": FilePurpose("Export the edited scene", "Export", WRITTEN, _export, True, True, "_edited.ply"),
 }

@@ -1,0 +1,88 @@
+"""What can be done to where the selection is, and what moves are bound to. The tools themselves are in `tools`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from instdrive_app.commands import Command
+from instdrive_app.moving import MoveOptions
+from instdrive_app.session import EditorSession
+
+SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
+"""Commands that bind moves."""
+
+
+def commands(session: EditorSession) -> list[Command]:
+    """The Move menu."""
+    moving = session.moving
+
+    def selected() -> bool:
+        return bool(session.selected)
+
+    return [
+        Command(
+            "move.duplicate",
+            "Duplicate",
+            moving.duplicate,
+            "Move",
+            ("Ctrl+D",),
+            enabled=selected,
+            icon="ICON_FA_CLONE",
+        ),
+        Command(
+            "move.put_on_ground",
+            "Put on the ground",
+            moving.put_on_ground,
+            "Move",
+            ("Ctrl+G",),
+            enabled=selected,
+            icon="ICON_FA_ARROWS_DOWN_TO_LINE",
+        ),
+        Command(
+            "move.reset",
+            "Reset the move",
+            moving.reset,
+            "Move",
+            enabled=selected,
+            icon="ICON_FA_ARROW_ROTATE_LEFT",
+        ),
+        Command(
+            "move.on_ground",
+            "Moves stay on the ground",
+            _flip(moving.options, "on_ground"),
+            "Move",
+            checked=lambda: moving.options.on_ground,
+            icon="ICON_FA_MAGNET",
+            separator=True,
+        ),
+        Command(
+            "move.yaw_only",
+            "Turn about the vertical only",
+            _flip_yaw_only(session),
+            "Move",
+            checked=lambda: moving.yaw_only,
+            icon="ICON_FA_COMPASS",
+        ),
+        Command(
+            "move.along_lane",
+            "Move along the lane",
+            _flip(moving.options, "along_lane"),
+            "Move",
+            checked=lambda: moving.options.along_lane,
+            icon="ICON_FA_ROAD",
+        ),
+    ]
+
+
+def _flip(options: MoveOptions, name: str) -> Callable[[], None]:
+    def run() -> None:
+        setattr(options, name, not getattr(options, name))
+
+    return run
+
+
+def _flip_yaw_only(session: EditorSession) -> Callable[[], None]:
+    def run() -> None:
+        session.moving.options.yaw_only = not session.moving.yaw_only
+
+    return run
