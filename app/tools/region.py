@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, UInt32
@@ -67,7 +68,8 @@ class RegionTool(ABC):
         document = session.document
         assert document is not None
         place = (document, snapshot.camera, snapshot.time, region)
-        winners = self._winners(snapshot) if options.region_visible_only else None
+        # A draft may have fewer pixels than the picture shows.
+        winners = self._winners(replace(snapshot, draft=False)) if options.region_visible_only else None
         if options.region_splats:
             session.apply(SelectRows, rows_in_region(*place, winners), click.mode)
             return

@@ -30,7 +30,7 @@ def session():
 
 @pytest.fixture
 def snapshot(session):
-    return resolve(session.state, *SIZE)
+    return resolve(session.state, *SIZE, draft=True)
 
 
 @pytest.fixture
@@ -44,7 +44,12 @@ def tools(session, snapshot):
     order = np.flatnonzero(seen)[np.argsort(-depth[seen])]
     winners = np.zeros(SIZE[::-1], np.uint32)
     winners[rows[order], columns[order]] = order + 1
-    return created_tools(session, lambda _: winners)
+
+    def winners_of(asked):
+        assert not asked.draft, "a draft has fewer pixels"
+        return winners
+
+    return created_tools(session, winners_of)
 
 
 def selected_rows(session):

@@ -29,7 +29,7 @@ class RegionOutline:
         if len(outline) < 2:
             return
         draw = imgui.get_window_draw_list()
-        corners = [ImVec2(place.x + x, place.y + y) for x, y in outline]
+        corners: list[imgui.ImVec2Like] = [ImVec2(place.x + x, place.y + y) for x, y in outline]
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         draw.add_polyline(corners, packed(BACKGROUND, 0.85), 2.5, imgui.ImDrawFlags_.closed)
         light = packed(TEXT)
