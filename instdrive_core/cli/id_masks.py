@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 import tyro
 
 from instdrive_core.errors import OptionError
-from instdrive_core.formats.registry import open_scene
 from instdrive_core.masks.coco_panoptic import write_coco_panoptic
 from instdrive_core.masks.id_maps import chosen_views, id_maps
 from instdrive_core.masks.id_pictures import write_id_pictures
+from instdrive_core.project.open import open_edited
 
 WRITERS = {"png": write_id_pictures, "coco": write_coco_panoptic}
 
@@ -28,7 +28,7 @@ def id_masks(
     """Write instance masks as the cameras of a scene's photos see them.
 
     Args:
-        scene: Run or scene folder; other files keep no cameras.
+        scene: Run or scene folder, or a project on one; other files keep no cameras.
         out: Folder to write into.
         format: `png`: colours of the bijective ID map and plain labels; `coco`: COCO's panoptic format.
         camera: Only this camera, e.g. front_camera.
@@ -39,7 +39,7 @@ def id_masks(
 
     if out.exists() and not out.is_dir():
         raise OptionError(f"{out} is a file; name a folder")
-    opened = open_scene(scene)
+    opened = open_edited(scene)
     views = chosen_views(opened, camera, every)
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), transient=True) as progress:
         task = progress.add_task("masks", total=len(views))
@@ -48,4 +48,4 @@ def id_masks(
         )
     if not opened.instance_ids.any():
         print("the scene has no instances: all masks are empty")
-    print(f"{out}: masks of {count} photos, {len(opened.table)} instances ({format})")
+    print(f"{out}: masks of {count} photo{'s' * (count != 1)}, {len(opened.table)} instances ({format})")

@@ -9,7 +9,7 @@ import tyro
 
 from instdrive_core.cli.arguments import default_time
 from instdrive_core.formats.objects import Shape, check_suffix, write_objects
-from instdrive_core.formats.registry import open_scene
+from instdrive_core.project.open import open_edited
 
 
 def objects(
@@ -22,13 +22,13 @@ def objects(
     """Write boxes or hulls of a scene's instances as .json or .glb.
 
     Args:
-        scene: Scene file, or run folder.
+        scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
         out: File to write: .json has names, classes, boxes and tracks; .glb is a 3D scene with a node per instance.
         shape: `hull`: the convex hull of each instance, in a .json beside its box.
         time: Seconds into the drive at which moving objects are shown; default: the first photo's.
     """
     check_suffix(out)
-    opened = open_scene(scene)
+    opened = open_edited(scene)
     time = default_time(opened) if time is None else time
     written = write_objects(out, opened, time, shape)
     print(f"{out}: {len(written)} objects{f' at {time:g} s' if opened.actors else ''}")

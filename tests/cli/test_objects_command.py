@@ -40,6 +40,19 @@ def test_a_file_of_one_moment(tmp_path, capsys):
     assert f"{len(scene.table)} objects\n" in capsys.readouterr().out
 
 
+def test_a_project_is_exported_as_edited(folder, tmp_path, capsys):
+    project = str(tmp_path / "a.instdrive")
+    assert main(["apply", str(folder), "-o", project, "--delete", "1", "--rename", "2=bench"]) == 0
+    assert main(["objects", project, "-o", str(tmp_path / "a.json")]) == 0
+    names = {entry["id"]: entry["name"] for entry in json.loads((tmp_path / "a.json").read_bytes())["objects"]}
+    assert 1 not in names
+    assert names[2] == "bench"
+    assert main(["id-masks", project, "-o", str(tmp_path / "masks"), "--every", "5"]) == 0
+    listed = json.loads((tmp_path / "masks" / "instances.json").read_bytes())["instances"]
+    assert [entry["id"] for entry in listed] == sorted(names)
+    assert "masks of 1 photo," in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("name", "problem"), [("a.obj", "ends in '.obj'"), ("a", "ends in 'nothing'"), ("missing/a.ply", "ends in '.ply'")]
 )
