@@ -15,7 +15,7 @@ from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.instances import MergeInstances
 from instdrive_core.edits.select import SelectInstances
 from instdrive_core.edits.visibility import HideInstances
-from instdrive_core.instances.colormap import ids_from_colors
+from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids, ids_from_colors
 from instdrive_core.maths.spherical_harmonics import view_colors
 from instdrive_core.rasterize.preview import PickRule, preview
 
@@ -98,6 +98,21 @@ def test_flat_views_decode_to_exact_ids(renderer, street, mode):
     expected = np.append(np.uint32(0), ids)[rows]
     np.testing.assert_array_equal(ids_from_colors(renderer.read_picture()), expected)
     assert len(np.unique(expected)) >= 8
+
+
+@pytest.mark.parametrize("mode", [ViewMode.INSTANCE, ViewMode.CODEWORD])
+def test_every_id_has_the_color_of_the_bijection(gl, street, mode):
+    rng, scene = np.random.default_rng(6), street.scene
+    scene.instance_ids = rng.integers(1, ID_LIMIT, len(scene), np.uint32)
+    scene.codewords = rng.integers(0, 1 << 32, len(scene), np.uint32)
+    renderer, snapshot = Renderer(gl, street), resolve(state_at(street, 0, view_mode=mode), *SIZE)
+    renderer.render(snapshot)
+    rows = renderer.rows(snapshot)
+    ids = scene.instance_ids if mode is ViewMode.INSTANCE else scene.codewords % ID_LIMIT
+    expected = colors_from_ids(np.append(np.uint32(0), ids)[rows])
+    assert len(np.unique(rows)) > 2000
+    np.testing.assert_array_equal(renderer.read_picture(), expected)
+    renderer.release()
 
 
 def test_hidden_and_deleted_instances_vanish_and_undo_restores_every_pixel(renderer, street):
