@@ -44,6 +44,7 @@ def edit(
     session = EditorSession()
     window = EditorWindow(session, WindowOptions(size, report, remember_layout))
     session.files.open(path)
+    session.offer_recovery()
     window.run()
 
 

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from instdrive_app.autosave import Autosave
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
-from instdrive_app.opening import Opened, opened
+from instdrive_app.opening import Opened, opened, recovered
 from instdrive_app.recents import RecentFiles
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
@@ -16,6 +17,7 @@ from instdrive_core.edits.document import Document
 from instdrive_core.errors import SceneChangedError
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.progress import part_of_work
+from instdrive_core.project.recoverable import RecoverableSession, pending
 from instdrive_core.project.save import is_project, project_state, write_project
 from instdrive_core.user_folders import state_folder
 
@@ -23,25 +25,25 @@ from instdrive_core.user_folders import state_folder
 class Files:
     """What is on the disk of the open document, and what is not yet."""
 
-    def __init__(self, jobs: Jobs, messages: Messages, show: Callable[[Opened], None]) -> None:
-        """`show` gets each document that was opened."""
-        self._jobs, self._messages, self._show = jobs, messages, show
+    def __init__(self, jobs: Jobs, messages: Messages, autosave: Autosave, show: Callable[[Opened], None]) -> None:
+        """`show` gets each document that was opened; `autosave` follows the one that is shown."""
+        self._jobs, self._messages, self._autosave, self._show = jobs, messages, autosave, show
         self.path: Path | None = None
         """Where the open document came from: a scene or a project."""
         self.last_export: Path | None = None
         self.changed_project: tuple[Path, str] | None = None
         """A project whose scene is no longer the one that was edited, and what is said about it: to be asked about."""
         self.recents = RecentFiles(state_folder() / "recent.json")
-        self._saved: tuple[Edit, ...] = ()
+        self._saved: tuple[Edit, ...] | None = ()
 
     @property
     def project(self) -> Path | None:
         """The project file that Save writes; None where there is none yet."""
         return self.path if self.path is not None and is_project(self.path) else None
 
-    def entered(self, document: Document, path: Path | None) -> None:
-        """A document is shown that came from `path`; it has no unsaved changes."""
-        self.path, self._saved = path, changes_of(document)
+    def entered(self, document: Document, path: Path | None, saved: bool = True) -> None:
+        """A document is shown that came from `path`; where it was recovered, its file lacks something."""
+        self.path, self._saved = path, changes_of(document) if saved else None
         if path is not None:
             self.recents.add(path)
 
@@ -60,6 +62,25 @@ class Files:
 
         self._jobs.submit(f"Opening {path.name}", lambda: opened(path, accept_changed), self._show, failed=failed)
 
+    def find_recoverable(self, ask: Callable[[], None]) -> None:
+        """Look for what dead editors have left; `ask` is called where there is something."""
+
+        def done(found: list[RecoverableSession]) -> None:
+            self._autosave.recoverable = found
+            if found:
+                ask()
+
+        self._jobs.submit("Looking for unsaved work", pending, done, modal=False)
+
+    def recover(self, session: RecoverableSession) -> None:
+        """Open the document that a dead editor has left."""
+
+        def done(found: Opened) -> None:
+            self._autosave.forget(session)
+            self._show(found)
+
+        self._jobs.submit(f"Recovering {session.title}", lambda: recovered(session), done)
+
     def save(
         self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None] = lambda: None
     ) -> None:
@@ -68,6 +89,7 @@ class Files:
 
         def done(_: None) -> None:
             self.path, self._saved = path, changes
+            self._autosave.saved(path, state)
             self.recents.add(path)
             self._messages.info(f"Saved {path}")
             then()

@@ -9,6 +9,7 @@ from typing import Any
 from instdrive_core.edits.document import Document
 from instdrive_core.progress import part_of_work, report
 from instdrive_core.project.open import open_document, open_project
+from instdrive_core.project.recoverable import RecoverableSession, Restored, restore
 from instdrive_core.project.save import is_project
 from instdrive_core.scene.lint import Finding, linted
 
@@ -25,6 +26,8 @@ class Opened:
     """What the user should know about the project."""
     findings: tuple[Finding, ...] = ()
     """What is odd about the scene's splats."""
+    restored: Restored | None = None
+    """Where the document was recovered from a dead editor."""
 
 
 def opened(path: Path, accept_changed: bool = False) -> Opened:
@@ -44,3 +47,10 @@ def opened(path: Path, accept_changed: bool = False) -> Opened:
     report(0.95)
     findings = tuple(finding for finding in linted(document.scene) if len(finding.rows))
     return Opened(document, path, view, notes, findings)
+
+
+def recovered(session: RecoverableSession) -> Opened:
+    """Open a scene and do the edits again that a dead editor has left. Raises DataError."""
+    found = restore(session)
+    found.document.counts()
+    return Opened(found.document, found.path, notes=found.notes, restored=found)

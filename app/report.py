@@ -55,6 +55,7 @@ def window_state(ui: Ui) -> dict[str, Any]:
         "visible": list(document.visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,
+        "unsaved": session.is_unsaved,
         "camera": camera
         and {
             "fx": camera.fx,

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from instdrive_app.autosave import Autosave
 from instdrive_app.commands import Commands
 from instdrive_app.files import Files
-from instdrive_app.jobs import Jobs
 from instdrive_app.inserting import Inserting
+from instdrive_app.jobs import Jobs
 from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages
 from instdrive_app.moving import Moving
@@ -27,6 +28,7 @@ from instdrive_core.edits.look import SetAdjustment
 from instdrive_core.edits.select import SelectClass, SelectCodeword, SelectInstances, SelectMode, SelectNone
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
+from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.scene.lint import Finding
 from instdrive_core.scene.selection import Flag
 
@@ -41,15 +43,16 @@ class EditorSession:
         self.commands = Commands()
         self.document: Document | None = None
         self.navigation = Navigation(self.state, lambda: self.document)
-        self.files = Files(self.jobs, self.messages, self.enter)
+        self.autosave = Autosave(self.messages.error)
+        self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
         self.references = ReferencePictures(self.messages.error, wake)
         self.labels = Labels(lambda: self.document, self.apply, self.messages)
         self.solo = Solo(lambda: self.document, self.apply)
         self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
+        self.inserting = Inserting(self.state, lambda: self.document, self.jobs, self.messages, self.moving)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.asked_about: tuple[int, ...] = ()
-        self.inserting = Inserting(self.state, lambda: self.document, self.jobs, self.messages, self.moving)
         """The instances that the dialog is about."""
         self.renamed: int = 0
         """The instance whose name the user wants to change: the list takes it, else the rename dialog; 0 = none."""
@@ -65,6 +68,8 @@ class EditorSession:
     def enter(self, opened: Opened) -> None:
         """Show what was opened from a file, as it was looked at when it was saved."""
         self.show(opened.document, opened.path)
+        self.files.entered(opened.document, opened.path, saved=opened.restored is None)
+        self.autosave.follow(opened.document, opened.path, opened.restored)
         if opened.view is not None:
             restore(opened.view, self.state, self.navigation, len(opened.document.scene.views))
         for note in opened.notes:
@@ -95,6 +100,18 @@ class EditorSession:
             self.waiting, self.dialog = then, "unsaved"
         else:
             then()
+
+    def offer_recovery(self) -> None:
+        """Ask about work that editors have left that ended without saving; the answer may come frames later."""
+
+        def ask() -> None:
+            self.dialog = "recovery"
+
+        self.files.find_recoverable(ask)
+
+    def recover(self, session: RecoverableSession) -> None:
+        """Go on with what a dead editor has left."""
+        self.leave(lambda: self.files.recover(session))
 
     def quit(self) -> None:
         """Close the window."""
@@ -252,9 +269,12 @@ class EditorSession:
     def tick(self, seconds: float) -> None:
         """Once a frame, `seconds` after the last: deliver finished jobs, let the drive play."""
         self.jobs.poll()
+        self.autosave.tick()
         self.navigation.tick(seconds)
 
-    def close(self) -> None:
-        """Wait for running work."""
+    def close(self, by_choice: bool = True) -> None:
+        """Wait for running work. Not `by_choice` (after a failure), the autosave stays for the next editor to offer."""
         self.jobs.close()
         self.references.close()
+        if by_choice:
+            self.autosave.end()

@@ -20,6 +20,7 @@ from instdrive_app.panels.dialogs.file_browser import FileBrowser
 from instdrive_app.panels.dialogs.findings import FindingsDialog
 from instdrive_app.panels.dialogs.palette import CommandPalette
 from instdrive_app.panels.dialogs.reassign import ReassignDialog
+from instdrive_app.panels.dialogs.recovery import RecoveryDialog
 from instdrive_app.panels.dialogs.rename import RenameDialog
 from instdrive_app.panels.dialogs.set_class import ClassDialog
 from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
@@ -87,6 +88,7 @@ class EditorWindow:
                 ShortcutSheet(),
                 CommandPalette(),
                 UnsavedDialog(),
+                RecoveryDialog(),
                 ChangedSceneDialog(),
                 FindingsDialog(),
             )
@@ -303,7 +305,7 @@ class EditorWindow:
             self._ui.textures.release()
         if self._reporter is not None:
             self._reporter.close()
-        self._session.close()
+        self._session.close(by_choice=self._failure is None)
 
 
 _FINISHED = object()

@@ -1,6 +1,7 @@
 """Drives the editor's real window with true mouse and key events, and reads what the window reports."""
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -16,12 +17,14 @@ PATIENCE = 25.0
 class WindowDriver:
     """One running editor on the present display."""
 
-    def __init__(self, scene, folder, size=(1280, 720)):
+    def __init__(self, scene, folder, size=(1280, 720), state=None):
         self._report = folder / "report.jsonl"
         self._errors = (folder / "stderr.txt").open("w+")
         command = [sys.executable, "-m", "instdrive_app.main", "edit", str(scene), "--report", str(self._report)]
         command += ["--size", str(size[0]), str(size[1]), "--no-remember-layout"]
-        self._process = subprocess.Popen(command, stderr=self._errors)
+        # Its own, unless another driver's is given: what that one left is offered to this one.
+        environment = {**os.environ, "INSTDRIVE_STATE": str(state or folder / "state")}
+        self._process = subprocess.Popen(command, stderr=self._errors, env=environment)
 
     @property
     def state(self):
@@ -160,6 +163,15 @@ class WindowDriver:
     def _last_widgets(self):
         lines = self._report.read_text(encoding="utf-8").rsplit("\n", 2)
         return json.loads(lines[-2])["widgets"] if len(lines) > 1 else {}
+
+    def wait_for_end(self):
+        """The exit status, once the editor has ended by itself."""
+        return self._process.wait(PATIENCE)
+
+    def kill(self):
+        """End the editor as a crash would."""
+        self._process.kill()
+        self._process.wait(PATIENCE)
 
     def close(self):
         """End the editor if it still runs."""

@@ -1,0 +1,74 @@
+"""Offering the work of editors that ended without saving."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.dialogs.frame import centered
+from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.theme import ACCENT, BACKGROUND, ERROR, rgba
+from instdrive_core.project.recoverable import RecoverableSession
+
+TITLE = "Recover unsaved work"
+
+
+class RecoveryDialog:
+    """A row per document: recover it, discard it, or leave it for later."""
+
+    names: tuple[str, ...] = ("recovery",)
+
+    def ask(self, ui: Ui, name: str) -> None:
+        """Open it."""
+        imgui.open_popup(TITLE)
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        em = imgui.get_font_size()
+        centered(ImVec2(40 * em, 0))
+        if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
+            return
+        imgui.text_wrapped("The editor ended without saving these documents. Their edits were kept.")
+        imgui.spacing()
+        for number, session in enumerate(list(ui.session.autosave.recoverable)):
+            imgui.push_id(number)
+            self._row(ui, session, number)
+            imgui.pop_id()
+        imgui.spacing()
+        imgui.set_cursor_pos_x(imgui.get_window_width() - 7 * em - 10)
+        later = imgui.button("Later", ImVec2(7 * em, 0)) or imgui.is_key_pressed(imgui.Key.escape)
+        ui.mark("recovery.later")
+        if later or not ui.session.autosave.recoverable:
+            imgui.close_current_popup()
+        imgui.end_popup()
+
+    def _row(self, ui: Ui, session: RecoverableSession, number: int) -> None:
+        em = imgui.get_font_size()
+        imgui.separator()
+        imgui.push_font(ui.fonts.bold, 0.0)
+        imgui.text(session.title)
+        imgui.pop_font()
+        buttons = imgui.get_window_width() - 16 * em - 10 - imgui.get_style().item_spacing.x
+        imgui.same_line(buttons)
+        discarded = imgui.button("Discard", ImVec2(7 * em, 0))
+        ui.mark(f"recovery.{number}.discard")
+        imgui.same_line()
+        imgui.begin_disabled(bool(session.problem))
+        imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
+        imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
+        recovered = imgui.button("Recover", ImVec2(9 * em, 0))
+        imgui.pop_style_color(2)
+        imgui.end_disabled()
+        ui.mark(f"recovery.{number}.recover")
+        changes = f"{session.edits} change{'' if session.edits == 1 else 's'}"
+        dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
+        if session.problem:
+            imgui.push_style_color(imgui.Col_.text, rgba(ERROR))
+            imgui.text_wrapped(session.problem)
+            imgui.pop_style_color()
+        else:
+            dim_text(str(session.path.parent))
+        if discarded:
+            ui.session.autosave.discard(session)
+        if recovered:
+            ui.session.recover(session)
+            imgui.close_current_popup()

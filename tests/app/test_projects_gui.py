@@ -1,0 +1,104 @@
+"""Saving, reopening, recovering and leaving, through the real window."""
+
+import shutil
+
+import pytest
+from procedural_street import FIRST_CAR, procedural_street
+from window_driver import WindowDriver
+
+from instdrive_app.virtual_display import virtual_display
+from instdrive_core.formats.registry import save_scene
+from instdrive_core.project.open import open_document
+
+pytestmark = pytest.mark.gui
+
+RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
+
+
+@pytest.fixture(scope="module")
+def street_folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("street") / "street"
+    save_scene(path, procedural_street())
+    return path
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """A function that opens the editor on a path; all editors share one state folder."""
+    for tool in ("Xvfb", "xdotool"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+    drivers = []
+
+    def start(path):
+        folder = tmp_path / f"editor{len(drivers)}"
+        folder.mkdir()
+        driver = WindowDriver(path, folder, state=tmp_path / "state")
+        drivers.append(driver)
+        driver.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
+        driver.wait_until_calm()
+        return driver
+
+    with virtual_display((1280, 720)):
+        try:
+            yield start
+        finally:
+            for driver in drivers:
+                driver.close()
+
+
+def delete(window, instance):
+    window.click_widget(f"instances.{instance}")
+    window.wait_for(lambda state: state["selected"] == [instance], "the list to select")
+    window.key("Delete")
+    window.wait_for(lambda state: instance not in state["visible"], "the instance to be deleted")
+
+
+def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
+    window = opened(street_folder)
+    delete(window, RED_CAR)
+    project = tmp_path / "drive.instdrive"
+    window.key("ctrl+s")
+    window.wait_for_widget("dialog.path")
+    window.key("ctrl+a")
+    window.type(str(project))
+    window.click_widget("dialog.accept")
+    window.wait_for(lambda state: not state["unsaved"] and project.exists(), "the project to be saved")
+    delete(window, BLUE_CAR)
+    window.key("ctrl+z")
+    window.wait_for(lambda state: not state["unsaved"], "the saved state again")
+    assert window.quit() == 0, "nothing is unsaved: no question"
+
+    again = opened(project)
+    assert RED_CAR not in again.state["visible"]
+    again.key("ctrl+z")
+    again.wait_for(lambda state: RED_CAR in state["visible"], "an edit of the last session to be undone")
+    again.key("ctrl+q")
+    again.click_widget("question.Save")
+    assert again.wait_for_end() == 0
+    document, _ = open_document(project)
+    assert RED_CAR in document.visible_instances()
+    assert document.history.edits, "what was undone can be redone"
+
+
+def test_work_of_a_killed_editor_is_offered(opened, street_folder):
+    window = opened(street_folder)
+    delete(window, RED_CAR)
+    delete(window, BLUE_CAR)
+    window.wait_until_calm(1.5)
+    window.kill()
+
+    again = opened(street_folder)
+    again.click_widget("recovery.0.recover")
+    state = again.wait_for(lambda state: RED_CAR not in state["visible"], "the work to be recovered")
+    assert BLUE_CAR not in state["visible"]
+    assert state["unsaved"]
+    again.key("ctrl+z")
+    again.wait_for(lambda state: BLUE_CAR in state["visible"], "a recovered edit to be undone")
+    again.key("ctrl+q")
+    again.click_widget("question.Cancel")
+    assert again.wait_until_calm()["unsaved"], "still there"
+    assert again.quit() == 0
+
+    last = opened(street_folder)
+    assert "recovery.later" not in last.state["widgets"], "what was left by choice is not offered"
