@@ -8,7 +8,8 @@ from numpy import ndarray
 
 RADII = (2.0, 4.0, 8.0)
 """Metres around the place within which ground is looked for, in this order."""
-MIN_SPLATS = 20
+MIN_SPLATS, MAX_SPLATS = 20, 5000
+"""Fewer within a radius are not enough; of more, evenly chosen ones say the same."""
 LOWEST_SHARE = 0.1
 """Fewer splats than this share lie below the ground …"""
 BAND = 0.3
@@ -19,17 +20,20 @@ MAX_SLOPE = 0.5
 _ROUNDS = 4
 
 
-def ground_height(points: Float32[ndarray, "n 3"], place: Float[ndarray, "3"]) -> float | None:
+def ground_height(
+    points: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], radii: tuple[float, ...] = RADII
+) -> float | None:
     """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
 
     The ground is a plane through the lowest layer around: a tenth of the points may lie below it as floaters. None
-    where there are too few points.
+    where there are too few points within the largest of `radii` (metres, rising).
     """
     offsets = points[:, :2] - np.asarray(place, np.float32)[:2]
     distances = np.einsum("ni,ni->n", offsets, offsets)
-    for radius in RADII:
+    for radius in radii:
         close = np.flatnonzero(distances < radius**2)
         if len(close) >= MIN_SPLATS:
+            close = close[:: -(-len(close) // MAX_SPLATS)]
             return _plane_at_zero(offsets[close].astype(np.float64), points[close, 2].astype(np.float64))
     return None
 

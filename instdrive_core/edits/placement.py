@@ -58,30 +58,29 @@ def bottom_of(document: Document, ids: Sequence[int], matrix: Similarity, time: 
 
 def ground_under(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
     """Height (metres) of the background under a place, the instances themselves left out. Raises EditError."""
-    scene = document.scene
-    rows, means = _background_around(document, ids, place, RADII[-1])
-    solid = sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY
-    alive = (document.state.flags[rows] & Flag.DELETED) == 0
-    height = ground_height(means[solid & alive], place)
-    if height is None:
-        raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
-    return height
+    for radius in RADII:
+        height = ground_height(_background_around(document, ids, place, radius), place, (radius,))
+        if height is not None:
+            return height
+    raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
 
 
 def _background_around(
     document: Document, ids: Sequence[int], place: Float[ndarray, "3"], reach: float
-) -> tuple[Int64[ndarray, " k"], Float32[ndarray, "k 3"]]:
-    """Rows of other instances, none of them driving, within `reach` metres along x and along y; and where they are."""
+) -> Float32[ndarray, "k 3"]:
+    """Where solid splats of other things are, none of them driving, within `reach` metres along x and along y."""
     scene = document.scene
-    stored, moved = scene.gaussians.means, document.transforms.indices > 0
-    rows = np.flatnonzero(_within(stored, place, reach) & (scene.nodes == 0) & ~moved)
-    rows = rows[~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
-    # Of what was moved before, little is of others: during a drag it is mostly the instances themselves.
-    shifted = np.flatnonzero(moved & (scene.nodes == 0))
-    shifted = shifted[~np.isin(scene.instance_ids[shifted], np.array(ids, np.uint32))]
-    means = document.means_of(shifted)
-    close = _within(means, place, reach)
-    return np.concatenate([rows, shifted[close]]), np.concatenate([stored[rows], means[close]])
+    stored, entries = scene.gaussians.means, document.transforms.indices
+
+    def counted(rows: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+        usable = (scene.nodes[rows] == 0) & ((document.state.flags[rows] & Flag.DELETED) == 0)
+        rows = rows[usable & ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
+        return rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY]
+
+    near = np.flatnonzero(_within(stored, place, reach))
+    # Of what was moved, little is of others: during a drag it is mostly the instances themselves.
+    moved = document.means_of(counted(np.flatnonzero(entries)))
+    return np.concatenate([stored[counted(near[entries[near] == 0])], moved[_within(moved, place, reach)]])
 
 
 def _within(means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float) -> Bool[ndarray, " n"]:
