@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import moderngl
+import numpy as np
 
-from instdrive_app.render.renderer import Renderer
+from instdrive_app.render.frame_renderer import FrameRenderer, chosen_kind, renderer_of
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document import Document
+from instdrive_core.scene.selection import Flag
 
-SMOOTH_SECONDS = 1 / 25
+SMOOTH_SECONDS = 1 / 16
 """Frames that take longer than this are drawn coarsely while the camera moves or the drive plays."""
 SETTLE_SECONDS = 0.15
 """A view that has stood still for so long is not moving."""
@@ -19,62 +22,85 @@ SETTLE_SECONDS = 0.15
 class LiveView:
     """Owns the renderer of the present document."""
 
-    def __init__(self, ctx: moderngl.Context) -> None:
-        self._ctx = ctx
-        self._renderer: Renderer | None = None
+    def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
+        """`wake` is called, from another thread, when `show` has something newer to show."""
+        self._ctx, self._wake = ctx, wake
+        self._renderer: FrameRenderer | None = None
         self._document: Document | None = None
         self._sharp_seconds = 0.0
         self._moved_at = 0.0
         self._last_look: tuple[bytes, float] | None = None
         self.snapshot: FrameSnapshot | None = None
-        """The last frame shown."""
-        self.frame_seconds = 0.0
-        """How long the last frame that had to be drawn took."""
+        """The frame that is shown: a frame asked for may still be under way. None while there is none of this size."""
 
     @property
     def backend(self) -> str:
-        """The graphics driver's name for the device."""
-        return self._ctx.info["GL_RENDERER"].split("(")[0].strip()
+        """The graphics driver's name for the device, or that the CPU draws."""
+        driver = self._ctx.info["GL_RENDERER"]
+        return "CPU" if chosen_kind(driver) == "cpu" else driver.split("(")[0].strip()
 
     @property
-    def renderer(self) -> Renderer:
+    def renderer(self) -> FrameRenderer:
         """The renderer of the document shown last."""
         assert self._renderer is not None, "nothing was shown yet"
         return self._renderer
 
     @property
+    def frame_seconds(self) -> float:
+        """How long the last frame that had to be drawn took."""
+        return self._renderer.frame_seconds if self._renderer is not None else 0.0
+
+    @property
     def settled(self) -> bool:
-        """Whether the picture is sharp: nothing is left to be drawn."""
-        return self.snapshot is not None and not self.snapshot.draft
+        """Whether the picture is sharp and current: nothing is left to be drawn."""
+        return self.snapshot is not None and not self.snapshot.draft and self.renderer.settled
 
     def show(self, document: Document, state: EditorState, width: int, height: int) -> moderngl.Texture:
-        """The picture of a viewport of this size; drawn only where something has changed."""
+        """The picture of a viewport of this size; drawn only where something has changed, waited for never."""
         if document is not self._document:
             self.release()
-            self._renderer, self._document = Renderer(self._ctx, document), document
-        self.renderer.free_retired()
-        self.snapshot = resolve(state, width, height, draft=self._is_draft(state))
-        before, started = self.renderer.blended_draws, time.perf_counter()
-        self.renderer.render(self.snapshot)
-        if self.renderer.blended_draws != before:
-            self._ctx.finish()
-            self.frame_seconds = time.perf_counter() - started
-            if not self.snapshot.draft:
-                self._sharp_seconds = self.frame_seconds
-        return self.renderer.picture
+            self._renderer, self._document = renderer_of(self._ctx, document, self._wake), document
+        renderer = self.renderer
+        renderer.free_retired()
+        wanted = resolve(state, width, height, draft=self._is_draft(state))
+        renderer.render(wanted, wait=False)
+        shown = renderer.shown
+        same_size = shown is not None and (shown.camera.width, shown.camera.height) == (width, height)
+        self.snapshot = shown if same_size else None
+        if shown is not None and not shown.draft:
+            self._sharp_seconds = renderer.frame_seconds
+        return renderer.picture
 
     def depth_at(self, x: float, y: float) -> float | None:
         """Depth (metres along the viewing axis) of the splat that the ID view shows at a pixel; None where none is."""
-        if self._renderer is None or self.snapshot is None or self.snapshot.draft:
+        document, snapshot = self._document, self.snapshot
+        if document is None or snapshot is None or snapshot.draft:
             return None
-        row = self._renderer.row_at(self.snapshot, int(x), int(y))
-        if row is None:
+        row = self.renderer.shown_row_at(int(x), int(y))
+        row = self.renderer.row_at(snapshot, int(x), int(y)) if row is None else row
+        if row is None or row < 0:
             return None
-        axis = self.snapshot.camera.camera_from_world[2]
-        return float(self._renderer.scene.means[row] @ axis[:3] + axis[3])
+        poses, _ = document.scene.at(snapshot.time)
+        pose = poses[document.scene.nodes[row]]
+        place = pose[:3, :3] @ document.means_of(np.array([row]))[0] + pose[:3, 3]
+        axis = snapshot.camera.camera_from_world[2]
+        return float(place @ axis[:3] + axis[3])
+
+    def instance_at(self, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
+        """The instance that a click at a place of the frame shown means, 0 for none; None where that frame cannot tell:
+        it is another one, a draft, or what it shows there has been hidden or deleted since."""
+        document = self._document
+        if document is None or snapshot is not self.snapshot:
+            return None
+        row = self.renderer.shown_row_at(int(np.floor(x)), int(np.floor(y)))
+        if row is None or row < 0:
+            return None if row is None else 0
+        if document.state.flags[row] & (Flag.HIDDEN | Flag.DELETED):
+            return None
+        return int(document.scene.instance_ids[row])
 
     def release(self) -> None:
-        """Free everything on the GPU."""
+        """Free everything on the GPU, and end what draws aside."""
         if self._renderer is not None:
             self._renderer.release()
         self._renderer = self._document = self.snapshot = None

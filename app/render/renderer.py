@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import fields
 
 import moderngl
@@ -40,6 +41,10 @@ class Renderer:
         self._keys: dict[str, object] = {}
         self.blended_draws = 0
         """How often splats were blended; stands still while nothing changes."""
+        self.frame_seconds = 0.0
+        """How long the last frame that had to be blended took."""
+        self.shown: FrameSnapshot | None = None
+        """The snapshot that `picture` was drawn for; None before the first frame."""
 
     @property
     def picture(self) -> moderngl.Texture:
@@ -51,7 +56,7 @@ class Renderer:
     def depth_range(self) -> tuple[float, float]:
         """Metres at the near and far end of the depth view's ramp."""
         low, high = self._projector.depth_range
-        return _round_figure(low, down=True), _round_figure(high, down=False)
+        return round_figure(low, down=True), round_figure(high, down=False)
 
     @property
     def settled(self) -> bool:
@@ -64,6 +69,14 @@ class Renderer:
         Without `wait` no frame waits for sorting or for the upload of many splats: the last order serves until the new
         one is there, and a large scene appears over a few frames; see `settled`.
         """
+        before, started = self.blended_draws, time.perf_counter()
+        self._bring_up_to_date(snapshot, wait)
+        self.shown = snapshot
+        if self.blended_draws != before:
+            self._ctx.finish()
+            self.frame_seconds = time.perf_counter() - started
+
+    def _bring_up_to_date(self, snapshot: FrameSnapshot, wait: bool) -> None:
         self.scene.update(snapshot.time, wait)
         targets = self._sized(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait)
@@ -74,7 +87,7 @@ class Renderer:
         marked = snapshot.show_outlines and not snapshot.draft and self._marked(snapshot)
         if marked:
             self._draw_rows(targets, snapshot)
-        shown = (_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
+        shown = (snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
         shown = (*shown, marked and self._document.state.version)
         if self._keys.get("shown") == shown:
             return
@@ -109,6 +122,9 @@ class Renderer:
         pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
         row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
         return row_plus_one - 1 if row_plus_one else None
+
+    def shown_row_at(self, x: int, y: int) -> int | None:
+        """None: what a click means is decided by more than the splat that the ID view shows."""
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
         """The last frame as RGB."""
@@ -154,7 +170,7 @@ class Renderer:
 
     def _look_key(self, camera: Camera) -> tuple:
         """Names what the splats look like through a camera, as far as the projector knows."""
-        return _camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
+        return camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
     def _project(self, camera: Camera) -> None:
         key = self._look_key(camera)
@@ -187,17 +203,19 @@ class Renderer:
         self._keys["rows"] = key
 
 
-def _camera_key(camera: Camera) -> tuple:
+def camera_key(camera: Camera) -> tuple:
+    """Equal for cameras that see the same."""
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     return (*pinhole, camera.world_from_camera.tobytes())
 
 
-def _key(snapshot: FrameSnapshot) -> tuple:
+def snapshot_key(snapshot: FrameSnapshot) -> tuple:
+    """Equal for snapshots that ask for the same frame."""
     rest = [getattr(snapshot, entry.name) for entry in fields(snapshot) if entry.name != "camera"]
-    return (_camera_key(snapshot.camera), *rest)
+    return (camera_key(snapshot.camera), *rest)
 
 
-def _round_figure(value: float, down: bool) -> float:
+def round_figure(value: float, down: bool) -> float:
     """The next 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
     steps = [step * power for step in (1.0, 2.0, 5.0, 10.0)]

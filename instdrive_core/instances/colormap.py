@@ -11,8 +11,8 @@ from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
 ID_LIMIT = 1 << 24
-_MULTIPLIER = 0x9E3779
-_INVERSE = pow(_MULTIPLIER, -1, ID_LIMIT)
+MULTIPLIER = 0x9E3779
+INVERSE = pow(MULTIPLIER, -1, ID_LIMIT)
 
 
 def colors_from_ids(ids: UInt32[ndarray, "*n"]) -> UInt8[ndarray, "*n 3"]:
@@ -20,7 +20,7 @@ def colors_from_ids(ids: UInt32[ndarray, "*n"]) -> UInt8[ndarray, "*n 3"]:
     ids = np.asarray(ids, np.uint64)
     if ids.size and ids.max() >= ID_LIMIT:
         raise ValueError(f"ID {ids.max()} does not fit the 24-bit colour map (limit {ID_LIMIT - 1})")
-    curve = ids * np.uint64(_MULTIPLIER) % np.uint64(ID_LIMIT)
+    curve = ids * np.uint64(MULTIPLIER) % np.uint64(ID_LIMIT)
     colors = np.zeros((*ids.shape, 3), np.uint8)
     for bit in range(24):
         value = ((curve >> np.uint64(23 - bit)) & np.uint64(1)).astype(np.uint8)
@@ -35,4 +35,4 @@ def ids_from_colors(colors: UInt8[ndarray, "*n 3"]) -> UInt32[ndarray, "*n"]:
     for bit in range(24):
         value = (colors[..., bit % 3] >> np.uint8(7 - bit // 3)) & np.uint8(1)
         curve |= value.astype(np.uint64) << np.uint64(23 - bit)
-    return (curve * np.uint64(_INVERSE) % np.uint64(ID_LIMIT)).astype(np.uint32)
+    return (curve * np.uint64(INVERSE) % np.uint64(ID_LIMIT)).astype(np.uint32)

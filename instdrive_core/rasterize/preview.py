@@ -83,15 +83,18 @@ def drawn_preview(
     settings: RasterSettings = DEFAULT_SETTINGS,
     rule: PickRule = DEFAULT_PICK_RULE,
 ) -> Preview:
-    """Draw what `projected` found with the same camera and settings; its visible rows have their colours."""
+    """Draw what `projected` found with the same camera and settings; its visible rows have their colours.
+
+    The images lie in the workspace: they last until the next call with the same one.
+    """
     packed = packed_splats(found, settings, workspace)
     tiles = preview_tiles(packed, camera.width, camera.height, workspace)
     shape = (camera.height, camera.width)
     result = Preview(
-        np.empty((*shape, 3), np.float32),
-        np.empty(shape, np.float32),
-        np.empty(shape, np.float32),
-        np.empty(shape, np.int32),
+        workspace.array("color", (*shape, 3)),
+        workspace.array("alpha", shape),
+        workspace.array("depth", shape),
+        workspace.array("winner", shape, np.int32),
     )
     images = (result.color, result.alpha, result.depth, result.winner)
     blend_preview(packed, tiles, settings, rule.as_row(), images)

@@ -38,6 +38,12 @@ def over_sky(
     return result
 
 
+def add_sky(sky: Sky, camera: Camera, image: Float32[ndarray, "h w 3"], alpha: Float32[ndarray, "h w"]) -> None:
+    """Put the sky behind an image, in place."""
+    with numba.parallel_chunksize(_BAND):
+        _over_sky(*_texels(sky), _ray_matrix(camera), alpha, image, image)
+
+
 def sky_behind_backward(
     sky: Sky, camera: Camera, alpha: Float32[ndarray, "h w"], grad: Float32[ndarray, "h w 3"]
 ) -> tuple[Float32[ndarray, "h w"], Float32[ndarray, "6 r r 3"]]:
@@ -143,7 +149,7 @@ def _add_sky_to_row(texels, resolution, matrix, row, alpha, image):
             image[column, c] += through * (upper + lower)
 
 
-@numba.njit(parallel=True, error_model="numpy", cache=True)
+@numba.njit(parallel=True, nogil=True, error_model="numpy", cache=True)
 def _over_sky(texels, resolution, matrix, alpha, image, result):
     for row in numba.prange(len(alpha)):
         result[row] = image[row]

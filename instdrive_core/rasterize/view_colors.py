@@ -134,7 +134,7 @@ def _fill_directions(first, last, view, directions):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)
-def _fill_basis(count, directions, basis):
+def fill_basis(count, directions, basis):
     """The basis values above the constant, a row each, for `count` directions."""
     three, four, two = np.float32(3), np.float32(4), np.float32(2)
     for i in range(np.uint64(count)):
@@ -201,7 +201,7 @@ def _colors(view, sh_dc, sh_rest, colors):
         directions, basis = np.empty((3, _CHUNK), np.float32), np.empty((sh_rest.shape[1], _CHUNK), np.float32)
         if len(basis):
             _fill_directions(first, last, view, directions)
-            _fill_basis(last - first, directions, basis)
+            fill_basis(last - first, directions, basis)
         _write_colors(first, last, sh_dc, sh_rest, basis, colors)
 
 
@@ -213,5 +213,5 @@ def _colors_backward(view, colors, grad_colors, grad_dc, grad_rest):
         directions, basis = np.empty((3, _CHUNK), np.float32), np.empty((grad_rest.shape[1], _CHUNK), np.float32)
         if len(basis):
             _fill_directions(first, last, view, directions)
-            _fill_basis(last - first, directions, basis)
+            fill_basis(last - first, directions, basis)
         _write_gradients(first, last, colors, grad_colors, basis, grad_dc, grad_rest)

@@ -1,0 +1,103 @@
+"""What draws a document for the viewport, and which of the renderers does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Literal, Protocol
+
+import moderngl
+from jaxtyping import UInt8, UInt32
+from numpy import ndarray
+
+from instdrive_app.state import FrameSnapshot
+from instdrive_core.edits.document import Document
+from instdrive_core.errors import OptionError
+
+CHOICE = "INSTDRIVE_RENDERER"
+"""Environment variable: `gl` or `cpu` instead of what the driver's name suggests."""
+SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swr", "software", "swiftshader", "gdi generic")
+"""Parts of the names of OpenGL drivers that draw on the CPU: there the CPU rasterizer is many times faster."""
+
+
+class FrameRenderer(Protocol):
+    """Draws one document as snapshots ask for. Everything is called on the thread that owns the GL context."""
+
+    frame_seconds: float
+    """How long the last frame that had to be blended took."""
+
+    @property
+    def picture(self) -> moderngl.Texture:
+        """The newest frame, RGBA8, row 0 at the top."""
+        ...
+
+    @property
+    def shown(self) -> FrameSnapshot | None:
+        """The snapshot that `picture` was drawn for; None before the first frame."""
+        ...
+
+    @property
+    def settled(self) -> bool:
+        """Whether `picture` is all that was asked for last."""
+        ...
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """Metres at the near and far end of the depth view's ramp."""
+        ...
+
+    def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
+        """Bring `picture` up to date; without `wait` as far as it can be at once: ask again until it is `settled`."""
+        ...
+
+    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+        """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
+        ...
+
+    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+        """The instance that the ID view shows at every pixel; 0 = none."""
+        ...
+
+    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+        """The splat that the ID view shows at a pixel; None where none is, or outside."""
+        ...
+
+    def shown_row_at(self, x: int, y: int) -> int | None:
+        """The splat that a click on a pixel of `picture` means, -1 for none; None where the picture cannot tell."""
+        ...
+
+    def read_picture(self) -> UInt8[ndarray, "h w 3"]:
+        """The newest frame as RGB."""
+        ...
+
+    def free_retired(self) -> None:
+        """Free pictures of sizes no longer drawn. Call between window frames."""
+        ...
+
+    def release(self) -> None:
+        """Free everything."""
+        ...
+
+
+def chosen_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Literal["gl", "cpu"]:
+    """Which renderer serves a driver best, by its name (GL_RENDERER); the environment may say otherwise.
+
+    Raises OptionError where it says neither `gl` nor `cpu`.
+    """
+    choice = environment.get(CHOICE, "").strip().lower()
+    if choice not in ("", "gl", "cpu"):
+        raise OptionError(f"{CHOICE} is {choice!r}; set it to gl or cpu, or unset it to choose by the graphics driver")
+    if choice:
+        return "gl" if choice == "gl" else "cpu"
+    return "cpu" if any(name in driver.lower() for name in SOFTWARE_DRIVERS) else "gl"
+
+
+def renderer_of(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
+    """A renderer of the document. `wake` is called from another thread when one that draws aside has a frame."""
+    if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
+        from instdrive_app.render.software import SoftwareRenderer
+
+        return SoftwareRenderer(ctx, document, wake)
+    from instdrive_app.render.renderer import Renderer
+
+    return Renderer(ctx, document)
