@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from imgui_bundle import imgui
 
 from instdrive_app.panels.codeword import bit_squares
@@ -21,15 +22,16 @@ class FactsSection:
 
     def __init__(self) -> None:
         self._class = TextField("class")
+        self._known: tuple[tuple, tuple[set[str], int]] | None = None
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
         table, labels = document.scene.table, ui.session.labels
-        classes = {table[i].class_name for i in ids}
+        classes, drawn = self._in_sum(document, ids)
         _label("Class")
         arrow = imgui.get_frame_height()
         hint = "unknown" if len(classes) == 1 else "several"
-        entered = self._class.draw(ui, "inspector.class", classes.pop() if len(classes) == 1 else "", hint, arrow)
+        entered = self._class.draw(ui, "inspector.class", next(iter(classes)) if len(classes) == 1 else "", hint, arrow)
         if entered is not None:
             labels.set_class(ids, entered)
         imgui.same_line(0, 0)
@@ -40,8 +42,16 @@ class FactsSection:
         if len(ids) == 1:
             _one(document, table[ids[0]])
         else:
-            drawn = sum(document.instance_flags(i).drawn for i in ids)
             _fact("Splats", f"{drawn:,}")
+
+    def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int]:
+        """Classes, and splats drawn; looked up again only where something has changed."""
+        key = (id(document), ids, document.state.version, document.table_version)
+        if self._known is None or self._known[0] != key:
+            counts = document.counts()
+            drawn = int(counts.drawn[np.isin(counts.ids, ids)].sum())
+            self._known = (key, ({document.scene.table[i].class_name for i in ids}, drawn))
+        return self._known[1]
 
     def _known_classes(self, ui: Ui, document: Document, ids: Ids) -> None:
         if not imgui.begin_popup("##known classes"):

@@ -62,11 +62,11 @@ class InspectorPanel:
         """Swatch, name and number; the name is a field to type another one into."""
         imgui.align_text_to_frame_padding()
         imgui.push_font(ui.fonts.bold, 0.0)
+        instance, number = document.scene.table[ids[0]], f"#{ids[0]}"
         if len(ids) > 1:
             imgui.text(f"{len(ids)} instances")
             imgui.pop_font()
             return
-        instance, number = document.scene.table[ids[0]], f"#{ids[0]}"
         place = imgui.get_cursor_pos_y()
         imgui.set_cursor_pos_y(place + imgui.get_style().frame_padding.y)
         swatch(instance)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from imgui_bundle import imgui
+import numpy as np
+from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.recolor import preset_row
 from instdrive_app.panels.ui import Ui, icon_menu_item, swatch
@@ -31,15 +32,17 @@ def instance_menu(ui: Ui, instance_id: int) -> None:
     _repairs(ui, document, instance_id, ids)
     imgui.separator()
     _item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.reset_colors(ids))
-    imgui.dummy(imgui.ImVec2(0, 1))
+    imgui.dummy(ImVec2(0, 1))
     if preset_row(ui, "menu", ids):
         imgui.close_current_popup()
 
 
 def _visibility(ui: Ui, document: Document, ids: Ids) -> None:
     session = ui.session
-    summaries = [document.instance_flags(i) for i in ids]
-    hidden, locked = all(s.is_hidden for s in summaries), all(s.is_locked for s in summaries)
+    counts = document.counts()
+    chosen = np.isin(counts.ids, ids)
+    hidden = not counts.drawn[chosen].any()
+    locked = bool((counts.locked >= counts.count - counts.deleted)[chosen].all())
     solo = set(ids) == set(session.solo.ids)
     _item(ui, "delete", "edit.delete", "Delete", lambda: session.delete(ids), not locked)
     _item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.hide(ids, not hidden))
