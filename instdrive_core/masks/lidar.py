@@ -49,7 +49,8 @@ class LidarLabels:
 
     def __init__(self, clip: Clip) -> None:
         if not clip.training_sweeps():
-            raise DataError(clip.path, "has no LiDAR sweeps to make masks of", "Give other masks with --masks")
+            remedy = "Make masks with `instdrive masks --source sam`, or import some"
+            raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
         self._scene: LidarScene = build_lidar_scene(clip)
         self._things = self._scene.things()
         self._sky_colors = self._gathered_colors(clip)
