@@ -63,6 +63,8 @@ class EditorSession:
         """What was odd about the splats of the scene opened last."""
         self.waiting: Callable[[], None] | None = None
         """What the user wants to do next, while asked about unsaved changes."""
+        self.dropped: Path | None = None
+        """A file dropped onto the window, to be taken up in the next frame."""
         self.quitting = False
 
     def enter(self, opened: Opened) -> None:

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import moderngl
 import numpy as np
-from imgui_bundle import ImVec2, hello_imgui, imgui
+from imgui_bundle import ImVec2, glfw_utils, hello_imgui, imgui
 from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.dialogs import DialogHost
 from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
+from instdrive_app.panels.dialogs.dropped import DroppedDialog
 from instdrive_app.panels.dialogs.file_browser import FileBrowser
 from instdrive_app.panels.dialogs.findings import FindingsDialog
 from instdrive_app.panels.dialogs.palette import CommandPalette
@@ -89,6 +90,7 @@ class EditorWindow:
                 CommandPalette(),
                 UnsavedDialog(),
                 RecoveryDialog(),
+                DroppedDialog(),
                 ChangedSceneDialog(),
                 FindingsDialog(),
             )
@@ -124,6 +126,11 @@ class EditorWindow:
     def session(self) -> EditorSession:
         """The session that the window shows."""
         return self._session
+
+    @property
+    def dialogs(self) -> frozenset[str]:
+        """Names of the dialogs that can be asked for."""
+        return self._dialogs.names
 
     def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
         """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
@@ -258,8 +265,18 @@ class EditorWindow:
         view = LiveView(self._context)
         tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
+        self._accept_drops()
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
+
+    def _accept_drops(self) -> None:
+        import glfw  # not before imgui_bundle, which tells it to use the same library
+
+        def take(_: object, paths: list[str]) -> None:
+            if paths:
+                self._session.dropped = Path(paths[0])
+
+        glfw.set_drop_callback(glfw_utils.glfw_window_hello_imgui(), take)  # type: ignore[arg-type]
 
     def _before_frame(self) -> None:
         self.ui.marks.clear()

@@ -16,7 +16,7 @@ from instdrive_app.panels.menus import key_chord
 from instdrive_app.panels.ui import icon
 from instdrive_app.session import EditorSession
 from instdrive_app.timeline import Timeline
-from instdrive_app.window import require_display
+from instdrive_app.window import EditorWindow, require_display
 from instdrive_core.errors import InstDriveError
 from instdrive_core.formats.scene_folder import MANIFEST
 from instdrive_core.instances.table import Instance
@@ -116,3 +116,14 @@ def test_missing_scenes_and_displays_are_explained(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InstDriveError, match="xvfb-run"):
         require_display()
+
+
+def test_every_dialog_name_that_commands_use_exists():
+    window = EditorWindow(EditorSession())
+    names = set(window.dialogs)
+    for command in window.session.commands:
+        if command.title.endswith("…") and command.enabled():
+            command.run()
+            assert window.session.dialog is None or window.session.dialog in names, command.id
+            window.session.dialog = None
+    window.session.close()

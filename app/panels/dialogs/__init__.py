@@ -31,6 +31,11 @@ class DialogHost:
         self._dialogs = tuple(dialogs)
         self._by_name = {name: dialog for dialog in dialogs for name in dialog.names}
 
+    @property
+    def names(self) -> frozenset[str]:
+        """What `session.dialog` can be."""
+        return frozenset(self._by_name)
+
     def draw(self, ui: Ui) -> None:
         """One frame. Raises KeyError for a name that no dialog has."""
         asked, ui.session.dialog = ui.session.dialog, None
