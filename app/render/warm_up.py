@@ -8,6 +8,8 @@ from instdrive_app.render.depth_order import depth_order
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.region import rows_in_region
+from instdrive_core.instances.nearness import rows_near
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 
@@ -16,12 +18,18 @@ _SIDE = 16
 
 
 def warm_up() -> None:
-    """Sort and pick once, in a scene of one splat. To be called on a thread of its own when the program starts."""
+    """Sort, pick, select a region and grow it once, in a scene of one splat.
+
+    To be called on a thread of its own when the program starts.
+    """
     state = EditorState()
     document = _one_splat_at(state.viewpoint.pivot)
     snapshot = resolve(state, _SIDE, _SIDE)
     Picker().instances_at(document, snapshot, _SIDE / 2, _SIDE / 2)
     depth_order("warm-up", document.scene.gaussians.means, np.array([0, 0, 1, 9], np.float32), 0.2)
+    rows_in_region(document, snapshot.camera, 0.0, np.ones((_SIDE, _SIDE), np.bool_))
+    both = np.zeros((2, 3), np.float32)
+    rows_near(both, np.zeros(1, np.int64), np.ones(1, np.int64), 1.0)
 
 
 def _one_splat_at(place: np.ndarray) -> Document:

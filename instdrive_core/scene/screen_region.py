@@ -47,7 +47,7 @@ def points_in_region(
     return inside
 
 
-@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _project(
     points: Float32[ndarray, "n 3"],
     pose: Float64[ndarray, "4 4"],
@@ -57,7 +57,7 @@ def _project(
     inside: Bool[ndarray, " n"],
 ) -> None:
     height, width = region.shape
-    for i in numba.prange(len(points)):
+    for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
         inside[i] = False
