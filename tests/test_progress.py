@@ -3,7 +3,10 @@
 import threading
 
 import pytest
+from random_scene import random_scene
 
+from instdrive_core.edits.bake import frozen_at
+from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.progress import CancelledError, part_of_work, report, reporting
 
 
@@ -32,3 +35,28 @@ def test_a_listener_stops_the_work_and_belongs_to_its_thread():
         other.join()
         with pytest.raises(CancelledError):
             report(0.5)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".compressed.ply", ".spz", ".splat"])
+def test_opening_and_saving_tell_how_far_they_are_and_stop_when_asked(tmp_path, suffix):
+    scene = frozen_at(random_scene(count=900, features=0), 0.0)
+    path, told = tmp_path / f"scene{suffix}", []
+    with reporting(told.append):
+        save_scene(path, scene)
+    assert told
+    assert all(0 <= share <= 1 for share in told)
+    before = path.read_bytes()
+    told.clear()
+    with reporting(told.append):
+        open_scene(path)
+    assert told
+
+    def stop(share):
+        raise CancelledError("stopped")
+
+    with reporting(stop), pytest.raises(CancelledError):
+        open_scene(path)
+    with reporting(stop), pytest.raises(CancelledError):
+        save_scene(path, scene)
+    assert path.read_bytes() == before, "what was there is still there"
+    assert [file.name for file in tmp_path.iterdir()] == [path.name], "nothing is left over"

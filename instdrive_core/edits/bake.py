@@ -10,6 +10,7 @@ from numpy import ndarray
 from instdrive_core.edits.document import Document
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.sh_rotation import rotated_rest
+from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import baked_colors
 from instdrive_core.scene.scene import Scene, node_rotations, placed
@@ -27,12 +28,14 @@ def baked(document: Document, time: float | None = None) -> Scene:
     scene = document.scene
     keep = np.flatnonzero(~document.state.mask(Flag.DELETED))
     gaussians = scene.gaussians.select(keep)
+    report(0.3)
     recolored = np.flatnonzero(document.colors.indices[keep])
     if len(recolored):
         dc, rest, logits = baked_colors(scene.gaussians, document.colors, keep[recolored])
         gaussians.sh_dc[recolored], gaussians.sh_rest[recolored] = dc, rest
         gaussians.opacity_logits[recolored] = logits
     transform_rows(gaussians, document.transforms, document.transforms.indices[keep])
+    report(0.6)
     edited = recounted(_rows_of_scene(scene, keep, gaussians))
     return edited if time is None else frozen_at(edited, time)
 

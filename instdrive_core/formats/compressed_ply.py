@@ -54,6 +54,7 @@ from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.instances.table import InstanceTable
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
+from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -100,6 +101,7 @@ def write_compressed_ply(path: str | Path, scene: Scene) -> None:
         for number, rows in enumerate(blocks):
             first = number * BLOCK_ROWS // CHUNK
             file.write(_encoded(gaussians, rows, bounds[first : first + BLOCK_ROWS // CHUNK]).data)
+            report(number / len(blocks))
         if gaussians.sh_degree:
             for rows in blocks:
                 # Channel by channel, as f_rest stands in a plain .ply.
@@ -126,6 +128,7 @@ def _blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, n
             problem = f"the file ends after {start + len(rows)} of {table.count} rows of an element"
             raise DataError(path, problem, "It changed while it was read; open it again")
         yield slice(start, start + wanted), rows
+        report(start / table.count)
 
 
 def _decode(vertices: ndarray, bounds: ndarray, rows: slice, gaussians: Gaussians) -> None:

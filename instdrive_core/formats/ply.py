@@ -30,6 +30,7 @@ from instdrive_core.formats.ply_comments import comments_for, parsed_comments
 from instdrive_core.formats.ply_header import REMEDY, PlyHeader, read_header
 from instdrive_core.formats.writable import check_static
 from instdrive_core.instances.table import table_from_ids
+from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 
@@ -71,6 +72,7 @@ def read_ply(path: str | Path) -> Scene:
                     check_whole_numbers(chunk[name], name, path)
                 targets[name][start:stop] = chunk[name]
             start = stop
+            report(start / header.count)
     return _scene(gaussians, ids, extra, header, path)
 
 
@@ -89,6 +91,7 @@ def write_ply(path: str | Path, scene: Scene) -> None:
             for name, column in columns.items():
                 chunk[name] = column[start : start + CHUNK_ROWS]
             file.write(chunk.data)
+            report(start / len(scene))
 
 
 def _columns_to_write(scene: Scene) -> dict[str, ndarray]:

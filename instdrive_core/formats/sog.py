@@ -26,6 +26,7 @@ from instdrive_core.formats.sog_meta import PALETTE_LIMIT, Palette, SogMeta, par
 from instdrive_core.formats.sog_store import REMEDY, Store, opened_archive
 from instdrive_core.maths.rotations import normalized
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
+from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -52,10 +53,13 @@ def read_gaussians(store: Store, name: str = META) -> Gaussians:
     rest = 0 if lookup is None else lookup[0].shape[1]
     shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (0,)]
     gaussians = Gaussians(*(np.empty((meta.count, *shape), np.float32) for shape in shapes))
+    report(0.2)
     _fill_means(meta, store, gaussians)
+    report(0.5)
     tags = _splat_pixels(store, meta.quats_file, meta.count)
     for rows in _row_blocks(meta.count):
         gaussians.quats[rows] = _decoded_rotations(tags[rows], rows.start, store.path)
+    report(0.7)
     scales = _splat_pixels(store, meta.scales_file, meta.count)
     colors = _splat_pixels(store, meta.sh0_file, meta.count)
     for channel in range(3):

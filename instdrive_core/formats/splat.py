@@ -28,6 +28,7 @@ from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.rotations import normalized
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
+from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -54,6 +55,7 @@ def read_splat(path: str | Path) -> Scene:
                 raise DataError(path, problem, "It changed while it was read; open it again")
             with np.errstate(invalid="ignore"):  # not a number in, not a number out
                 _decode(records, gaussians, start, path)
+            report(start / count)
     return scene_from_gaussians(gaussians)
 
 
@@ -69,6 +71,7 @@ def write_splat(path: str | Path, scene: Scene) -> None:
     with atomic_file(path) as file:
         for start in range(0, len(scene), BLOCK_ROWS):
             file.write(_encoded(path, scene.gaussians, start).data)
+            report(start / len(scene))
 
 
 def _checked_count(path: Path, size: int, beginning: bytes) -> int:

@@ -33,6 +33,7 @@ from instdrive_core.formats.spz_container import EXTENSIONS, SpzHeader, read_con
 from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
+from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -61,7 +62,8 @@ def read_spz(path: str | Path) -> Scene:
             logger.warning("%s: SH of degree %d is read as degree 3", path, header.sh_degree)
         gaussians = _unfilled(header.count, REST_COUNTS[min(header.sh_degree, 3)])
         system = RUB
-        for name, data in blocks:
+        for number, (name, data) in enumerate(blocks):
+            report(number / len(header.widths))
             if name == EXTENSIONS:
                 system = axes_named_by(data.tobytes(), path)
                 continue

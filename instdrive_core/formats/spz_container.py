@@ -20,6 +20,7 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import check_plausible_count
+from instdrive_core.progress import report
 
 MAGIC = b"NGSP"
 GZIP_MAGIC = b"\x1f\x8b"
@@ -82,7 +83,8 @@ def write_container(file: BinaryIO, header: SpzHeader, parts: Callable[[str], It
     if header.version < 4:
         with gzip.GzipFile("", "wb", _GZIP_LEVEL, file, mtime=0) as packed:
             packed.write(_LEGACY_HEADER.pack(*common, 0))
-            for name in names:
+            for number, name in enumerate(names):
+                report(number / len(names))
                 for part in parts(name):
                     packed.write(part.data)
         return
@@ -95,6 +97,7 @@ def write_container(file: BinaryIO, header: SpzHeader, parts: Callable[[str], It
         with compressor.stream_writer(file, size=size, closefd=False) as packed:
             for part in parts(name):
                 packed.write(part.data)
+        report(len(entries) / len(names))
         entries.append((file.tell() - start, size))
     file.seek(_HEADER.size)
     file.write(b"".join(_TOC_ENTRY.pack(*entry) for entry in entries))
