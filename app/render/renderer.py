@@ -21,6 +21,7 @@ from instdrive_app.render.targets import Targets
 from instdrive_app.state import FrameSnapshot, ViewMode
 from instdrive_core.edits.document import Document
 from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.selection import Flag
 
 DRAFT_FACTOR = 2
 """While the camera moves, blended views have this many times fewer pixels per axis."""
@@ -159,7 +160,7 @@ class Renderer:
         return targets
 
     def _marked(self, snapshot: FrameSnapshot) -> bool:
-        return snapshot.hovered != 0 or len(self._document.selected_instances()) > 0
+        return snapshot.hovered != 0 or bool(self._document.state.mask(Flag.SELECTED).any())
 
     def _exact_rows(self, snapshot: FrameSnapshot) -> Targets:
         self.scene.update(snapshot.time)

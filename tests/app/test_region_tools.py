@@ -1,5 +1,7 @@
 """Region tools, their commands and their outline, without a window."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from procedural_street import FIRST_CAR, ROAD, procedural_street
@@ -7,11 +9,14 @@ from procedural_street import FIRST_CAR, ROAD, procedural_street
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.overlays.region_outline import DASH, dashes
 from instdrive_app.pointer import Click
+from instdrive_app.render.renderer import Renderer
 from instdrive_app.session import EditorSession
 from instdrive_app.state import resolve
 from instdrive_app.tools.registry import TOOLS, created_tools
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import MergeInstances
+from instdrive_core.edits.reassign import ReassignSelected
+from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.shown_means import shown_means
 from instdrive_core.scene.selection import Flag
 
@@ -163,6 +168,39 @@ def test_delete_takes_the_selected_splats_only(session):
     assert set(car[session.document.state.flags[car] == 0]) == kept
     session.undo()
     assert not session.document.state.mask(Flag.DELETED).any()
+
+
+def orphaned(session):
+    """Take a car's splats out of their instance and select them."""
+    session.select((FIRST_CAR + 1,))
+    rows = selected_rows(session)
+    session.document.apply(ReassignSelected(0))
+    session.document.apply(SelectRows(rows))
+    assert session.selected == ()
+    return rows
+
+
+def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
+    rows = orphaned(session)
+    session.commands.run("select.none")
+    assert not session.has_selection
+    session.undo()
+    session.commands.run("edit.delete")
+    assert session.document.state.rows_with(Flag.DELETED).tolist() == rows.tolist()
+
+
+def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
+    rows = orphaned(session)
+    renderer = Renderer(gl, session.document)
+    asked = replace(snapshot, draft=False)
+    try:
+        renderer.render(asked)
+        outlined = renderer.read_picture()
+        session.document.apply(SelectRows(rows, "remove"))
+        renderer.render(asked)
+        assert (renderer.read_picture() != outlined).any(axis=2).mean() > 0.005
+    finally:
+        renderer.release()
 
 
 def test_growing_and_inverting_by_command(session):

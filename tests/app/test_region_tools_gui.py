@@ -94,7 +94,11 @@ def test_rectangle_lasso_and_their_keys(window):
     assert RED_CAR in state["selected"]
     drag_and_escape(window)
     window.click(*window.pixel_of(RED_CAR_SIDE))
-    window.wait_for(lambda state: state["selected"] == [RED_CAR], "a click to pick")
+    picked = window.wait_for(lambda state: state["selected"] == [RED_CAR], "a click to pick")
+    left, top, right, bottom = outline(window, BLUE_BOX)
+    window.drag((left, top), (right, bottom), button=3)
+    turned = window.wait_for(lambda state: state["camera"] != picked["camera"], "the right drag to turn the camera")
+    assert turned["cursor"] == picked["cursor"], "the right drag selects nothing"
     assert window.quit() == 0
 
 
