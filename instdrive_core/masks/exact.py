@@ -35,7 +35,9 @@ class ExactLabels:
         self.folder = Path(clip_path) / "labels"
         if not has_exact_labels(clip_path):
             problem = "has no exact labels: 'labels/instances.json' is missing"
-            raise DataError(clip_path, problem, "Only synthetic clips have them; use --source annotations, lidar, sam or import")
+            raise DataError(
+                clip_path, problem, "Only synthetic clips have them; use --source annotations, lidar, sam or import"
+            )
         self.instances = _read_instances(self.folder / "instances.json")
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
