@@ -1,0 +1,36 @@
+"""The short form of the benchmark: a few kills, a full disk for every format, some hundred edits of all kinds."""
+
+import os
+
+import pytest
+
+from benchmarks.edit_street import edit_street
+from benchmarks.no_loss import Options, main
+from benchmarks.random_edits import RandomEdits, document_digest
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.serialize import EDITS
+from instdrive_core.scene.selection import Flag
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL and limits on files")
+def test_nothing_is_lost():
+    counts = main(Options(kills=6, full_disks=7, edits=250, seed=1))
+    wanted = {"whole": 6, "lost": 0, "torn": 0, "stale_temporaries": 0, "full_disks_whole": 7}
+    wanted |= {"replay_equal": True, "history_equal": True}
+    assert {name: counts[name] for name in wanted} == wanted
+
+
+def test_every_kind_of_edit_is_drawn():
+    kinds = RandomEdits(Document(edit_street()), "absent").kinds
+    assert kinds == set(EDITS), "benchmarks/random_edits.py needs a recipe for each kind of edit"
+
+
+def test_the_digest_sees_single_bits():
+    document = Document(edit_street())
+    before = document_digest(document)
+    document.state.change(document.rows_of([1])[:1], Flag.HIDDEN, True)
+    assert document_digest(document) != before
+    document.state.change(document.rows_of([1])[:1], Flag.HIDDEN, False)
+    assert document_digest(document) == before
+    document.scene.gaussians.means.view("u4")[7, 1] ^= 1
+    assert document_digest(document) != before
