@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
+from weakref import ref
 
 import numpy as np
 from jaxtyping import Float, Float64
@@ -20,7 +21,7 @@ from instdrive_core.edits.document import Document
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.instances import new_instances
 from instdrive_core.edits.move import SCALE_LIMITS, MoveInstances
-from instdrive_core.edits.placement import Vector, center_of, lane_at
+from instdrive_core.edits.placement import Vector, lane_at
 from instdrive_core.edits.reset_moves import ResetMoves
 from instdrive_core.edits.select import SelectInstances
 from instdrive_core.errors import EditError
@@ -109,18 +110,19 @@ class Moving:
 
     def box(self) -> Box:
         """The box of the selection, which is not empty."""
-        return self._boxes.box_of(self._opened, self.ids, self._state.time, held=self.drag is not None)
+        return self._boxes.box_of(self._opened, self.ids, self._state.time)
 
     def center(self) -> Float64[ndarray, "3"]:
-        """The centre of the selection, which is not empty; metres."""
-        return center_of(self._opened, self.ids, self._state.time)
+        """The centre of the box: unlike that of the bounds it stays where it is as things turn about it."""
+        return self.box().center
 
     def lane(self) -> Float64[ndarray, "3"] | None:
         """Unit direction of the lane at the selection, which is not empty; None where no lane is known."""
-        document, ids, time = self._opened, self.ids, self._state.time
-        place = self.drag.center if self.drag is not None else self.center()
-        key = (document, ids, time, place.tobytes(), document.track_version if self.drag is None else None)
-        if self._lane is None or (self._lane[0] != key and self.drag is None):
+        if self._lane is not None and self.drag is not None:
+            return self._lane[1]
+        document, ids, time, place = self._opened, self.ids, self._state.time, self.center()
+        key = (ref(document), ids, time, place.tobytes(), document.track_version)
+        if self._lane is None or self._lane[0] != key:
             try:
                 self._lane = (key, lane_at(document, ids, place, time))
             except EditError:
@@ -133,19 +135,17 @@ class Moving:
         first = document.scene.table[self.ids[0]]
         matrix = document.transforms.matrices[document.transforms.indices[document.rows_of((first.id,))[0]]]
         turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
-        x, y, z = self.center().tolist()
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
-        return Placement((x, y, z), yaw, scale_of(matrix))
+        return Placement(_vector(self.center()), yaw, scale_of(matrix))
 
     def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
         """Move from a placement to another one; on the ground, where that is asked for and no height was."""
         if not self.ids:
             return
-        shift = np.subtract(wanted.position, before.position).tolist()
         half = math.radians(wanted.yaw - before.yaw) / 2
         edit = MoveInstances(
             self.ids,
-            (shift[0], shift[1], shift[2]),
+            _vector(np.subtract(wanted.position, before.position)),
             (math.cos(half), 0.0, 0.0, math.sin(half)),
             limited_scale(wanted.scale / before.scale),
             before.position,
@@ -159,8 +159,8 @@ class Moving:
         document, ids, time, ground = self._opened, self.ids, self._state.time, self.options.on_ground
 
         def edit() -> MoveInstances:
-            x, y, z = (lane_at(document, ids, self.center(), time) * metres).tolist()
-            return MoveInstances(ids, (x, y, z), time=time, on_ground=ground)
+            shift = _vector(lane_at(document, ids, self.center(), time) * metres)
+            return MoveInstances(ids, shift, time=time, on_ground=ground)
 
         self._apply(edit, gesture=gesture)
 
@@ -180,8 +180,7 @@ class Moving:
             return
         lane = self.lane()
         direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
-        x, y, z = (direction * (self.box().extent(direction) + COPY_GAP)).tolist()
-        edit = DuplicateInstances(ids, (x, y, z))
+        edit = DuplicateInstances(ids, _vector(direction * (self.box().extent(direction) + COPY_GAP)))
         if self.apply_and_select(edit, len(ids)):
             self._state.tool = "move"
 
@@ -208,20 +207,21 @@ class Moving:
         if drag is None or drag.document is not self._document() or drag.ids != self.ids:
             self.drag = None
             return
-        w, qx, qy, qz = quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()
-        options = self.options
+        lane = self.lane() if self.options.along_lane else None
+        if lane is not None:  # looked for once: in a scene without cameras that takes longer than a frame
+            shift = lane * (lane @ shift)
+        edit = MoveInstances(
+            drag.ids,
+            _vector(shift),
+            tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
+            limited_scale(scale),
+            _vector(drag.center),
+            drag.time,
+            yaw_only=self.yaw_only,
+            along_lane=self.options.along_lane and lane is None,  # then it says that no lane is known
+            on_ground=self.options.on_ground,
+        )
         try:
-            edit = MoveInstances(
-                drag.ids,
-                (float(shift[0]), float(shift[1]), float(shift[2])),
-                (w, qx, qy, qz),
-                limited_scale(scale),
-                (float(drag.center[0]), float(drag.center[1]), float(drag.center[2])),
-                drag.time,
-                yaw_only=self.yaw_only,
-                along_lane=options.along_lane,
-                on_ground=options.on_ground,
-            )
             drag.document.apply(edit, drag.gesture)
         except EditError as error:
             if not drag.told:  # else the same message would be told in every frame
@@ -237,6 +237,11 @@ class Moving:
         document = self._document()
         assert document is not None, "no document is open"
         return document
+
+
+def _vector(values: Float[ndarray, "3"]) -> Vector:
+    x, y, z = np.asarray(values, np.float64).tolist()
+    return x, y, z
 
 
 def limited_scale(scale: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document import Document, InstanceCounts
 from instdrive_core.edits.placement import SOLID_OPACITY
 from instdrive_core.instances.oriented_box import upright_box
 from instdrive_core.scene.selection import Flag
@@ -66,18 +66,18 @@ def upright(forward: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
 
 
 class SelectionBoxes:
-    """Boxes of selections; the one asked for last is kept as it was before it was moved."""
+    """Boxes of selections; that of the last instance is kept as it was trained, so that moving it costs nothing."""
 
     def __init__(self) -> None:
-        self._key: tuple[object, ...] = ()
-        self._unmoved: Box | None = None
+        self._instance = 0
+        self._counts: InstanceCounts | None = None
+        self._trained = Box(np.zeros(3), np.eye(3), np.zeros(3))
 
-    def box_of(self, document: Document, ids: Sequence[int], time: float, held: bool = False) -> Box:
+    def box_of(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """The box of at least one instance at `time` (seconds).
 
         A moving actor has its track's box; a parked thing the smallest upright box of its splats as they were trained,
         moved as it was moved; several instances, or one of which parts were moved, have a box along the world's axes.
-        `held` says that the same instances are only being moved, so that their splats need not be measured again.
         """
         instance = document.scene.table[ids[0]]
         if len(ids) == 1 and instance.node:
@@ -85,13 +85,11 @@ class SelectionBoxes:
         frame = None if len(ids) > 1 else _common_move(document, document.rows_of(ids))
         if frame is None:
             return _level_box(document, ids, time)
-        key = (document, instance.id)
-        if not (held and self._key[:2] == key):
-            key = (*key, document.table_version, document.state.version)
-            if key != self._key:
-                self._key, self._unmoved = key, _trained_box(document, instance.id)
-        assert self._unmoved is not None
-        return self._unmoved.moved(frame)
+        counts = document.counts()  # made anew where splats change owner or state, but not where they move
+        if counts is not self._counts or instance.id != self._instance:
+            self._trained = _trained_box(document, instance.id)
+            self._counts, self._instance = counts, instance.id
+        return self._trained.moved(frame)
 
 
 def _track_box(document: Document, node: int, time: float) -> Box:
