@@ -22,12 +22,12 @@ class FactsSection:
 
     def __init__(self) -> None:
         self._class = TextField("class")
-        self._known: tuple[tuple, tuple[set[str], int]] | None = None
+        self._known: tuple[tuple, tuple[set[str], int, int]] | None = None
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
         table, labels = document.scene.table, ui.session.labels
-        classes, drawn = self._in_sum(document, ids)
+        classes, drawn, selected = self._in_sum(document, ids)
         _label("Class")
         arrow = imgui.get_frame_height()
         hint = "unknown" if len(classes) == 1 else "several"
@@ -43,14 +43,17 @@ class FactsSection:
             _one(document, table[ids[0]])
         else:
             _fact("Splats", f"{drawn:,}")
+        if selected < drawn:
+            _fact("Selected", f"{selected:,} of the splats")
 
-    def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int]:
-        """Classes, and splats drawn; looked up again only where something has changed."""
+    def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
+        """Classes, and splats drawn and selected; looked up again only where something has changed."""
         key = (id(document), ids, document.state.version, document.table_version)
         if self._known is None or self._known[0] != key:
             counts = document.counts()
-            drawn = int(counts.drawn[np.isin(counts.ids, ids)].sum())
-            self._known = (key, ({document.scene.table[i].class_name for i in ids}, drawn))
+            chosen = np.isin(counts.ids, ids)
+            drawn, selected = int(counts.drawn[chosen].sum()), int(counts.selected[chosen].sum())
+            self._known = (key, ({document.scene.table[i].class_name for i in ids}, drawn, selected))
         return self._known[1]
 
     def _known_classes(self, ui: Ui, document: Document, ids: Ids) -> None:

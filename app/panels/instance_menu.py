@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.recolor import preset_row
 from instdrive_app.panels.ui import Ui, icon_menu_item, swatch
+from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 
 Ids = tuple[int, ...]
@@ -44,11 +45,18 @@ def _visibility(ui: Ui, document: Document, ids: Ids) -> None:
     hidden = not counts.drawn[chosen].any()
     locked = bool((counts.locked >= counts.count - counts.deleted)[chosen].all())
     solo = set(ids) == set(session.solo.ids)
-    _item(ui, "delete", "edit.delete", "Delete", lambda: session.delete(ids), not locked)
+    _item(ui, "delete", "edit.delete", "Delete", lambda: _delete(session, ids), not locked)
     _item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.hide(ids, not hidden))
     _item(ui, "lock", "edit.lock", "Unlock" if locked else "Lock", lambda: session.lock(ids, not locked))
     _item(ui, "solo", "edit.solo", "Show all again" if solo else "Show only this", lambda: session.solo.toggle(ids))
     _item(ui, "frame", "view.frame", "Frame", lambda: session.navigation.frame(ids))
+
+
+def _delete(session: EditorSession, ids: Ids) -> None:
+    if ids == session.selected:  # as the key does: of a part of an instance no more than the part
+        session.delete_selection()
+    else:
+        session.delete(ids)
 
 
 def _kinds(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
