@@ -31,7 +31,7 @@ def objects(
     opened = open_edited(scene)
     time = default_time(opened) if time is None else time
     written = write_objects(out, opened, time, shape)
-    print(f"{out}: {len(written)} objects{f' at {time:g} s' if opened.actors else ''}")
+    print(f"{out}: {len(written)} object{'s' * (len(written) != 1)}{f' at {time:g} s' if opened.actors else ''}")
     absent = sum(not entry.present for entry in written)
     if absent:
         print(f"{absent} of them are not there at this time ('present' is false); they stand where their track ends")

@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.instances.oriented_box import OrientedBox, convex_hull, main_parts, upright_box
 from instdrive_core.instances.table import Instance
+from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
 from instdrive_core.scene.scene import Scene, placed
 from instdrive_core.scene.track import Track
@@ -99,7 +100,7 @@ def _shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
     finite = np.all([np.isfinite(array).all(axis=1) for array in numbers], axis=0)
     finite &= (gaussians.log_scales[rows] < 80).all(axis=1) & (np.abs(gaussians.quats[rows]).max(axis=1) > 1e-6)
     rows = rows[finite]
-    solid = rows[gaussians.opacities[rows] >= SOLID]
+    solid = rows[sigmoid(gaussians.opacity_logits[rows]) >= SOLID]
     rows = solid if len(solid) >= 4 else rows
     return rows[main_parts(gaussians.means[rows].astype(np.float64))] if len(rows) else rows
 

@@ -163,6 +163,7 @@ def test_floaters_damage_and_haze_change_nothing(scene, tmp_path):
     gaussians.means[0], gaussians.means[1] = [500, 0, 0], np.nan
     gaussians.quats[2], gaussians.log_scales[3] = 0, np.inf
     gaussians.log_scales[4] = 30
+    gaussians.opacity_logits[[41, 42, 43]] = np.nan, -np.inf, np.inf
     gaussians.means[5:40], gaussians.opacity_logits[5:40] = [14, 5, 9], -6
     write_objects(tmp_path / "b.json", scene, TIME)
     damaged = read_json(tmp_path / "b.json")[1][PARKED]["box"]
