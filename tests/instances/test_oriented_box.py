@@ -39,7 +39,8 @@ def angle_between(one, other):
 def test_a_car_is_found_among_floaters(yaw, seed, x):
     rng = np.random.default_rng(seed)
     center = np.array([x, -40.0, 1.0])
-    floaters = center + rng.normal(0, 1, (40, 3)) * [30, 30, 8] + np.sign(rng.normal(size=(40, 3))) * 5
+    away = rng.normal(size=(40, 3))
+    floaters = center + away / np.linalg.norm(away, axis=1, keepdims=True) * rng.uniform(6, 60, (40, 1))
     means = np.concatenate([car(rng, 1500, yaw, center), floaters])
     kept = main_parts(means)
     assert kept[:1500].all()
