@@ -153,9 +153,10 @@ class WindowDriver:
     def quit(self):
         """Ctrl+Q, without saving where that is asked; returns the exit status."""
         self.key("ctrl+q")
-        end = time.monotonic() + PATIENCE
+        end, asked = time.monotonic() + PATIENCE, False
         while self._process.poll() is None and time.monotonic() < end:
-            if "question.Don't save" in self._last_widgets():
+            if not asked and "question.Don't save" in self._last_widgets():
+                asked = True  # the last report names the button also after it was clicked
                 self.click_widget("question.Don't save")
             time.sleep(0.1)
         return self._process.wait(1)
