@@ -107,9 +107,6 @@ def _one(document: Document, instance: Instance) -> None:
     if instance.node:
         track = document.scene.actors[instance.node - 1]
         _fact("Moves", f"{track.path_length():.1f} m along its track")
-    else:
-        center = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
-        _fact("Centre", f"{center[0]:.2f}, {center[1]:.2f}, {center[2]:.2f} m")
     if document.scene.code_bits:
         _fact("Codeword", str(instance.codeword))
         imgui.same_line(0, 10)

@@ -10,9 +10,10 @@ from instdrive_app.panels.adjust import AdjustSection
 from instdrive_app.panels.facts import FactsSection, TextField
 from instdrive_app.panels.placement import PlacementSection
 from instdrive_app.panels.recolor import RecolorSection
-from instdrive_app.panels.ui import Ui, command_button, dim_text, swatch
+from instdrive_app.panels.ui import Ui, command_button, dim_text, swatch_color
 from instdrive_app.theme import PANEL, RAISED, rgba
 from instdrive_core.edits.document import Document
+from instdrive_core.instances.table import Instance
 
 BUTTONS = ("edit.delete", "edit.hide", "edit.lock", "edit.solo", "view.frame", "labels.split", "labels.absorb")
 
@@ -67,11 +68,8 @@ class InspectorPanel:
             imgui.text(f"{len(ids)} instances")
             imgui.pop_font()
             return
-        place = imgui.get_cursor_pos_y()
-        imgui.set_cursor_pos_y(place + imgui.get_style().frame_padding.y)
-        swatch(instance)
+        _swatch_in_frame(instance)
         imgui.same_line(0, 2)
-        imgui.set_cursor_pos_y(place)
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(PANEL))
         name = self._name.draw(ui, "inspector.name", instance.name, free=imgui.calc_text_size(number).x + 8)
         imgui.pop_style_color()
@@ -81,6 +79,7 @@ class InspectorPanel:
         if name:
             ui.session.labels.rename(instance.id, name)
         imgui.same_line(0, 8)
+        imgui.align_text_to_frame_padding()
         dim_text(number)
 
 
@@ -90,6 +89,15 @@ def _advice(ui: Ui, document: Document | None) -> str:
     if ui.session.has_selection:
         return "The selected splats belong to no instance. Labels, Reassign gives them to one."
     return "Click an object in the view to inspect and edit it."
+
+
+def _swatch_in_frame(instance: Instance) -> None:
+    """As `swatch`, as high as the field beside it: so what follows on the line keeps its place."""
+    size, height, at = imgui.get_text_line_height() * 0.8, imgui.get_frame_height(), imgui.get_cursor_screen_pos()
+    top = at.y + (height - size) / 2
+    color = imgui.get_color_u32(swatch_color(instance))
+    imgui.get_window_draw_list().add_rect_filled(ImVec2(at.x, top), ImVec2(at.x + size, top + size), color, 3)
+    imgui.dummy(ImVec2(size, height))
 
 
 def _buttons(ui: Ui) -> None:
