@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scene import assert_same_scene, random_scene
 
@@ -20,7 +20,7 @@ from instdrive_core.edits.visibility import LockInstances
 from instdrive_core.errors import EditError
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 
-settings = st.sampled_from(sorted(RANGES)).flatmap(
+steps_of_sliders = st.sampled_from(sorted(RANGES)).flatmap(
     lambda kind: st.tuples(st.just(kind), st.floats(RANGES[kind].low, RANGES[kind].high, width=16))
 )
 
@@ -29,7 +29,8 @@ def amounts(document, *ids):
     return {kind: values[0] for kind, values in look_of(document, ids).amounts.items() if len(values) == 1}
 
 
-@given(st.lists(settings, max_size=8))
+@settings(deadline=None, max_examples=40)
+@given(st.lists(steps_of_sliders, max_size=8))
 def test_only_the_last_amount_of_each_kind_counts(steps):
     one, other = Document(random_scene(count=60)), Document(random_scene(count=60))
     for kind, amount in steps:
