@@ -40,6 +40,12 @@ class LiveView:
         return "CPU" if chosen_kind(driver) == "cpu" else driver.split("(")[0].strip()
 
     @property
+    def gl_error(self) -> str | None:
+        """What the driver complains of since it was asked last; None where all is well."""
+        fault = self._ctx.error
+        return None if fault == "GL_NO_ERROR" else fault
+
+    @property
     def renderer(self) -> FrameRenderer:
         """The renderer of the document shown last."""
         assert self._renderer is not None, "nothing was shown yet"

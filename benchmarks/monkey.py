@@ -1,0 +1,268 @@
+"""Random clicks, drags, keys, words and commands in the editor's real window, on a virtual display.
+
+`python -m benchmarks.monkey --seconds 300` prints one JSON line: how much was done, and what broke: exceptions that
+closed the window, failures told to the user as defects, OpenGL errors, live GL objects that grow, and invariants of
+the document. At the end everything is undone, and must be bit by bit what was opened. Exits 1 where anything broke.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from benchmarks.monkey_hands import Hands
+from instdrive_app.edit_command import sample_scene
+from instdrive_app.messages import Level
+from instdrive_app.render.gl_objects import live_objects
+from instdrive_app.session import EditorSession
+from instdrive_app.virtual_display import virtual_display
+from instdrive_app.window import EditorWindow, WindowOptions
+from instdrive_core.edits.invariants import broken_invariants, fingerprint
+
+SIZE = (1280, 720)
+WORDS = ("car", "17", "road 3", "x", "0.5", "-2", "1e9", "tree")
+NEVER = ("file.quit", "file.open", "file.recent", "file.insert")
+"""Commands that would leave the document; their dialogs are reached by keys, and cancelled."""
+CHECK_SECONDS = 3.0
+"""Between two looks at the whole document."""
+SLACK_OBJECTS = 40
+"""Live GL objects more than after the first half that count as a leak."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Let a monkey use the editor."""
+
+    seconds: float = 30.0
+    scene: Path | None = None
+    """What to open; default: the sample scene. Works on a copy."""
+    seed: int = 0
+
+
+class Monkey:
+    """Plays in a window, one action at a time."""
+
+    def __init__(self, window: EditorWindow, options: Options) -> None:
+        self._window, self._session = window, window.session
+        self._random, self._seconds = random.Random(options.seed), options.seconds
+        self._hands = Hands()
+        self.actions: Counter[str] = Counter()
+        self.problems: list[str] = []
+        self.frames = 0
+        self.longest_frame = 0.0
+        self.objects: list[int] = []
+
+    def play(self) -> Iterator[None]:
+        """The whole session: wait for the scene, play, undo everything, look closely."""
+        while self._session.document is None or self._session.jobs.current is not None:
+            yield
+        document = self._session.document
+        before = fingerprint(document)
+        end, next_check = time.monotonic() + self._seconds, 0.0
+        while time.monotonic() < end:
+            yield from self._act()
+            self._session.quitting = False
+            if self._session.document is not document:
+                self.problems.append("another document was opened")
+                break
+            if time.monotonic() >= next_check:
+                self._check()
+                next_check = time.monotonic() + CHECK_SECONDS
+        yield from self._calm()
+        self._check()
+        last = document.history.cursor
+        self._session.jump(0)
+        if fingerprint(document) != before:
+            self.problems.append("undoing everything does not restore what was opened")
+        self._session.jump(last)
+        self._session.jump(0)
+        if fingerprint(document) != before:
+            self.problems.append("redoing and undoing everything does not restore what was opened")
+        yield from self._frames(3)
+        self._told()
+        self._leaks()
+
+    def close(self) -> None:
+        """Let go of mouse and keys."""
+        self._hands.close()
+
+    # ------------------------------------------------------------------ actions
+
+    def _act(self) -> Iterator[None]:
+        action = self._random.choices(
+            (self._command, self._click_widget, self._click_picture, self._drag, self._key, self._word, self._time),
+            (6, 6, 5, 4, 4, 2, 1),
+        )[0]
+        self.actions[action.__name__.strip("_")] += 1
+        yield from action()
+
+    def _command(self) -> Iterator[None]:
+        commands = [command for command in self._session.commands if command.id not in NEVER]
+        self._session.commands.run(self._random.choice(commands).id)
+        yield from self._frames(2)
+
+    def _click_widget(self) -> Iterator[None]:
+        names = sorted(name for name in self._window.ui.marks if name not in ("viewport", "picture", "hover label"))
+        if not names:
+            return
+        name = self._random.choice(names)
+        left, top, right, bottom = self._window.ui.marks.get(name, (0.0, 0.0, 0.0, 0.0))
+        x, y = self._random.uniform(left, right), self._random.uniform(top, bottom)
+        yield from self._clicked(x, y, self._random.choices((1, 3), (6, 1))[0])
+
+    def _click_picture(self) -> Iterator[None]:
+        yield from self._clicked(*self._place(), self._random.choices((1, 3), (5, 1))[0])
+
+    def _clicked(self, x: float, y: float, button: int) -> Iterator[None]:
+        for key in ("shift", "ctrl", "alt"):
+            if self._random.random() < 0.12:
+                self._hands.hold(key)
+        self._hands.move(x, y)
+        yield from self._frames(2)
+        for _ in range(self._random.choices((1, 2), (8, 1))[0]):
+            self._hands.press(button)
+            yield from self._frames(1)
+            self._hands.release(button)
+            yield from self._frames(1)
+        self._hands.let_go()
+
+    def _drag(self) -> Iterator[None]:
+        button = self._random.choices((1, 2, 3), (4, 1, 1))[0]
+        self._hands.move(*self._place())
+        yield from self._frames(1)
+        self._hands.press(button)
+        for _ in range(self._random.randrange(2, 7)):
+            self._hands.move(*self._place())
+            yield from self._frames(1)
+        self._hands.release(button)
+        yield from self._frames(1)
+
+    def _key(self) -> Iterator[None]:
+        chords = [shortcut for command in self._session.commands for shortcut in command.shortcuts]
+        chord = self._random.choice([*chords, "Escape", "Return", "Tab", "w", "a", "s", "d"])
+        if chord in ("Ctrl+Q", "Ctrl+O"):
+            return
+        names = {"LeftArrow": "Left", "RightArrow": "Right", "=": "equal", "-": "minus"}
+        *modifiers, key = chord.split("+")
+        for modifier in modifiers:
+            self._hands.hold(modifier.lower())
+        self._hands.hold(names.get(key, key.lower() if len(key) == 1 else key))
+        yield from self._frames(self._random.randrange(1, 4))
+        self._hands.let_go()
+        yield from self._frames(1)
+
+    def _word(self) -> Iterator[None]:
+        self._hands.type(self._random.choice(WORDS))
+        yield from self._frames(2)
+
+    def _time(self) -> Iterator[None]:
+        steps = self._session.navigation.timeline.steps
+        if steps:
+            self._session.navigation.set_time(self._random.choice(steps))
+        yield from self._frames(2)
+
+    def _place(self) -> tuple[float, float]:
+        left, top, right, bottom = self._window.ui.marks.get("picture", (0.0, 0.0, *map(float, SIZE)))
+        return self._random.uniform(left, right), self._random.uniform(top, bottom)
+
+    def _frames(self, count: int) -> Iterator[None]:
+        for _ in range(count):
+            started = time.perf_counter()
+            yield
+            self.longest_frame = max(self.longest_frame, time.perf_counter() - started)
+            self.frames += 1
+
+    def _calm(self) -> Iterator[None]:
+        """Nothing held, nothing open, nothing under way."""
+        self._hands.let_go()
+        self._session.navigation.playing = False
+        for _ in range(4):
+            self._hands.hold("Escape")
+            yield from self._frames(2)
+            self._hands.let_go()
+            yield from self._frames(2)
+        while self._session.jobs.current is not None:
+            yield from self._frames(1)
+
+    # ------------------------------------------------------------------ checks
+
+    def _check(self) -> None:
+        document = self._session.document
+        if document is not None and not self._session.jobs.blocking:
+            self.problems += broken_invariants(document)
+        self.objects.append(sum(live_objects().values()))
+        fault = self._window.ui.view.gl_error
+        if fault is not None:
+            self.problems.append(f"OpenGL reports {fault}")
+
+    def _told(self) -> None:
+        errors = [message.text for message in self._session.messages.log if message.level is Level.ERROR]
+        self.problems += [text for text in errors if "report" in text]
+
+    def _leaks(self) -> None:
+        half = self.objects[: len(self.objects) // 2 + 1]
+        if self.objects[-1] > max(half) + SLACK_OBJECTS:
+            self.problems.append(f"live GL objects grew from {max(half)} to {self.objects[-1]}")
+
+
+def play(options: Options) -> dict[str, object]:
+    """Run the monkey; returns what the JSON line says."""
+    source = options.scene or sample_scene()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["INSTDRIVE_STATE"] = str(Path(folder) / "state")
+        scene = Path(folder) / source.name
+        (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
+        os.chdir(folder)
+        session = EditorSession()
+        with virtual_display(SIZE):
+            window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))
+            session.files.open(scene)
+            monkeys: list[Monkey] = []
+
+            def script(running: EditorWindow) -> Iterator[None]:
+                monkeys.append(Monkey(running, options))
+                return monkeys[0].play()
+
+            failure = None
+            try:
+                window.run(script)
+            except Exception as error:  # whatever it is, it is what the monkey is for
+                failure = error
+            for monkey in monkeys:
+                monkey.close()
+    if failure is not None and not monkeys:
+        raise failure
+    monkey = monkeys[0]
+    problems = [*monkey.problems, *([f"the window closed with {failure!r}"] if failure else [])]
+    return {
+        "seed": options.seed,
+        "seconds": options.seconds,
+        "frames": monkey.frames,
+        "actions": sum(monkey.actions.values()),
+        "edits": len(session.document.history.edits) if session.document else 0,
+        "longest_frame_ms": round(1e3 * monkey.longest_frame),
+        "gl_objects": [monkey.objects[0], monkey.objects[-1]] if monkey.objects else [],
+        "problems": problems,
+    }
+
+
+def main() -> None:
+    """Print the JSON line."""
+    result = play(tyro.cli(Options))
+    print(json.dumps(result))
+    sys.exit(bool(result["problems"]))
+
+
+if __name__ == "__main__":
+    main()
