@@ -8,6 +8,12 @@ from instdrive_app.session import EditorSession
 from instdrive_app.tools.pick import PickTool
 
 Operation = Literal["move", "rotate", "scale"]
+OPTIONS: dict[Operation, tuple[str, ...]] = {
+    "move": ("move.on_ground", "move.along_lane"),
+    "rotate": ("move.yaw_only", "move.on_ground"),
+    "scale": ("move.on_ground",),
+}
+"""Commands that bind what the handles do."""
 
 
 class GizmoTool(PickTool):
@@ -16,3 +22,4 @@ class GizmoTool(PickTool):
     def __init__(self, session: EditorSession, operation: Operation) -> None:
         super().__init__(session)
         self.operation: Operation = operation
+        self.options: tuple[str, ...] = OPTIONS[operation]
