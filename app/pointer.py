@@ -40,6 +40,8 @@ class Tool(Protocol):
 
     drags: bool
     """Whether a drag with the left button is the tool's; otherwise it turns the camera."""
+    options: tuple[str, ...]
+    """IDs of the commands that the toolbar shows beside it."""
     outline: tuple[Point, ...]
     """The closed line that is being dragged; empty while nothing is."""
 

@@ -8,9 +8,6 @@ from instdrive_app.commands import Command
 from instdrive_app.session import EditorSession
 from instdrive_app.tools.registry import TOOLS, ToolRecord
 
-REGION_OPTIONS = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
-"""Commands that the toolbar shows beside a region tool."""
-
 
 def commands(session: EditorSession) -> list[Command]:
     """The Tools menu."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.actions.tools import REGION_OPTIONS
 from instdrive_app.commands import Command
 from instdrive_app.panels.menus import shortcut_title
 from instdrive_app.panels.ui import Rectangle, Ui, icon
 from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
-from instdrive_app.tools.registry import TOOLS
 
 MARGIN = 10.0
 """Pixels between the picture's edge and the bar."""
@@ -21,7 +21,7 @@ BUTTON = 2.1
 
 
 class Toolbar:
-    """A column of tools under the view switch; beside a region tool the row of its options."""
+    """A column of tools under the view switch; beside the one in hand the row of its options."""
 
     holds_mouse: bool = False
 
@@ -29,30 +29,29 @@ class Toolbar:
         """One frame."""
         side = round(imgui.get_font_size() * BUTTON)
         left, top = place.x + MARGIN, place.y + 2 * MARGIN + imgui.get_frame_height()
-        tops = _tops(side)
-        commands = ui.session.commands
+        commands = {name: ui.session.commands[f"tool.{name}"] for name in ui.tools}
+        tops = _tops(commands.values(), side)
         _plate(left, top, side, tops[-1] + side)
-        for record, offset in zip(TOOLS, tops, strict=True):
-            command = commands[f"tool.{record.name}"]
+        for (name, command), offset in zip(commands.items(), tops, strict=True):
             _tool_button(ui, command, ImVec2(left, top + offset), side)
-            if record.name == ui.session.state.tool and record.selects_regions:
+            if name == ui.session.state.tool and ui.tool.options:
                 _options(ui, left + side + 2 * PADDING + MARGIN / 2, top + offset, side)
 
 
-def _tops(side: float) -> list[float]:
+def _tops(commands: Iterable[Command], side: float) -> list[float]:
     """How far each tool is below the first; a gap parts the groups."""
     tops, top = [], 0.0
-    for record in TOOLS:
-        top += GROUP_GAP if record.starts_group else 0.0
+    for command in commands:
+        top += GROUP_GAP if command.separator else 0.0
         tops.append(top)
         top += side + GAP
     return tops
 
 
 def _options(ui: Ui, left: float, top: float, side: float) -> None:
-    step = side + GAP
-    _plate(left, top, len(REGION_OPTIONS) * step - GAP, side)
-    for number, name in enumerate(REGION_OPTIONS):
+    step, names = side + GAP, ui.tool.options
+    _plate(left, top, len(names) * step - GAP, side)
+    for number, name in enumerate(names):
         _tool_button(ui, ui.session.commands[name], ImVec2(left + number * step, top), side)
 
 

@@ -15,6 +15,7 @@ class PickTool:
     """Whole instances: click selects, again takes the next behind, Shift adds, Ctrl removes, Alt takes the codeword."""
 
     drags: bool = False
+    options: tuple[str, ...] = ()
     outline: tuple[Point, ...] = ()
 
     def __init__(self, session: EditorSession) -> None:

@@ -29,6 +29,7 @@ class RegionTool(ABC):
     """
 
     drags: bool = True
+    options: tuple[str, ...] = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
 
     def __init__(self, session: EditorSession, winners: Winners) -> None:
         self._session, self._winners = session, winners

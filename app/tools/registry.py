@@ -25,16 +25,14 @@ class ToolRecord:
     """As for `Command`."""
     shortcut: str
     create: Callable[[EditorSession, Winners], Tool]
-    selects_regions: bool = False
-    """Whether the options of region tools are its own."""
     starts_group: bool = False
     """Whether toolbar and menu part it from the tools before."""
 
 
 TOOLS = (
     ToolRecord("pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda session, _: PickTool(session)),
-    ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool, selects_regions=True),
-    ToolRecord("lasso", "Select by lasso", "ICON_FA_SIGNATURE", "L", LassoTool, selects_regions=True),
+    ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool),
+    ToolRecord("lasso", "Select by lasso", "ICON_FA_SIGNATURE", "L", LassoTool),
     ToolRecord(
         "move",
         "Move",

@@ -152,7 +152,7 @@ def test_every_tool_has_a_command_and_takes_itself_in_hand(session, tools):
         assert session.commands.run(f"tool.{record.name}")
         assert session.state.tool == record.name
         assert session.commands[f"tool.{record.name}"].checked()
-        assert tools[record.name].drags == record.selects_regions
+        assert all(session.commands[option].icon for option in tools[record.name].options)
 
 
 def test_delete_takes_the_selected_splats_only(session):
