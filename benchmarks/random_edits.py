@@ -17,8 +17,8 @@ from instdrive_core.scene.selection import Flag
 
 MAX_DELETED = 0.4
 """Share of splats above which nothing more is deleted, so that there is something to edit."""
-SPLATS_PER_EDIT = 0.3
-"""By so many the document may grow with each edit of its history."""
+ROOM, SPLATS_PER_EDIT = 600, 0.3
+"""By so many splats the document may grow, at once and with each edit of its history."""
 _ADDING = ("duplicate_instances", "insert_scene", "fill_hole")
 _DELETING = ("delete_instances", "delete_selected", "delete_rows")
 _MODES = ("replace", "add", "remove")
@@ -67,7 +67,7 @@ class RandomEdits:
     def _kind(self) -> str:
         document = self._document
         deleted = len(document.state.rows_with(Flag.DELETED)) / len(document.scene)
-        room = self._first_count + SPLATS_PER_EDIT * document.history.cursor - len(document.scene)
+        room = self._first_count + ROOM + SPLATS_PER_EDIT * document.history.cursor - len(document.scene)
         refused = (*(_ADDING if room < 0 else ()), *(_DELETING if deleted > MAX_DELETED else ()))
         return str(self._rng.choice(sorted(self.kinds - set(refused))))
 

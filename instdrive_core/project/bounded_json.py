@@ -15,7 +15,7 @@ def parsed_json(text: bytes) -> Any:
         value = json.loads(text, parse_constant=_refuse)
     except RecursionError as error:
         raise ValueError(f"it is nested more than {MAX_DEPTH} deep") from error
-    level, depth = [value], 0
+    level, depth = [value], 1
     while level := [part for value in level for part in _parts(value)]:
         depth += 1
         if depth > MAX_DEPTH:
