@@ -36,8 +36,8 @@ class InspectorPanel:
         self._name = TextField("name")
         self._sections: tuple[Section, ...] = (
             FactsSection(),
-            PlacementSection(),
             RecolorSection(),
+            PlacementSection(),
             AdjustSection(),
         )
 
