@@ -14,6 +14,7 @@ import shutil
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -108,6 +109,11 @@ class Monkey:
         yield from action()
 
     def _command(self) -> Iterator[None]:
+        document = self._session.document
+        if document is not None and self._random.random() < 0.6:
+            visible = document.visible_instances()
+            count = min(len(visible), self._random.choice((1, 1, 2, 5)))
+            self._session.select(tuple(self._random.sample(visible, count)))
         commands = [command for command in self._session.commands if command.id not in NEVER]
         self._session.commands.run(self._random.choice(commands).id)
         yield from self._frames(2)
@@ -244,7 +250,9 @@ def play(options: Options) -> dict[str, object]:
     if failure is not None and not monkeys:
         raise failure
     monkey = monkeys[0]
-    problems = [*monkey.problems, *([f"the window closed with {failure!r}"] if failure else [])]
+    problems = list(monkey.problems)
+    if failure is not None:
+        problems.append("the window closed with " + "".join(traceback.format_exception(failure)))
     return {
         "seed": options.seed,
         "seconds": options.seconds,

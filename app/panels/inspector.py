@@ -52,6 +52,8 @@ class InspectorPanel:
         self._heading(ui, document, ids)
         _buttons(ui)
         for section in self._sections:
+            if ui.session.document is not document or ui.session.selected != ids:
+                return  # a button above has changed what is selected
             if section.title and not _unfolded(ui, section.title):
                 continue
             imgui.push_id(section.title)
