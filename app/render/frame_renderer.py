@@ -33,7 +33,7 @@ class FrameRenderer(Protocol):
 
     @property
     def shown(self) -> FrameSnapshot | None:
-        """The snapshot that `picture` was drawn for; None before the first frame."""
+        """The snapshot that `picture` was drawn for, a `ShownFrame` where pixels are known; None before the first."""
         ...
 
     @property
@@ -60,10 +60,6 @@ class FrameRenderer(Protocol):
 
     def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
-        ...
-
-    def shown_row_at(self, x: int, y: int) -> int | None:
-        """The splat that a click on a pixel of `picture` means, -1 for none; None where the picture cannot tell."""
         ...
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:

@@ -9,9 +9,9 @@ import moderngl
 import numpy as np
 
 from instdrive_app.render.frame_renderer import FrameRenderer, chosen_kind, renderer_of
+from instdrive_app.render.shown_frame import ShownFrame
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document import Document
-from instdrive_core.scene.selection import Flag
 
 SMOOTH_SECONDS = 1 / 16
 """Frames that take longer than this are drawn coarsely while the camera moves or the drive plays."""
@@ -82,7 +82,7 @@ class LiveView:
         document, snapshot = self._document, self.snapshot
         if document is None or snapshot is None or snapshot.draft:
             return None
-        row = self.renderer.shown_row_at(int(x), int(y))
+        row = snapshot.row_at(x, y) if isinstance(snapshot, ShownFrame) else None
         row = self.renderer.row_at(snapshot, int(x), int(y)) if row is None else row
         if row is None or row < 0:
             return None
@@ -91,19 +91,6 @@ class LiveView:
         place = pose[:3, :3] @ document.means_of(np.array([row]))[0] + pose[:3, 3]
         axis = snapshot.camera.camera_from_world[2]
         return float(place @ axis[:3] + axis[3])
-
-    def instance_at(self, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
-        """The instance that a click at a place of the frame shown means, 0 for none; None where that frame cannot tell:
-        it is another one, a draft, or what it shows there has been hidden or deleted since."""
-        document = self._document
-        if document is None or snapshot is not self.snapshot:
-            return None
-        row = self.renderer.shown_row_at(int(np.floor(x)), int(np.floor(y)))
-        if row is None or row < 0:
-            return None if row is None else 0
-        if document.state.flags[row] & (Flag.HIDDEN | Flag.DELETED):
-            return None
-        return int(document.scene.instance_ids[row])
 
     def release(self) -> None:
         """Free everything on the GPU, and end what draws aside."""

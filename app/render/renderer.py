@@ -124,9 +124,6 @@ class Renderer:
         row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
         return row_plus_one - 1 if row_plus_one else None
 
-    def shown_row_at(self, x: int, y: int) -> int | None:
-        """None: what a click means is decided by more than the splat that the ID view shows."""
-
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
         """The last frame as RGB."""
         pixels = np.frombuffer(self.picture.read(alignment=1), np.uint8)
@@ -212,7 +209,7 @@ def camera_key(camera: Camera) -> tuple:
 
 def snapshot_key(snapshot: FrameSnapshot) -> tuple:
     """Equal for snapshots that ask for the same frame."""
-    rest = [getattr(snapshot, entry.name) for entry in fields(snapshot) if entry.name != "camera"]
+    rest = [getattr(snapshot, entry.name) for entry in fields(FrameSnapshot) if entry.name != "camera"]
     return (camera_key(snapshot.camera), *rest)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
+from instdrive_app.render.shown_frame import ShownFrame
 from instdrive_app.render.sky_pass import BACKDROP
 from instdrive_app.render.software_draw import DrawnFrame, FrameRequest, SoftwareDraw
 from instdrive_app.render.software_scene import SceneWatcher
@@ -33,16 +34,13 @@ class SoftwareRenderer:
         self._retired: list[moderngl.Texture] = []
         self.frame_seconds = 0.0
         """How long the last frame that had to be blended took."""
+        self.shown: ShownFrame | None = None
+        """The frame that `picture` is; None before the first."""
 
     @property
     def picture(self) -> moderngl.Texture:
         """The newest frame, RGBA8, row 0 at the top; of a draft, smaller than the viewport."""
         return self._texture
-
-    @property
-    def shown(self) -> FrameSnapshot | None:
-        """The snapshot that `picture` was drawn for; None before the first frame."""
-        return self._frame.request.snapshot if self._frame is not None else None
 
     @property
     def settled(self) -> bool:
@@ -88,17 +86,6 @@ class SoftwareRenderer:
         row = int(self._frame_of(snapshot).winner[y, x])
         return row if row >= 0 else None
 
-    def shown_row_at(self, x: int, y: int) -> int | None:
-        """The splat that a pixel of the frame shown stands for, -1 for none; None where that frame cannot tell: it is
-        a draft, the rows are other ones by now, or the pixel is outside."""
-        frame = self._frame
-        if frame is None or frame.request.snapshot.draft:
-            return None
-        height, width = frame.winner.shape
-        if frame.request.state.rows_version != self._document.rows_version or not (0 <= x < width and 0 <= y < height):
-            return None
-        return int(frame.winner[y, x])
-
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
         """The newest frame as RGB."""
         assert self._frame is not None, "render was never called"
@@ -120,7 +107,9 @@ class SoftwareRenderer:
         return frame
 
     def _show(self, drawn: DrawnFrame) -> None:
-        self._frame = drawn
+        self._frame, request = drawn, drawn.request
+        versions = {"document": self._document, "rows_version": request.state.rows_version}
+        self.shown = ShownFrame(**vars(request.snapshot), winner=drawn.winner, **versions)
         if drawn.seconds is not None:
             self.frame_seconds = drawn.seconds
         height, width, _ = drawn.picture.shape

@@ -13,7 +13,7 @@ from numpy import ndarray
 from instdrive_app.render.placed_splats import PlacedSplats
 from instdrive_app.render.renderer import DRAFT_FACTOR, FLAT_MODES, camera_key, round_figure, snapshot_key
 from instdrive_app.render.sky_pass import BACKDROP
-from instdrive_app.render.software_picture import add_outlines, color_picture, depth_picture, id_picture
+from instdrive_app.render.software_picture import add_backdrop, add_outlines, color_picture, depth_picture, id_picture
 from instdrive_app.render.software_scene import SceneState
 from instdrive_app.render.software_thread import Superseded
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot, ViewMode
@@ -112,7 +112,7 @@ class SoftwareDraw:
         if state.sky is not None and snapshot.show_sky:
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:
-            _add_backdrop(blended.color, blended.alpha)
+            add_backdrop(blended.color, blended.alpha, BACKDROP)
         self._blended, self._winner = blended, blended.winner.copy()
 
     def _adapt(self, seconds: float, count: int) -> None:
@@ -167,11 +167,6 @@ def _color_source(placed: PlacedSplats) -> ColorSource:
         entries=state.color_entries,
         matrices=np.ascontiguousarray(state.color_values[:, :12]).reshape(-1, 3, 4),
     )
-
-
-def _add_backdrop(color: Float32[ndarray, "h w 3"], alpha: Float32[ndarray, "h w"]) -> None:
-    for channel, value in enumerate(BACKDROP):
-        color[..., channel] += (1 - alpha) * np.float32(value)
 
 
 def _any_marked(state: SceneState, snapshot: FrameSnapshot) -> bool:

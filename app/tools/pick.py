@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from instdrive_app.pointer import Click, Point
+from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.render.picking import Picker
+from instdrive_app.render.shown_frame import instance_shown_at
 from instdrive_app.session import EditorSession
 from instdrive_app.state import FrameSnapshot
 
@@ -17,6 +18,7 @@ class PickTool:
     drags: bool = False
     options: tuple[str, ...] = ()
     outline: tuple[Point, ...] = ()
+    operation: Operation | None = None
 
     def __init__(self, session: EditorSession) -> None:
         self._session = session
@@ -26,8 +28,7 @@ class PickTool:
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
         """The cursor is at this place of the frame `snapshot`; while the camera moves nothing is hovered."""
-        below = () if snapshot.draft else self._below(x, y, snapshot)
-        self._session.state.hovered = below[0] if below else 0
+        self._session.state.hovered = 0 if snapshot.draft else self._first(x, y, snapshot)
 
     def leave(self) -> None:
         """The cursor is elsewhere."""
@@ -35,8 +36,11 @@ class PickTool:
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
         """Select by a click on the frame `snapshot`; returns the instance, 0 where none is."""
-        below = self._below(click.x, click.y, snapshot)
-        instance = below[self._turn(click, snapshot) % len(below)] if below else 0
+        instance = self._first(click.x, click.y, snapshot)
+        turn = self._turn(click, snapshot) if instance else 0
+        if turn:
+            below = self._below(click.x, click.y, snapshot)
+            instance = below[turn % len(below)] if below else instance
         self._select(instance, click)
         return instance
 
@@ -48,6 +52,17 @@ class PickTool:
 
     def cancel(self) -> None:
         """Nothing is ever under way."""
+
+    def _first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
+        """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so."""
+        document = self._session.document
+        if document is None:
+            return 0
+        shown = instance_shown_at(document, snapshot, x, y)
+        if shown is not None:
+            return shown
+        below = self._below(x, y, snapshot)
+        return below[0] if below else 0
 
     def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
         document = self._session.document

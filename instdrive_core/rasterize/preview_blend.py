@@ -121,6 +121,7 @@ def _weigh_row(scratch, work, row, todo, constants):
     columns, before = load(scratch, _X), load(scratch, _TRANSMITTANCE + at_row)
     winner, winner_weight = load(scratch, _WINNER + at_row), load(scratch, _WINNER_WEIGHT + at_row)
     half_at, before_half = load(scratch, _HALF + at_row), load(scratch, _BEFORE_HALF + at_row)
+    undecided = any_lane(before > half) | any_lane((before > zero) & (winner <= zero))
     kept = np.uint64(0)
     while todo != np.uint64(0):
         i = lowest_bit(todo)
@@ -136,11 +137,12 @@ def _weigh_row(scratch, work, row, todo, constants):
         store(weights, kept * ROW, weight)
         kept_places[kept] = places[i] + AT_VALUES
         kept += np.uint64(any_lane(weight > zero))  # without a branch: the next takes the place of one without weight
-        number = spread(staged[at + _STAGED_NUMBER])
-        claims = (weight > zero) & (raw >= staged[at + _STAGED_SOLID]) & (winner <= zero)
-        winner, winner_weight = choose(claims, number, winner), choose(claims, weight, winner_weight)
-        halves = goes_on & (after <= half) & (before > half)
-        half_at, before_half = choose(halves, number, half_at), choose(halves, before, before_half)
+        if undecided:
+            number = spread(staged[at + _STAGED_NUMBER])
+            claims = (weight > zero) & (raw >= staged[at + _STAGED_SOLID]) & (winner <= zero)
+            winner, winner_weight = choose(claims, number, winner), choose(claims, weight, winner_weight)
+            halves = goes_on & (after <= half) & (before > half)
+            half_at, before_half = choose(halves, number, half_at), choose(halves, before, before_half)
         before = choose(goes_on, after, zero - magnitude(before))
     store(scratch, _TRANSMITTANCE + at_row, before)
     store(scratch, _WINNER + at_row, winner)

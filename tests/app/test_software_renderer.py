@@ -135,7 +135,7 @@ def test_the_picked_instance_is_that_of_the_id_view_at_500_pixels(software, stre
     shown, picker = ids_from_colors(software.read_picture()), Picker()
     rng = np.random.default_rng(6)
     for x, y in zip(rng.integers(0, SIZE[0], 500), rng.integers(0, SIZE[1], 500), strict=True):
-        row = software.shown_row_at(int(x), int(y))
+        row = software.shown.row_at(x, y)
         picked = int(street.scene.instance_ids[row]) if row >= 0 else 0
         below = picker.instances_at(street, snapshot, float(x), float(y))
         assert picked == shown[y, x] == (below[0] if below else 0), (x, y)
@@ -176,14 +176,14 @@ def test_a_draft_is_smaller_and_nearly_the_same_and_cannot_be_clicked(software, 
     assert software.picture.size == (SIZE[0] // 2, SIZE[1] // 2)
     small = full.reshape(SIZE[1] // 2, 2, SIZE[0] // 2, 2, 3).mean(axis=(1, 3))
     assert np.abs(small - software.read_picture()).mean() < 4
-    assert software.shown_row_at(10, 10) is None
+    assert software.shown.row_at(10, 10) is None
 
 
 def test_a_frame_of_other_rows_cannot_be_clicked(software, street):
     software.render(snapshot_of(street))
-    assert software.shown_row_at(150, 150) >= 0
+    assert software.shown.row_at(150, 150) >= 0
     street.apply(DuplicateInstances((BLUE_CAR,), (-3.0, 2.0, 0.0)))
-    assert software.shown_row_at(150, 150) is None
+    assert software.shown.row_at(150, 150) is None
 
 
 def test_states_handed_over_are_never_written_again(street):

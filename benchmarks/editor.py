@@ -1,0 +1,90 @@
+"""How the editor feels: frames per second, and what each thing that a user does costs the UI's thread.
+
+`python -m benchmarks.editor` prints one JSON line. The session and the view are the editor's own, off screen; the
+scene is the common street in its trained state, as a .ply with degree-3 harmonics. Idle CPU and the window's start are
+those of the program as a process, on a virtual display where there is no other. On two cores:
+`NUMBA_NUM_THREADS=2 taskset -c 0,1 python -m benchmarks.editor`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from benchmarks.editor_scene import SIZE, write_street
+from benchmarks.editor_session import driven_editor
+from benchmarks.editor_window import help_seconds, window_figures
+from instdrive_app.render.offscreen import offscreen_context
+from instdrive_core.errors import InstDriveError
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure the editor."""
+
+    small: int = 200_000
+    """Splats of the small scene."""
+    large: int = 1_000_000
+    """Splats of the large one."""
+    frames: int = 20
+    """Frames timed at full resolution."""
+    actions: int = 15
+    """Clicks and edits of each kind."""
+    window: bool = True
+    """Also open a window, for idle CPU and its start."""
+
+
+def main(options: Options) -> dict[str, float]:
+    """Everything the JSON line says."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["INSTDRIVE_STATE"] = str(Path(folder) / "state")  # recent files and autosaves are the user's
+        figures = {"fps_200k_720p": _small_figures(Path(folder), options)}
+        figures |= _large_figures(Path(folder), options)
+        figures["help_s"] = help_seconds()
+        if options.window:
+            small = Path(folder) / f"street_{options.small}.ply"
+            figures["window_s"], figures["idle_cpu_percent"] = window_figures(small, Path(folder))
+    return {name: round(value, 2) for name, value in figures.items()}
+
+
+def _small_figures(folder: Path, options: Options) -> float:
+    path, cameras = write_street(folder, options.small)
+    with offscreen_context() as context, driven_editor(context, SIZE) as editor:
+        editor.open(path)
+        editor.look_from(cameras[0])
+        editor.settle()
+        return editor.fps_still(options.frames)
+
+
+def _large_figures(folder: Path, options: Options) -> dict[str, float]:
+    path, cameras = write_street(folder, options.large)
+    with offscreen_context() as context, driven_editor(context, SIZE) as editor:
+        opened = editor.open(path)
+        editor.look_from(cameras[0])
+        editor.settle()
+        still, moving = editor.fps_still(options.frames), editor.fps_moving(3.0)
+        click, edits = editor.click_seconds(options.actions), editor.edit_seconds(options.actions)
+        exported = editor.export(folder / "exported.ply")
+        return {
+            "fps_1m_720p": still,
+            "fps_1m_720p_moving": moving,
+            "click_ms_1m": 1e3 * click,
+            **{f"{name}_ms_1m": 1e3 * seconds for name, seconds in edits.items()},
+            "open_s_1m": opened,
+            "export_s_1m": exported,
+            "max_freeze_ms": 1e3 * editor.longest_freeze,
+        }
+
+
+if __name__ == "__main__":
+    try:
+        print(json.dumps(main(tyro.cli(Options))))
+    except InstDriveError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None

@@ -1,0 +1,151 @@
+"""The editor's own session and view, off screen, driven as a window drives them, with a clock beside each frame."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import moderngl
+import numpy as np
+
+from instdrive_app import camera
+from instdrive_app.pointer import Click
+from instdrive_app.render.live_view import LiveView
+from instdrive_app.render.warm_up import warm_up
+from instdrive_app.session import EditorSession
+from instdrive_app.state import Lens, Viewpoint, resolve
+from instdrive_app.tools.pick import PickTool
+from instdrive_core.scene.camera import Camera
+
+PATIENCE = 120.0
+FRAME = 1 / 60
+"""Seconds from frame to frame while nothing hinders."""
+
+
+class DrivenEditor:
+    """A session and its view. Everything that the UI's thread does goes through `frame`, whose longest is kept."""
+
+    def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
+        self._woken = threading.Event()
+        self.session, self.view = EditorSession(self._woken.set), LiveView(context, self._woken.set)
+        self.tool, self.size = PickTool(self.session), size
+        self.longest_freeze = 0.0
+        """Longest frame, in seconds."""
+        warm_up()  # as the window does beside its start
+
+    def frame(self, act: Callable[[], object] = lambda: None) -> float:
+        """One frame of the UI's thread that does `act`; returns its seconds."""
+        started = time.perf_counter()
+        act()
+        self.session.tick(FRAME)
+        if self.session.document is not None:
+            self.view.show(self.session.document, self.session.state, *self.size)
+        seconds = time.perf_counter() - started
+        self.longest_freeze = max(self.longest_freeze, seconds)
+        return seconds
+
+    def frames_until(self, reached: Callable[[], bool]) -> float:
+        """Frames at the window's pace until something is so; returns the seconds it took."""
+        started = time.perf_counter()
+        while not reached():
+            if time.perf_counter() - started > PATIENCE:
+                raise TimeoutError(f"nothing came in {PATIENCE:.0f} s; log: {self.session.messages.log[-1:]}")
+            self.frame()
+            self._woken.wait(FRAME)
+            self._woken.clear()
+        return time.perf_counter() - started
+
+    def settle(self) -> None:
+        """Until the picture is sharp."""
+        self.frame()
+        self.frames_until(lambda: self.view.settled)
+
+    # ------------------------------------------------------------------ measurements
+
+    def open(self, path: Path) -> float:
+        """Seconds until the scene is the open document."""
+        self.session.files.open(path)
+        return self.frames_until(lambda: self.session.document is not None)
+
+    def export(self, path: Path) -> float:
+        """Seconds until the file is whole."""
+        self.session.export(path)
+        return self.frames_until(lambda: self.session.files.last_export == path)
+
+    def look_from(self, pose: Camera) -> None:
+        """Look through a camera."""
+        self.session.navigation.look_from(Viewpoint(pose.world_from_camera, Lens.of(pose)))
+
+    def fps_still(self, count: int) -> float:
+        """Frames per second at full resolution, each from another place."""
+        start, seconds = self.session.state.viewpoint, []
+        for number in range(count + 2):
+            view = camera.look(start, 0.1 * math.sin(number), 0.0)
+            snapshot = resolve(self.session.state, *self.size)
+            snapshot = type(snapshot)(**{**vars(snapshot), "camera": view.fitted(*self.size)})
+            began = time.perf_counter()
+            self.view.renderer.render(snapshot)
+            seconds.append(time.perf_counter() - began)
+        return 1 / statistics.median(seconds[2:])
+
+    def fps_moving(self, seconds: float) -> float:
+        """Frames shown per second while the camera turns without a pause."""
+        start, shown = self.session.state.viewpoint, []
+        began = time.perf_counter()
+        while (passed := time.perf_counter() - began) < seconds + 1:
+            self.session.navigation.look_from(camera.look(start, 0.2 * math.sin(3 * passed), 0.0))
+            self.frame()
+            if passed > 1 and (not shown or self.view.snapshot is not shown[-1]):
+                shown.append(self.view.snapshot)
+            self._woken.wait(FRAME)
+            self._woken.clear()
+        self.session.navigation.look_from(start)
+        self.settle()
+        return len(shown) / seconds
+
+    def click_seconds(self, count: int) -> float:
+        """Median time of a frame in which a click selects an instance."""
+        rng, taken, (width, height) = np.random.default_rng(5), [], self.size
+        while len(taken) < count:
+            click = Click(float(rng.uniform(0, width)), float(rng.uniform(height / 3, height)))
+            snapshot = self.view.snapshot
+            assert snapshot is not None
+            seconds = self.frame(lambda click=click, snapshot=snapshot: self.tool.click(click, snapshot))
+            if self.session.selected:
+                taken.append(seconds)
+            self.settle()
+        return statistics.median(taken)
+
+    def edit_seconds(self, count: int) -> dict[str, float]:
+        """Median time of the frames in which instances are deleted and recoloured, and of those that undo it."""
+        session, taken = self.session, {"delete": [], "recolor": [], "undo": []}
+        assert session.document is not None
+        visible = session.document.visible_instances()
+        for number in range(count):
+            instance = (visible[7 * number % len(visible)],)
+            steps = {
+                "recolor": lambda instance=instance: session.recolor(instance, "tint", (0.8, 0.2, 0.1)),
+                "delete": lambda instance=instance: session.delete(instance),
+            }
+            for name, step in steps.items():
+                taken[name].append(self.frame(step))
+                self.settle()
+                taken["undo"].append(self.frame(session.undo))
+                self.settle()
+        return {name: statistics.median(seconds) for name, seconds in taken.items()}
+
+
+@contextmanager
+def driven_editor(context: moderngl.Context, size: tuple[int, int]) -> Iterator[DrivenEditor]:
+    """An editor without a window, closed at the end."""
+    editor = DrivenEditor(context, size)
+    try:
+        yield editor
+    finally:
+        editor.view.release()
+        editor.session.close()
