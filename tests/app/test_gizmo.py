@@ -117,8 +117,8 @@ def test_a_car_is_moved_and_turned_by_handles(window, tmp_path):
     others = vertices[(vertices["instance_id"] != BLUE_CAR) & (vertices["instance_id"] != DRIVING_CAR)]
     kept = scene.gaussians.means[~np.isin(scene.instance_ids, (BLUE_CAR, DRIVING_CAR))]
     np.testing.assert_array_equal(others["x"], kept[:, 0])
-    x, y = window.pixel_of((*after[:, :2].mean(axis=0), 0.9))
-    window.move(x, y)
+    rear = after[after[:, 1] < np.quantile(after[:, 1], 0.1)].mean(axis=0)
+    window.move(*window.pixel_of(rear))
     window.wait_for(lambda state: state["hovered"] == BLUE_CAR, "the car to be found where it is now")
 
 
