@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.select import SelectMode
 
 Point = tuple[float, float]
 """x, y in pixels of the picture, from its top left."""
+
+
+Operation = Literal["move", "rotate", "scale"]
+"""What handles at the selection do."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,8 @@ class Tool(Protocol):
     """Whether a drag with the left button is the tool's; otherwise it turns the camera."""
     options: tuple[str, ...]
     """IDs of the commands that the toolbar shows beside it."""
+    operation: Operation | None
+    """What the handles at the selection do; None where the tool has none."""
     outline: tuple[Point, ...]
     """The closed line that is being dragged; empty while nothing is."""
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
+from instdrive_app.pointer import Operation
 from instdrive_app.session import EditorSession
 from instdrive_app.tools.pick import PickTool
 
-Operation = Literal["move", "rotate", "scale"]
 OPTIONS: dict[Operation, tuple[str, ...]] = {
     "move": ("move.on_ground", "move.along_lane"),
     "rotate": ("move.yaw_only", "move.on_ground"),
@@ -21,5 +19,5 @@ class GizmoTool(PickTool):
 
     def __init__(self, session: EditorSession, operation: Operation) -> None:
         super().__init__(session)
-        self.operation: Operation = operation
+        self.operation: Operation | None = operation
         self.options: tuple[str, ...] = OPTIONS[operation]

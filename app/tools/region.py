@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
-from instdrive_app.pointer import Click, Point
+from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
@@ -29,6 +29,7 @@ class RegionTool(ABC):
     """
 
     drags: bool = True
+    operation: Operation | None = None
     options: tuple[str, ...] = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
 
     def __init__(self, session: EditorSession, winners: Winners) -> None:

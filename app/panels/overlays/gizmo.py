@@ -10,9 +10,9 @@ from numpy import ndarray
 from instdrive_app.moving import Moving
 from instdrive_app.panels.overlays.world_pen import WorldPen
 from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.pointer import Operation
 from instdrive_app.selection_box import BOX_EDGES, Box, upright
 from instdrive_app.theme import ACCENT, TEXT, packed
-from instdrive_app.tools.gizmo import GizmoTool, Operation
 from instdrive_core.scene.camera import Camera
 
 guizmo = imguizmo.im_guizmo
@@ -40,8 +40,8 @@ class Gizmo:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
-        tool, moving, snapshot = ui.tool, ui.session.moving, ui.view.snapshot
-        if not isinstance(tool, GizmoTool) or not moving.ids or snapshot is None:
+        operation, moving, snapshot = ui.tool.operation, ui.session.moving, ui.view.snapshot
+        if operation is None or not moving.ids or snapshot is None:
             self.holds_mouse = False
             moving.end_drag()
             return
@@ -50,12 +50,12 @@ class Gizmo:
         for first, second in BOX_EDGES:
             pen.line(box.corners[first], box.corners[second], packed(ACCENT, 0.45))
         drag = moving.drag
-        axes = gizmo_axes(moving, box, tool.operation) if drag is None else drag.axes
-        if tool.operation == "move" and moving.options.along_lane:
+        axes = gizmo_axes(moving, box, operation) if drag is None else drag.axes
+        if operation == "move" and moving.options.along_lane:
             reach = LANE_METRES * axes[:, 1]
             pen.dashes(moving.center() - reach, moving.center() + reach, packed(TEXT, 0.55))
-        self._manipulate(ui, place, camera, tool.operation, axes)
-        _mark_handles(ui, pen, camera, tool.operation, moving.center(), axes)
+        self._manipulate(ui, place, camera, operation, axes)
+        _mark_handles(ui, pen, camera, operation, moving.center(), axes)
 
     def _manipulate(
         self, ui: Ui, place: Rectangle, camera: Camera, operation: Operation, axes: Float64[ndarray, "3 3"]
