@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import astuple
 from typing import Any
@@ -15,8 +16,10 @@ from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError
 from instdrive_core.scene.selection import Flag
 
-MAX_DELETED = 0.4
-"""Share of splats above which nothing more is deleted, so that there is something to edit."""
+MAX_DELETED = 0.5
+"""Share of splats above which hardly anything more is deleted, so that there is something to edit."""
+_STILL_DELETED = 0.05
+"""Share of draws that may delete all the same."""
 ROOM, SPLATS_PER_EDIT = 600, 0.3
 """By so many splats the document may grow, at once and with each edit of its history."""
 _ADDING = ("duplicate_instances", "insert_scene", "fill_hole")
@@ -39,6 +42,7 @@ class RandomEdits:
         self._first_count = len(document.scene)
         self._rng = np.random.default_rng(seed)
         self._recipes = self._all_recipes()
+        self._done = Counter[str]()
         self.kinds = frozenset(self._recipes)
         """Kinds that are drawn."""
 
@@ -49,7 +53,7 @@ class RandomEdits:
         """
         rng, document = self._rng, self._document
         if rng.random() < 0.05:
-            for _ in range(rng.integers(1, 4)):
+            for _ in range(rng.choice([1, 1, 2, 3, 20])):
                 document.undo()
         if rng.random() < 0.02:
             document.redo()
@@ -62,14 +66,20 @@ class RandomEdits:
             except (EditError, DataError):
                 continue
             if document.history.edits != before:
+                self._done[kind] += 1
                 return kind
 
     def _kind(self) -> str:
         document = self._document
         deleted = len(document.state.rows_with(Flag.DELETED)) / len(document.scene)
         room = self._first_count + ROOM + SPLATS_PER_EDIT * document.history.cursor - len(document.scene)
-        refused = (*(_ADDING if room < 0 else ()), *(_DELETING if deleted > MAX_DELETED else ()))
-        return str(self._rng.choice(sorted(self.kinds - set(refused))))
+        is_spared = deleted > MAX_DELETED and self._rng.random() > _STILL_DELETED
+        refused = (*(_ADDING if room < 0 else ()), *(_DELETING if is_spared else ()))
+        drawn = sorted(self.kinds - set(refused))
+        if self._rng.random() < 0.2:
+            # Some kinds seldom fit: they are tried more often.
+            return min(drawn, key=lambda kind: self._done[kind])
+        return str(self._rng.choice(drawn))
 
     def _all_recipes(self) -> dict[str, Callable[[], dict[str, Any]]]:
         one, ids, pick = self._one, self._ids, self._pick
@@ -78,7 +88,7 @@ class RandomEdits:
             "adjust_instances": lambda: {"ids": ids(), **self._adjustment()},
             "compound": self._compound,
             "delete_instances": lambda: {"ids": ids()},
-            "delete_rows": lambda: {"rows": self._runs()},
+            "delete_rows": lambda: {"rows": self._runs(scattered=0)},
             "delete_selected": dict,
             "duplicate_instances": lambda: {"ids": ids(), "translation": self._shift()},
             "fill_hole": self._hole,
@@ -131,10 +141,10 @@ class RandomEdits:
         what = self._pick(list(RANGES))
         return {"what": what, "amount": self._float(RANGES[what].low, RANGES[what].high)}
 
-    def _runs(self) -> list[list[int]]:
-        """A few runs of rows, or, like a lasso, very many."""
+    def _runs(self, scattered: float = 0.3) -> list[list[int]]:
+        """A few rows, or, like a lasso with a chance of `scattered`, very many."""
         count = len(self._document.scene)
-        if self._rng.random() < 0.3:
+        if self._rng.random() < scattered:
             return [[start, 1] for start in range(int(self._rng.integers(5)), count, 3)]
         starts = np.unique(self._rng.integers(0, count, 4)).tolist()
         return [[start, 1] for start in starts if start + 1 not in starts] or [[0, 1]]
