@@ -47,6 +47,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+Shift+I",),
             enabled=lambda: editable(session),
             icon="ICON_FA_FILE_IMPORT",
+            undoable=True,
         ),
         Command(
             "file.save",
@@ -56,6 +57,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+S",),
             enabled=can_save,
             icon="ICON_FA_FLOPPY_DISK",
+            undoable=False,
             separator=True,
         ),
         Command(
@@ -66,6 +68,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+Shift+S",),
             enabled=can_save,
             icon="ICON_FA_FILE_PEN",
+            undoable=False,
         ),
         Command(
             "file.export",
@@ -75,6 +78,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+E",),
             enabled=lambda: editable(session),
             icon="ICON_FA_FILE_EXPORT",
+            undoable=False,
         ),
         Command(
             "file.quit",

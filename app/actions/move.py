@@ -28,6 +28,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+D",),
             enabled=selected,
             icon="ICON_FA_CLONE",
+            undoable=True,
         ),
         Command(
             "move.put_on_ground",
@@ -37,6 +38,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+G",),
             enabled=selected,
             icon="ICON_FA_ARROWS_DOWN_TO_LINE",
+            undoable=True,
         ),
         Command(
             "move.reset",
@@ -45,6 +47,7 @@ def commands(session: EditorSession) -> list[Command]:
             "Move",
             enabled=selected,
             icon="ICON_FA_ARROW_ROTATE_LEFT",
+            undoable=True,
         ),
         Command(
             "move.on_ground",

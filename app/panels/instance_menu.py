@@ -8,7 +8,7 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.recolor import preset_row
-from instdrive_app.panels.ui import Ui, icon_menu_item, swatch
+from instdrive_app.panels.ui import Ui, icon_menu_item, icon_submenu, swatch
 from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 
@@ -63,7 +63,9 @@ def _kinds(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     session, instance = ui.session, document.scene.table[instance_id]
     if len(ids) == 1:
         _item(ui, "rename", "edit.rename", "Rename…", lambda: session.ask_name(instance_id))
-    if imgui.begin_menu(f"{_SPACE}Set class"):
+    opened = icon_submenu("ICON_FA_TAG", "Set class")
+    ui.mark("menu.classes")
+    if opened:
         for name in session.labels.classes():
             if imgui.menu_item(name, "", all(document.scene.table[i].class_name == name for i in ids))[0]:
                 session.labels.set_class(ids, name)
@@ -73,7 +75,6 @@ def _kinds(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
             session.ask("class", ids)
         ui.mark("menu.class")
         imgui.end_menu()
-    ui.mark("menu.classes")
     what = f"class {instance.class_name}" if instance.class_name else "what has no class"
     _item(ui, "select_class", "select.class", f"Select {what}", lambda: session.select_class(instance.class_name))
     if document.scene.code_bits:
@@ -92,10 +93,6 @@ def _repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     if session.selected and instance_id not in session.selected:
         title = "Give the selected splats to this"
         _item(ui, "reassign", "labels.reassign", title, lambda: session.labels.reassign(instance_id))
-
-
-_SPACE = "      "
-"""Where the icons of the other items are."""
 
 
 def _item(ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True) -> None:

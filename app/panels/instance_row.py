@@ -26,6 +26,8 @@ class Column(NamedTuple):
     flags: int = 0
 
 
+BIT_SIZE = 4.0
+"""Pixels of a bit's square; one more is between two."""
 _FIXED = imgui.TableColumnFlags_
 COLUMNS = (
     Column("Colour", "##colour", 0.8, flags=_FIXED.no_sort | _FIXED.no_resize | _FIXED.no_hide),
@@ -74,8 +76,8 @@ class RowPainter:
         swatch(instance)
         clicked = self._number(ui, row)
         if imgui.table_set_column_index(_PLACE["Code"]) and row.code_bits:
-            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - 5) / 2)
-            bit_squares(instance.codeword, row.code_bits, 5.0, 1.0)
+            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - BIT_SIZE) / 2)
+            bit_squares(instance.codeword, row.code_bits, BIT_SIZE, 1.0)
         color = rgba(DIM if row.summary.is_hidden or row.summary.is_locked else TEXT)
         imgui.table_set_column_index(_PLACE["Name"])
         if instance.id == self.renamed:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.instance_row import COLUMNS, Row, RowPainter
+from instdrive_app.panels.instance_row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instance_rows import InstanceRows, Query
 from instdrive_app.panels.ui import Ui, icon
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
@@ -168,7 +168,7 @@ class InstancesPanel:
     def _columns(self, document: Document) -> None:
         fixed, stretch = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
         em = imgui.get_font_size()
-        code_width = min(document.scene.code_bits, 12) * 6.0
+        code_width = min(document.scene.code_bits, 12) * (BIT_SIZE + 1)
         for number, column in enumerate(COLUMNS):
             width = code_width if column.name == "Code" else column.width * em
             flags = stretch if column.stretches else fixed

@@ -73,6 +73,11 @@ def key_chord(shortcut: str) -> int:
     return chord
 
 
+def full_title(command: Command) -> str:
+    """The title, and where what the command does cannot be undone, that it cannot."""
+    return f"{command.title}  (not undoable)" if command.undoable is False else command.title
+
+
 def shortcut_title(shortcut: str) -> str:
     """As it is shown to the user."""
     return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")

@@ -6,6 +6,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_s
 
 from instdrive_app.actions import register_commands
 from instdrive_app.messages import Level
+from instdrive_app.panels.menus import full_title
 from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.select_rows import SelectRows
@@ -203,6 +204,8 @@ def test_what_commands_change_is_said_by_the_commands(session, street):
     for command in session.commands:
         if command.menu in ("Edit", "Labels", "Select") and command.id not in ("edit.undo", "edit.redo"):
             assert command.undoable is not None, command.id
+    assert full_title(session.commands["file.export"]) == "Export…  (not undoable)"
+    assert full_title(session.commands["edit.delete"]) == "Delete"
     steps = street.history.cursor
     for command in session.commands:
         if command.undoable is None and command.menu in ("View", "Time"):

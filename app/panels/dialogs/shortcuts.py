@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered
-from instdrive_app.panels.menus import shortcut_title
+from instdrive_app.panels.menus import full_title, shortcut_title
 from instdrive_app.panels.ui import Ui, dim_text
 
 TITLE = "Keys and mouse"
@@ -89,7 +89,7 @@ def _sections(ui: Ui) -> list[Section]:
     found = []
     for menu in commands.menus:
         rows = [
-            (", ".join(map(shortcut_title, command.shortcuts)), command.title)
+            (", ".join(map(shortcut_title, command.shortcuts)), full_title(command))
             for command in commands.in_menu(menu)
             if command.shortcuts
         ]
