@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from jaxtyping import Int32
@@ -32,6 +32,11 @@ class ShownFrame(FrameSnapshot):
         if self.draft or not inside or self.rows_version != self.document.rows_version:
             return None
         return int(self.winner[row, column])
+
+
+def asked_of(snapshot: FrameSnapshot) -> FrameSnapshot:
+    """What was asked for, where it may be a frame shown: that holds its picture's winners."""
+    return FrameSnapshot(**{entry.name: getattr(snapshot, entry.name) for entry in fields(FrameSnapshot)})
 
 
 def instance_shown_at(document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
-from instdrive_app.render.shown_frame import ShownFrame
+from instdrive_app.render.shown_frame import ShownFrame, asked_of
 from instdrive_app.render.sky_pass import BACKDROP
 from instdrive_app.render.software_draw import DrawnFrame, FrameRequest, SoftwareDraw
 from instdrive_app.render.software_scene import SceneWatcher
@@ -57,7 +57,7 @@ class SoftwareRenderer:
         state = self._watcher.state()
         asked = self._asked
         if asked is None or not asked.is_for(state, snapshot):
-            self._asked = FrameRequest(state, snapshot)
+            self._asked = FrameRequest(state, asked_of(snapshot))
             self._thread.ask(self._asked)
         drawn = self._thread.wait() if wait else self._thread.take()
         if drawn is not None:

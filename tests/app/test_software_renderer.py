@@ -179,9 +179,10 @@ def test_a_draft_is_smaller_and_nearly_the_same_and_cannot_be_clicked(software, 
     assert software.shown.row_at(10, 10) is None
 
 
-def test_a_frame_of_other_rows_cannot_be_clicked(software, street):
+def test_a_frame_shown_can_be_asked_for_and_one_of_other_rows_cannot_be_clicked(software, street):
     software.render(snapshot_of(street))
     assert software.shown.row_at(150, 150) >= 0
+    assert software.row_at(software.shown, 150, 150) == software.shown.row_at(150, 150), "asked for once more"
     street.apply(DuplicateInstances((BLUE_CAR,), (-3.0, 2.0, 0.0)))
     assert software.shown.row_at(150, 150) is None
 
