@@ -36,7 +36,6 @@ from instdrive_core.project.save import save_project
 
 SPAN = 0.3
 """Seconds after the first file within which the writer is killed; some tens of files are written in that time."""
-AUTOSAVE_SPAN = 2.0
 ACKNOWLEDGED_AGE = 1.0
 """Seconds after which an edit must survive."""
 _START = 60.0
@@ -50,13 +49,15 @@ class Options:
 
     kills: int = 300
     """A third each of project saves, autosave and exports."""
+    autosave_span: float = 2.0
+    """Seconds of editing within which autosave is killed."""
     full_disks: int = 70
     edits: int = 10_000
     seed: int = 0
 
 
-def kill_one(target: Target, folder: Path, rng: random.Random, counts: Counter[str]) -> None:
-    """Start a writer, kill it, and count what is found as ``whole``, ``lost`` or ``torn``."""
+def kill_one(target: Target, folder: Path, after: float, counts: Counter[str]) -> None:
+    """Start a writer, kill it `after` seconds, and count what is found as ``whole``, ``lost`` or ``torn``."""
     context = multiprocessing.get_context("forkserver")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=run_until_killed, args=(target, folder, sender), daemon=True)
@@ -64,7 +65,7 @@ def kill_one(target: Target, folder: Path, rng: random.Random, counts: Counter[s
     sender.close()
     if not receiver.poll(_START):
         raise SystemExit(f"{type(target).__name__} wrote nothing within {_START:g} s")
-    time.sleep(rng.uniform(0, AUTOSAVE_SPAN if isinstance(target, Autosave) else SPAN))
+    time.sleep(after)
     process.kill()
     killed = time.monotonic()
     process.join()
@@ -103,15 +104,17 @@ def _temporaries(folder: Path) -> list[Path]:
     return list(folder.rglob(".*.tmp"))
 
 
-def kills(count: int, seed: int) -> Counter[str]:
+def kills(options: Options) -> Counter[str]:
     """Kill writers of each kind in turn."""
-    rng, counts = random.Random(seed), Counter[str]()
+    rng, counts = random.Random(options.seed), Counter[str]()
     multiprocessing.get_context("forkserver").set_forkserver_preload(["benchmarks.kill_targets"])
     with tempfile.TemporaryDirectory() as name:
         prepare(folder := Path(name))
-        for number in range(count):
+        for number in range(options.kills):
             kinds = list(TARGETS.values())[number % len(TARGETS)]
-            kill_one(kinds[number // len(TARGETS) % len(kinds)], folder, rng, counts)
+            target = kinds[number // len(TARGETS) % len(kinds)]
+            span = options.autosave_span if isinstance(target, Autosave) else SPAN
+            kill_one(target, folder, rng.uniform(0, span), counts)
     return counts
 
 
@@ -190,7 +193,7 @@ def _is_history_equal(document: Document, digests: dict[int, bytes]) -> bool:
 
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
-    counts = kills(options.kills, options.seed)
+    counts = kills(options)
     return {
         "kills": options.kills,
         **{name: counts[name] for name in ("whole", "lost", "torn", "stale_temporaries", "left_by_kills")},

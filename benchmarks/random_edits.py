@@ -76,7 +76,7 @@ class RandomEdits:
         is_spared = deleted > MAX_DELETED and self._rng.random() > _STILL_DELETED
         refused = (*(_ADDING if room < 0 else ()), *(_DELETING if is_spared else ()))
         drawn = sorted(self.kinds - set(refused))
-        if self._rng.random() < 0.2:
+        if self._rng.random() < 0.1:
             # Some kinds seldom fit: they are tried more often.
             return min(drawn, key=lambda kind: self._done[kind])
         return str(self._rng.choice(drawn))

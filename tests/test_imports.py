@@ -133,6 +133,8 @@ def modules_after(code):
         "instdrive_core.edits.serialize",
         "instdrive_core.edits.bake",
         "instdrive_core.rasterize.scene_view",
+        "instdrive_core.project.open",
+        "instdrive_core.project.recovery",
         "instdrive_core.masks.sam",
         "instdrive_core.cli.apply",
         "instdrive_core.cli.render",

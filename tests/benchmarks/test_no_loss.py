@@ -14,7 +14,7 @@ from instdrive_core.scene.selection import Flag
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL and limits on files")
 def test_nothing_is_lost():
-    counts = main(Options(kills=6, full_disks=7, edits=250, seed=1))
+    counts = main(Options(kills=6, autosave_span=0.5, full_disks=7, edits=80, seed=1))
     wanted = {"whole": 6, "lost": 0, "torn": 0, "stale_temporaries": 0, "full_disks_whole": 7}
     wanted |= {"replay_equal": True, "history_equal": True}
     assert {name: counts[name] for name in wanted} == wanted
