@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotation
@@ -21,6 +21,7 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import PaletteFullError, color_values
 
 RecolorMode = Literal["tint", "hue", "solid"]
+IDENTITY = np.eye(3, 4, dtype=np.float32)[None]
 MEAN_LUMA_FLOOR = 0.05
 """Darker instances are not brightened by more than 20 times."""
 
@@ -130,11 +131,27 @@ def recolor_matrix(
     if mode == "solid":
         matrix[:, 3] = color
         return matrix.astype(np.float32)
-    colors = np.maximum(color_from_dc(gaussians.sh_dc[rows]), 0)
-    weights = sigmoid(gaussians.opacity_logits[rows]).astype(np.float64)
-    mean = weights @ colors / max(float(weights.sum()), 1e-12)
+    mean = mean_color(gaussians, rows)
     if mode == "hue":
         matrix[:, :3] = hue_rotation(hue_of(color) - hue_of(mean))
     else:
         matrix[:, :3] = np.outer(color, LUMA) / max(float(LUMA @ mean), MEAN_LUMA_FLOOR)
     return matrix.astype(np.float32)
+
+
+def mean_color(
+    gaussians: Gaussians, rows: ndarray, maps: Float[ndarray, "p 3 4"] = IDENTITY, entries: ndarray | None = None
+) -> Float64[ndarray, "3"]:
+    """The mean colour of rows, without view dependence and not below black, weighted by opacity.
+
+    `entries` (m,) say which of the `maps` [A | b] each row's colour goes through first; without them it is the first.
+    """
+    colors = color_from_dc(gaussians.sh_dc[rows]).astype(np.float64)
+    weights = sigmoid(gaussians.opacity_logits[rows]).astype(np.float64)
+    named = [0] if entries is None else np.flatnonzero(np.bincount(entries)).tolist()
+    total = np.zeros(3)
+    for entry in named:
+        chosen = slice(None) if len(named) == 1 else np.flatnonzero(entries == entry)
+        matrix = maps[entry].astype(np.float64)
+        total += weights[chosen] @ np.maximum(colors[chosen] @ matrix[:, :3].T + matrix[:, 3], 0)
+    return total / max(float(weights.sum()), 1e-12)

@@ -17,13 +17,11 @@ from numpy import ndarray
 
 from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment
 from instdrive_core.edits.base import checked_ids, counted
-from instdrive_core.edits.color import ColorEdit
+from instdrive_core.edits.color import ColorEdit, mean_color
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.placement import checked_numbers
 from instdrive_core.errors import EditError
-from instdrive_core.maths.activations import sigmoid
-from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.palette import DRAWN, color_values
 from instdrive_core.scene.selection import Flag
 
@@ -99,11 +97,8 @@ def composed(
 
 def base_mean(document: Document, rows: ndarray) -> Float64[ndarray, "3"]:
     """The mean of the rows' colours before adjustment, without view dependence, weighted by opacity."""
-    gaussians, palette = document.scene.gaussians, document.colors
-    bases = palette.bases[palette.indices[rows]]
-    colors = np.einsum("nij,nj->ni", bases[:, :, :3], color_from_dc(gaussians.sh_dc[rows])) + bases[:, :, 3]
-    weights = sigmoid(gaussians.opacity_logits[rows]).astype(np.float64)
-    return weights @ np.maximum(colors, 0) / max(float(weights.sum()), 1e-12)
+    palette = document.colors
+    return mean_color(document.scene.gaussians, rows, palette.bases, palette.indices[rows])
 
 
 @dataclass(frozen=True)
