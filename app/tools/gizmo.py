@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from instdrive_app.pointer import Operation
+from instdrive_app.render.picking import Picker
 from instdrive_app.session import EditorSession
 from instdrive_app.tools.pick import PickTool
 
@@ -17,7 +18,7 @@ OPTIONS: dict[Operation, tuple[str, ...]] = {
 class GizmoTool(PickTool):
     """Picks like the pick tool; while it is in hand, the selection has handles (`panels/overlays/gizmo.py`)."""
 
-    def __init__(self, session: EditorSession, operation: Operation) -> None:
-        super().__init__(session)
+    def __init__(self, session: EditorSession, operation: Operation, picker: Picker | None = None) -> None:
+        super().__init__(session, picker)
         self.operation: Operation | None = operation
         self.options: tuple[str, ...] = OPTIONS[operation]

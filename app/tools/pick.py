@@ -20,9 +20,10 @@ class PickTool:
     outline: tuple[Point, ...] = ()
     operation: Operation | None = None
 
-    def __init__(self, session: EditorSession) -> None:
+    def __init__(self, session: EditorSession, picker: Picker | None = None) -> None:
+        """Tools that share a `picker` share what it keeps per splat."""
         self._session = session
-        self._picker = Picker()
+        self._picker = picker or Picker()
         self._last: tuple[float, float, bytes] | None = None
         self._depth = 0
 

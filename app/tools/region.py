@@ -11,6 +11,7 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_app.pointer import Click, Operation, Point
+from instdrive_app.render.picking import Picker
 from instdrive_app.session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
@@ -32,9 +33,9 @@ class RegionTool(ABC):
     operation: Operation | None = None
     options: tuple[str, ...] = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
 
-    def __init__(self, session: EditorSession, winners: Winners) -> None:
+    def __init__(self, session: EditorSession, winners: Winners, picker: Picker | None = None) -> None:
         self._session, self._winners = session, winners
-        self._pick = PickTool(session)
+        self._pick = PickTool(session, picker)
         self.outline: tuple[Point, ...] = ()
 
     @abstractmethod

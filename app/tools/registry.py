@@ -5,13 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from instdrive_app.pointer import Tool
+from instdrive_app.pointer import Operation, Tool
+from instdrive_app.render.picking import Picker
 from instdrive_app.session import EditorSession
 from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.rectangle import RectangleTool
 from instdrive_app.tools.region import Winners
+
+
+@dataclass(frozen=True)
+class ToolParts:
+    """What tools are made of; they share it."""
+
+    session: EditorSession
+    winners: Winners
+    picker: Picker
 
 
 @dataclass(frozen=True)
@@ -24,29 +34,41 @@ class ToolRecord:
     icon: str
     """As for `Command`."""
     shortcut: str
-    create: Callable[[EditorSession, Winners], Tool]
+    create: Callable[[ToolParts], Tool]
     starts_group: bool = False
     """Whether toolbar and menu part it from the tools before."""
 
 
+def _handles(operation: Operation) -> Callable[[ToolParts], Tool]:
+    return lambda parts: GizmoTool(parts.session, operation, parts.picker)
+
+
 TOOLS = (
-    ToolRecord("pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda session, _: PickTool(session)),
-    ToolRecord("rectangle", "Select by rectangle", "ICON_FA_VECTOR_SQUARE", "B", RectangleTool),
-    ToolRecord("lasso", "Select by lasso", "ICON_FA_SIGNATURE", "L", LassoTool),
     ToolRecord(
-        "move",
-        "Move",
-        "ICON_FA_UP_DOWN_LEFT_RIGHT",
-        "T",
-        lambda session, _: GizmoTool(session, "move"),
-        starts_group=True,
+        "pick", "Pick instances", "ICON_FA_ARROW_POINTER", "V", lambda parts: PickTool(parts.session, parts.picker)
     ),
-    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", lambda session, _: GizmoTool(session, "rotate")),
-    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", lambda session, _: GizmoTool(session, "scale")),
+    ToolRecord(
+        "rectangle",
+        "Select by rectangle",
+        "ICON_FA_VECTOR_SQUARE",
+        "B",
+        lambda parts: RectangleTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord(
+        "lasso",
+        "Select by lasso",
+        "ICON_FA_SIGNATURE",
+        "L",
+        lambda parts: LassoTool(parts.session, parts.winners, parts.picker),
+    ),
+    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _handles("move"), starts_group=True),
+    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _handles("rotate")),
+    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _handles("scale")),
 )
 """In the toolbar's order."""
 
 
 def created_tools(session: EditorSession, winners: Winners) -> dict[str, Tool]:
     """One of each, by name."""
-    return {record.name: record.create(session, winners) for record in TOOLS}
+    parts = ToolParts(session, winners, Picker())
+    return {record.name: record.create(parts) for record in TOOLS}
