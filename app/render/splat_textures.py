@@ -10,8 +10,9 @@ from numpy import ndarray
 
 from instdrive_app.render.gl_state import GraphicsError
 
-WIDTH = 4096
-"""Texels per row; a power of two that every OpenGL 3.3 driver takes. 16,384 rows of it hold 67 million texels."""
+WIDTH = 8192
+"""Texels per row; a power of two that every graphics card of OpenGL 3.3 takes. The usual limit of 16,384 rows holds 11
+million splats of SH degree 3."""
 SPARE_SHARE = 8
 """A texture that has grown has room for one more row per so many."""
 
