@@ -18,9 +18,14 @@ from instdrive_app.render.software_thread import LatestFrame
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document import Document
 
+PACE_SECONDS = 1 / 50
+"""While a frame is under way, a window drawn by a software driver as fast as it can takes the cores from the very frame
+that it would show: each of the window's frames leaves it so much time, unless it is there before."""
+
 
 class SoftwareRenderer:
-    """A `FrameRenderer` without a GPU. All methods are the UI thread's; without `wait` none of them waits."""
+    """A `FrameRenderer` without a GPU. All methods are the UI thread's; without `wait` none waits for a frame, beyond
+    the window's pace."""
 
     def __init__(self, ctx: moderngl.Context, document: Document, wake: Callable[[], None] = lambda: None) -> None:
         """`wake` is called, from another thread, when a frame asked for without waiting is there."""
@@ -54,12 +59,12 @@ class SoftwareRenderer:
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
         """Bring `picture` up to date. Without `wait` it is only asked for, and the newest frame there is is shown."""
-        state = self._watcher.state()
+        state, patience = self._watcher.state(), PACE_SECONDS if self._thread.busy else 0.0
         asked = self._asked
         if asked is None or not asked.is_for(state, snapshot):
             self._asked = FrameRequest(state, asked_of(snapshot))
             self._thread.ask(self._asked)
-        drawn = self._thread.wait() if wait else self._thread.take()
+        drawn = self._thread.wait() if wait else self._thread.take(patience)
         if drawn is not None:
             self._show(drawn)
 

@@ -27,10 +27,10 @@ from instdrive_core.rasterize.sky_behind import add_sky
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
-DRAFT_SECONDS = 1 / 20
+DRAFT_SECONDS = 1 / 16
 """Drafts leave out as many splats as it takes to be drawn in this time."""
-FEWEST_SPLATS = 50_000
-"""A draft never shows fewer splats, where there are as many."""
+FEWEST_SPLATS = 150_000
+"""A draft never shows fewer splats, where there are as many: with less, walls of small splats have holes."""
 _NO_FRAMES = np.zeros(0, np.int32)
 
 
@@ -69,7 +69,7 @@ class SoftwareDraw:
         self._blended: Preview | None = None
         self._winner = np.zeros((0, 0), np.int32)
         self._key: object = None
-        self._budget = 8 * FEWEST_SPLATS
+        self._budget = 2 * FEWEST_SPLATS
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:

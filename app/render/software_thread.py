@@ -46,9 +46,20 @@ class LatestFrame(Generic[Asked, Drawn]):
             self._waiting = frame
             self._changed.notify_all()
 
-    def take(self) -> Drawn | None:
-        """The newest frame drawn since the last call, at once. Raises what drawing raised."""
+    @property
+    def busy(self) -> bool:
+        """Whether a frame is under way."""
+        return self._waiting is not None or self._drawing is not None
+
+    def take(self, patience: float = 0.0) -> Drawn | None:
+        """The newest frame drawn since the last call. Raises what drawing raised.
+
+        Args:
+            patience: seconds that the caller would spend on nothing better while a frame is under way.
+        """
         with self._changed:
+            if patience > 0:
+                self._changed.wait_for(lambda: self._drawn is not None or self._failure is not None, patience)
             failure, self._failure = self._failure, None
             if failure is not None:
                 raise failure
@@ -85,4 +96,5 @@ class LatestFrame(Generic[Asked, Drawn]):
                 drawn, failure = None, error
             with self._changed:
                 self._drawn, self._failure = drawn, failure
+                self._changed.notify_all()
             self._wake()
