@@ -40,7 +40,7 @@ class NumberField:
         )
         gesture = self._gesture.after_item()
         ui.mark(f"inspector.{self._name}")
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not imgui.is_item_active():
             imgui.set_tooltip(f"{self._hint}. Drag, or double click to type")
         if changed:
             self._shown = min(max(shown, self._low), self._high)
