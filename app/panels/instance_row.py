@@ -62,6 +62,13 @@ class RowPainter:
         self.is_new = False
         """Whether the field for the name has not been drawn yet."""
         self._name = ""
+        self._drawn = False
+
+    def begin(self) -> None:
+        """Before the rows of a frame. A name whose row was scrolled away or filtered out is given up."""
+        if self.renamed and not self.is_new and not self._drawn:
+            self.renamed = 0
+        self._drawn = False
 
     def rename(self, instance: Instance) -> None:
         """From the next frame on, let the user type a name in the instance's row."""
@@ -121,6 +128,7 @@ class RowPainter:
             imgui.set_tooltip(text)
 
     def _name_field(self, ui: Ui) -> None:
+        self._drawn = True
         imgui.set_next_item_width(-1)
         imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(3, 0))
         if self.is_new:

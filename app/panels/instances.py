@@ -197,6 +197,7 @@ class InstancesPanel:
         scroll_to = self._newly_selected(selected)
         if self._painter.renamed and self._painter.is_new:
             scroll_to = self._rows.place.get(self._painter.renamed)
+        self._painter.begin()
         clipper = imgui.ListClipper()
         clipper.begin(len(self._rows.instances))
         if scroll_to is not None:

@@ -46,7 +46,8 @@ class ReassignDialog:
         )
         ui.mark("reassign.search")
         self._choices(ui)
-        if confirmed(ui, "Reassign", entered, True):
+        # While something is searched for, only what is found can be chosen.
+        if confirmed(ui, "Reassign", entered, self._target in self._rows.place or not self._search):
             ui.session.labels.reassign(None if self._target == NEW else self._target)
         imgui.end_popup()
 
