@@ -38,8 +38,12 @@ class Edit(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """Kind and parameters, ready for json.dumps."""
-        parameters = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
-        return {"kind": self.kind, **parameters}
+        return self.parameters()
+
+    def parameters(self) -> dict[str, Any]:
+        """Kind and parameters as the edit holds them: where `to_json` makes long lists, they may be arrays here."""
+        values = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
+        return {"kind": self.kind, **values}
 
 
 def checked_ids(ids: Iterable[int]) -> tuple[int, ...]:

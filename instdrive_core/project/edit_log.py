@@ -39,7 +39,7 @@ def difference(before: Logged, after: Logged) -> dict[str, Any] | None:
         return None
     line: dict[str, Any] = {"cursor": after.cursor}
     if keep < len(before.edits) or added:
-        line |= {"keep": keep, "add": [packed(edit.to_json(), _to_text) for edit in added]}
+        line |= {"keep": keep, "add": [packed(edit, _to_text) for edit in added]}
     return line
 
 

@@ -1,7 +1,8 @@
 """Long lists of whole numbers in an edit's JSON (the rows that a lasso caught) are kept apart, as arrays.
 
-An edit is JSON first and last: `packed` puts ``{"$array": NAME}`` where a long list was, `unpacked` puts the same list
-back, so that no edit knows of it.
+An edit is JSON first and last: `packed` puts ``{"$array": NAME}`` where `Edit.to_json` has a long list, `unpacked` puts
+the same list back, so that no edit knows of it. Rows are never made a list on the way out: half a million of them would
+hold up every other thread.
 """
 
 from __future__ import annotations
@@ -13,6 +14,9 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
+from instdrive_core.edits.base import Edit
+from instdrive_core.edits.row_runs import RowRuns
+
 LONG = 1024
 """Lists of fewer elements stay JSON."""
 _KEY = "$array"
@@ -20,19 +24,24 @@ _KEY = "$array"
 Numbers = Int64[ndarray, "n"] | Int64[ndarray, "n k"]
 
 
-def packed(entry: Any, keep: Callable[[Numbers], Any]) -> Any:
-    """The JSON value with long lists, of numbers or of equally long rows of numbers, replaced.
+def packed(value: Any, keep: Callable[[Numbers], Any]) -> Any:
+    """An edit as JSON, with long lists, of numbers or of equally long rows of numbers, replaced.
 
     Args:
-        entry: what `Edit.to_json` gave.
+        value: an edit, or a part of one.
         keep: stores an array and returns what names it, as JSON.
     """
-    if isinstance(entry, dict):
-        return {key: packed(value, keep) for key, value in entry.items()}
-    if not isinstance(entry, list | tuple):
-        return entry
-    numbers = _numbers(entry) if len(entry) >= LONG else None
-    return [packed(value, keep) for value in entry] if numbers is None else {_KEY: keep(numbers)}
+    if isinstance(value, Edit):
+        value = value.parameters()
+    if isinstance(value, dict):
+        return {key: packed(part, keep) for key, part in value.items()}
+    if isinstance(value, RowRuns):
+        is_long = len(value.starts) >= LONG
+        return {_KEY: keep(np.stack([value.starts, value.lengths], axis=1))} if is_long else value.to_json()
+    if not isinstance(value, list | tuple):
+        return value
+    numbers = _numbers(value) if len(value) >= LONG else None
+    return [packed(part, keep) for part in value] if numbers is None else {_KEY: keep(numbers)}
 
 
 def unpacked(entry: Any, find: Callable[[Any], Numbers]) -> Any:

@@ -95,7 +95,7 @@ def _write_edits(path: Path, archive: zipfile.ZipFile, edits: tuple[Edit, ...]) 
         add_member(archive, members[-1], save({ARRAY: numbers}))
         return members[-1]
 
-    lines = [json.dumps(packed(edit.to_json(), keep)) + "\n" for edit in edits]
+    lines = [json.dumps(packed(edit, keep)) + "\n" for edit in edits]
     add_member(archive, EDITS, "".join(lines).encode())
     return [*members, EDITS]
 

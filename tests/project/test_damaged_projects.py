@@ -192,3 +192,22 @@ def test_json_is_bounded():
     for text in (b"[" * 33 + b"]" * 33, b'{"a":' * 5000, b"[Infinity]", b"\xff", b""):
         with pytest.raises(ValueError, match=r"."):
             parsed_json(text)
+
+
+def test_every_edit_is_packed_to_its_json():
+    from benchmarks.edit_street import edit_street
+    from benchmarks.random_edits import RandomEdits
+    from instdrive_core.edits.compound import CompoundEdit
+    from instdrive_core.edits.document import Document
+    from instdrive_core.edits.select_rows import SelectRows
+
+    drawn = RandomEdits(document := Document(edit_street()), "absent")
+    while len(document.history.edits) < 60:
+        drawn.apply_one()
+    long = SelectRows(np.arange(0, 5000, 2))
+    kept = []
+    for edit in (*document.history.edits, long, CompoundEdit((long, long), "two")):
+        lean = packed(edit, lambda numbers: kept.append(numbers) or len(kept) - 1)
+        again = unpacked(json.loads(json.dumps(lean)), lambda number: kept[number])
+        assert again == json.loads(json.dumps(edit.to_json()))
+    assert len(kept) >= 3
