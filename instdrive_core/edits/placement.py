@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int64
+from jaxtyping import Float, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document import Document
@@ -77,16 +77,17 @@ def _background_around(
         rows = rows[usable & ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
         return rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY]
 
-    near = np.flatnonzero(_within(stored, place, reach))
+    near = _near(stored, place, reach)
     # Of what was moved, little is of others: during a drag it is mostly the instances themselves.
     moved = document.means_of(counted(np.flatnonzero(entries)))
-    return np.concatenate([stored[counted(near[entries[near] == 0])], moved[_within(moved, place, reach)]])
+    return np.concatenate([stored[counted(near[entries[near] == 0])], moved[_near(moved, place, reach)]])
 
 
-def _within(means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float) -> Bool[ndarray, " n"]:
-    low, high = np.asarray(place[:2], np.float32) - np.float32(reach), np.asarray(place[:2], np.float32) + reach
-    x, y = means[:, 0], means[:, 1]
-    return (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+def _near(means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float) -> Int64[ndarray, " k"]:
+    """Rows within `reach` along x and along y; y is looked at for those only that are near in x."""
+    x, y = np.asarray(place[:2], np.float32)
+    rows = np.flatnonzero(np.abs(means[:, 0] - x) <= np.float32(reach))
+    return rows[np.abs(means[rows, 1] - y) <= np.float32(reach)]
 
 
 def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], time: float) -> Float64[ndarray, "3"]:

@@ -6,6 +6,7 @@ colour turns with it. All of it can be baked into the stored parameters.
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int, UInt16
 from numpy import ndarray
@@ -56,19 +57,25 @@ def current_means(
     means, entries = gaussians.means, palette.indices
     if rows is not None:
         means, entries = means[rows], entries[rows]
-    moved = np.flatnonzero(entries)
-    if not len(moved):
+    if not entries.any():
         return means
-    named = entries[moved]
-    means = means.copy()
-    if (named == named[0]).all():
-        # One object: a matrix per splat would take three times as long; `@` starts threads, which a drag trips over.
-        matrix, part = palette.matrices[named[0]], means[moved]
-        means[moved] = sum((part[:, k, None] * matrix[:, k] for k in range(3)), start=matrix[:, 3])
-    else:
-        matrices = palette.matrices[named]
-        means[moved] = np.einsum("nij,nj->ni", matrices[:, :, :3], means[moved]) + matrices[:, :, 3]
-    return means
+    return _moved(np.ascontiguousarray(means), np.ascontiguousarray(entries), palette.matrices)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _moved(
+    means: Float32[ndarray, "n 3"], entries: UInt16[ndarray, " n"], matrices: Float64[ndarray, "p 3 4"]
+) -> Float32[ndarray, "n 3"]:
+    """Each mean after the matrix that its row names; those with entry 0 stay bit by bit."""
+    result = means.copy()
+    for row in range(len(means)):
+        entry = entries[row]
+        if entry:
+            x, y, z = means[row, 0], means[row, 1], means[row, 2]
+            for axis in range(3):
+                matrix = matrices[entry, axis]
+                result[row, axis] = matrix[0] * x + matrix[1] * y + matrix[2] * z + matrix[3]
+    return result
 
 
 def transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"]) -> Gaussians:
