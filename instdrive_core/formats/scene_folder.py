@@ -45,6 +45,7 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
     if half:
         arrays = {name: _halved(name, array) for name, array in arrays.items()}
     name = f"scene.{_digest(arrays)}.safetensors"
+    is_new = not (folder / name).exists()
     try:
         with atomic_path(folder / name, temporary_for="scene.safetensors") as temporary:
             save_file(arrays, temporary)
@@ -54,7 +55,12 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
     manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **manifest_of(scene)}
     for view in manifest["views"]:
         view["photo"] = _stored_photo(view["photo"], folder)
-    write_bytes(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    try:
+        write_bytes(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    except DataError:
+        if is_new:
+            (folder / name).unlink(missing_ok=True)
+        raise
     for old in folder.glob("scene.*.safetensors"):
         if old.name != name and _ARRAYS_NAME.fullmatch(old.name):
             old.unlink(missing_ok=True)

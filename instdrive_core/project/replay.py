@@ -10,7 +10,7 @@ from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError, SceneChangedError
-from instdrive_core.project.sources import RecordedSource, SceneSources, open_recorded
+from instdrive_core.project.sources import RecordedScenes, RecordedSource, SceneSources, open_recorded
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[s
     """
     scene, source = open_recorded(kept.base, kept.path, accept_changed)
     document = Document(scene)
-    document.open_scene = SceneSources(source, kept.inserted, kept.path, accept_changed)
+    document.open_scene = scenes = RecordedScenes(kept.inserted, kept.path, accept_changed)
     left_out: list[str] = []
     done = 0
     for number, entry in enumerate(kept.entries(document), start=1):
@@ -56,6 +56,7 @@ def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[s
             done += number <= kept.cursor
     while document.history.cursor > done:
         document.undo()
+    document.open_scene = SceneSources(source, scenes.found)
     return document, tuple(left_out)
 
 

@@ -44,37 +44,44 @@ class RecordedSource:
 
 
 class SceneSources:
-    """How a document opens the files that its edits name; remembers what it opened.
+    """How a document opens the files that its edits insert; remembers what was opened.
 
     Args:
         base: the document's own scene.
-        recorded: files that are looked for where they may be now, by the names that edits give them.
-        project: the file that recorded them.
-        accept_changed: whether recorded files may hold something else by now.
+        inserted: what was opened before, by the names that edits give it.
     """
 
-    def __init__(
-        self,
-        base: SceneSource,
-        recorded: Mapping[str, RecordedSource] | None = None,
-        project: Path | None = None,
-        accept_changed: bool = False,
-    ) -> None:
+    def __init__(self, base: SceneSource, inserted: Mapping[str, SceneSource] | None = None) -> None:
         self.base = base
-        self.inserted: dict[str, SceneSource] = {}
-        """By the names that edits give them."""
-        self._recorded, self._project = dict(recorded or {}), project or Path()
-        self._accept_changed = accept_changed
+        self.inserted = dict(inserted or {})
 
     def __call__(self, path: Path) -> Scene:
-        """Open a file that an edit inserts."""
-        name = str(path)
-        if name in self._recorded:
-            scene, source = open_recorded(self._recorded[name], self._project, self._accept_changed)
-        else:
-            known = self.inserted.get(name)
-            scene, source = open_source(known.path if known else path)
-        self.inserted[name] = source
+        """Open a file that an edit inserts; where it is not, but was found elsewhere before, that one."""
+        known = self.inserted.get(str(path))
+        scene, source = open_source(known.path if known and not path.exists() else path)
+        self.inserted[str(path)] = source
+        return scene
+
+
+class RecordedScenes:
+    """The same while a project's edits are done again: what it recorded is looked for, and must be what it was.
+
+    Args:
+        recorded: by the names that edits give them.
+        project: the file that recorded them.
+        accept_changed: whether they may hold something else by now.
+    """
+
+    def __init__(self, recorded: Mapping[str, RecordedSource], project: Path, accept_changed: bool) -> None:
+        self.found: dict[str, SceneSource] = {}
+        """What was opened, by the names that edits give it."""
+        self._recorded, self._project, self._accept_changed = recorded, project, accept_changed
+
+    def __call__(self, path: Path) -> Scene:
+        """Open what a project means by a name. Raises DataError, SceneChangedError."""
+        recorded = self._recorded.get(str(path))
+        opened = open_recorded(recorded, self._project, self._accept_changed) if recorded else open_source(path)
+        scene, self.found[str(path)] = opened
         return scene
 
 

@@ -8,9 +8,10 @@ import threading
 
 import pytest
 
+from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_file, atomic_path, write_bytes
 from instdrive_core.formats.file_lock import FileLock
-from instdrive_core.formats.scene_folder import write_scene_folder
+from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
 from instdrive_core.formats.temporaries import temporary_beside
 
 HANG = """
@@ -124,3 +125,19 @@ def test_a_lock_is_held_once_and_freed_by_release(tmp_path):
     again = FileLock.taken(tmp_path / "lock")
     assert again is not None
     again.release()
+
+
+def test_a_scene_folder_whose_manifest_does_not_fit_the_disk_keeps_the_old_scene_only(tmp_path, monkeypatch):
+    from random_scene import assert_same_scene, random_scene
+
+    write_scene_folder(tmp_path, random_scene())
+    before = names(tmp_path)
+
+    def full(path, content):
+        raise DataError(path, "the file cannot be written (No space left on device)", "Free some space")
+
+    monkeypatch.setattr("instdrive_core.formats.scene_folder.write_bytes", full)
+    with pytest.raises(DataError, match="No space"):
+        write_scene_folder(tmp_path, random_scene(seed=1))
+    assert names(tmp_path) == before
+    assert_same_scene(read_scene_folder(tmp_path), random_scene())

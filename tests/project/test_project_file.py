@@ -10,6 +10,7 @@ from project_cases import VIEW, assert_same_document, edited_document, rewrite_j
 
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.instances import RenameInstance
 from instdrive_core.errors import DataError, EditError, SceneChangedError
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -166,9 +167,17 @@ def test_a_project_opens_as_the_scene_that_its_edits_make(saved):
     assert len(scene) == int((saved[0].state.flags & 8 == 0).sum())
 
 
-def test_an_insert_that_fails_leaves_the_document_as_it_was(saved, tmp_path):
-    from instdrive_core.edits.insert import InsertScene
+def test_a_newer_file_of_a_recorded_name_can_be_inserted(saved, tmp_path):
+    again, _ = open_document(saved[1])
+    save_scene(tmp_path / "scenes" / "car", open_scene(tmp_path / "scenes" / "street"))
+    again.apply(InsertScene(str(tmp_path / "scenes" / "car")))
+    assert len(again.scene) == 2 * 6000 + 15
+    shutil.rmtree(tmp_path / "scenes" / "car")
+    again.undo()
+    assert again.redo() is not None
 
+
+def test_an_insert_that_fails_leaves_the_document_as_it_was(saved, tmp_path):
     document = saved[0]
     before = snapshot(document)
     with pytest.raises((DataError, EditError)):
