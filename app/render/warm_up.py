@@ -18,7 +18,7 @@ _SIDE = 16
 
 
 def warm_up() -> None:
-    """Sort, pick, select a region and grow it once, in a scene of one splat.
+    """Sort, pick, select a region, grow it and move once, in a scene of one splat.
 
     To be called on a thread of its own when the program starts.
     """
@@ -30,6 +30,9 @@ def warm_up() -> None:
     rows_in_region(document, snapshot.camera, 0.0, np.ones((_SIDE, _SIDE), np.bool_))
     both = np.zeros((2, 3), np.float32)
     rows_near(both, np.zeros(1, np.int64), np.ones(1, np.int64), 1.0)
+    first = np.zeros(1, np.int64)
+    document.transforms.assign(first, np.array([document.transforms.add(2 * np.eye(3, 4))], np.uint16))
+    document.means_of(first)
 
 
 def _one_splat_at(place: np.ndarray) -> Document:
