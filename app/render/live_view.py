@@ -10,6 +10,7 @@ import numpy as np
 
 from instdrive_app.render.frame_renderer import FrameRenderer, chosen_kind, renderer_of
 from instdrive_app.render.shown_frame import ShownFrame
+from instdrive_app.render.software_warm_up import warm_up_beside
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document import Document
 
@@ -25,6 +26,8 @@ class LiveView:
     def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
         """`wake` is called, from another thread, when `show` has something newer to show."""
         self._ctx, self._wake = ctx, wake
+        if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
+            warm_up_beside()
         self._renderer: FrameRenderer | None = None
         self._document: Document | None = None
         self._sharp_seconds = 0.0
