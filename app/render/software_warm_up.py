@@ -1,4 +1,4 @@
-"""Loading the software renderer's compiled kernels while a scene is still being read: a second less until its picture."""
+"""Loading the software renderer's compiled kernels while a scene is being read: a second less until its picture."""
 
 from __future__ import annotations
 

@@ -23,6 +23,17 @@ def test_the_frame_is_what_render_shows() -> None:
     assert not frame.depth[raster.alpha == 0].any()
 
 
+def test_large_and_tiny_splats_beside_each_other() -> None:
+    """More pairs of tile and splat than there is room for at first; splats within one tile; some of them outside."""
+    camera = small_camera(640, 400)
+    large = plain_splats(camera, [[320, 200]] * 300, list(np.linspace(3, 6, 300)), 250, 0.02)
+    splats = large.joined(random_splats(camera, 4000, 3, seed=7))
+    splats.log_scales[300:] -= np.float32(2.5)
+    frame, raster = preview(*splats.arrays(), camera), render(*splats.arrays(), camera)
+    np.testing.assert_allclose(frame.color, raster.image, atol=2e-5)
+    np.testing.assert_allclose(frame.alpha, raster.alpha, atol=2e-5)
+
+
 def expected_winner(alphas: np.ndarray, weight: np.ndarray, opacities: np.ndarray, rule: PickRule) -> int:
     """The rule, said once more in plain words: place in the depth order, or -1."""
     total = weight.sum()
