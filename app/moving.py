@@ -228,6 +228,12 @@ class Moving:
                 self._messages.error(str(error))
             drag.told = True
 
+    def give_up_drag(self) -> None:
+        """Put everything back to where the drag began."""
+        drag, self.drag = self.drag, None
+        if drag is not None and drag.document is self._document() and drag.ids == self.ids:
+            self._apply(lambda: MoveInstances(drag.ids, time=drag.time), gesture=drag.gesture)
+
     def end_drag(self) -> None:
         """The gizmo was let go."""
         self.drag = None

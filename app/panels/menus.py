@@ -54,9 +54,9 @@ def _submenu(ui: Ui, command: Command) -> None:
 
 def run_shortcuts(ui: Ui) -> None:
     """Run the commands whose keys were pressed in this frame; never while text is typed, a dialog is open or a region
-    is dragged."""
-    io = imgui.get_io()
-    if io.want_text_input or ui.tool.outline or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+    or a handle is dragged."""
+    io, dragged = imgui.get_io(), ui.tool.outline or ui.session.moving.drag is not None
+    if io.want_text_input or dragged or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
     for command in ui.session.commands:
         if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in command.shortcuts):

@@ -99,6 +99,18 @@ def test_a_car_is_moved_and_turned_by_handles(window, tmp_path):
     center = window.wait_for_widget("gizmo.center")
     assert center[0] - start[0] == pytest.approx(-90, abs=20)
     window.key("r")
+    x, y = window.wait_for_widget("gizmo.z")
+    window.move(x, y)
+    time.sleep(0.2)
+
+    def escape():
+        window.wait_for(lambda state: len(state["history"]) == 3, "the car to turn while the handle is held")
+        window.key("Escape")
+
+    window.drag((x, y), (x - 60, y), before_release=escape)
+    state = window.wait_until_calm()
+    assert len(state["history"]) == 2, "Escape gives the drag up"
+    assert state["selected"] == [BLUE_CAR], "and nothing else"
     state = drag_handle(window, "z", (60, 0))
     camera = state["camera"]["world_from_camera"]
     assert np.allclose(camera, scene.views[0].camera.world_from_camera), "handles do not turn the camera"

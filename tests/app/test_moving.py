@@ -75,6 +75,19 @@ def test_a_drag_back_to_its_start_is_no_step_and_goes_on_from_there(session, str
     assert street.history.cursor == steps + 1
 
 
+def test_a_drag_that_is_given_up_leaves_nothing(session, street):
+    edits, start = street.history.edits, street.means_of(street.rows_of((FIRST_CAR,)))
+    session.moving.options.on_ground = True
+    session.moving.begin_drag(np.eye(3))
+    session.moving.drag_to(np.array([1.0, 2.0, 0.0]), yaw(20), 1.1)
+    session.moving.give_up_drag()
+    assert street.history.edits == edits
+    np.testing.assert_array_equal(street.means_of(street.rows_of((FIRST_CAR,))), start)
+    session.moving.begin_drag(np.eye(3))
+    session.moving.give_up_drag()
+    assert street.history.edits == edits
+
+
 def test_what_hinders_a_drag_is_told_once_and_the_last_good_place_stays(session, street):
     session.moving.options.on_ground = True
     session.moving.begin_drag(np.eye(3))

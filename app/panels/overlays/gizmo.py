@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from imgui_bundle import imgui, imguizmo
+from imgui_bundle import imgui, imguizmo  # pyright: ignore[reportMissingModuleSource]
 from jaxtyping import Float64
 from numpy import ndarray
 
@@ -35,6 +35,8 @@ class Gizmo:
 
     def __init__(self) -> None:
         self.holds_mouse: bool = False
+        self._given_up = False
+        """Whether Escape ended the drag, and the button is still pressed."""
         self._matrix = np.eye(4)
         """The gizmo's, relative to where it stood when it was grasped; its axes as long as things were scaled."""
 
@@ -79,6 +81,12 @@ class Gizmo:
             matrix,
             snap=None if step is None else guizmo.Matrix3([step] * 3),
         )
+        if moving.drag is not None and imgui.is_key_pressed(imgui.Key.escape):
+            moving.give_up_drag()
+            self._given_up = True
+            guizmo.enable(False)  # which makes it let go
+            guizmo.enable(True)
+        self._given_up &= imgui.is_mouse_down(0)
         using = guizmo.is_using()
         if using and moving.drag is None:
             moving.begin_drag(axes)
@@ -90,7 +98,8 @@ class Gizmo:
         if not using:
             moving.end_drag()
         # A press that began elsewhere, to turn the camera, goes on across the handles.
-        self.holds_mouse = using or (guizmo.is_over() and not any(imgui.is_mouse_down(button) for button in range(3)))
+        held = using or self._given_up
+        self.holds_mouse = held or (guizmo.is_over() and not any(imgui.is_mouse_down(button) for button in range(3)))
 
 
 def gizmo_axes(moving: Moving, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
