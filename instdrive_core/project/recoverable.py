@@ -21,7 +21,7 @@ from instdrive_core.project.session_folder import (
 from instdrive_core.user_folders import state_folder
 
 _JUNK_AGE = 3600.0
-"""Seconds after which a folder that never became a session is removed; until then its editor may be starting."""
+"""Seconds after which a folder without a journal is removed; until then its editor may be about to lock it."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,8 @@ def _looked_at(folder: Path) -> RecoverableSession | None:
 
 
 def _remove_junk(folder: Path) -> None:
-    if datetime.now().timestamp() - folder.stat().st_mtime > _JUNK_AGE:
+    # A journal is made under the lock: who made it is dead.
+    if (folder / JOURNAL).exists() or datetime.now().timestamp() - folder.stat().st_mtime > _JUNK_AGE:
         remove_session(folder)
 
 

@@ -36,7 +36,7 @@ class Recovery:
     power cut, `SYNC_INTERVAL` more.
     """
 
-    def __init__(self, document: Document, path: Path, folder: Path, lock: FileLock) -> None:
+    def __init__(self, document: Document, path: Path, folder: Path, lock: FileLock, restored: Restored | None) -> None:
         """Use `begin`."""
         self.folder = folder
         self._document, self._path, self._lock = document, path, lock
@@ -44,12 +44,13 @@ class Recovery:
         self._journal = Journal(folder / JOURNAL)
         self._written, self._named = Logged(), set[str]()
         """What the journal tells; the thread's own."""
+        self._replaced, self._is_announced = restored, False
         self._changed = threading.Condition()
         """Guards all below."""
         self._wanted = self._now()
-        self._marks: list[dict[str, Any]] = []
+        self._marks: list[dict[str, Any]] = [{"saved": None if restored else self._wanted.cursor}]
         """Lines to be written after the history."""
-        self._behind = self._ending = False
+        self._behind, self._ending = True, False
         self._failure: DataError | None = None
         """Why nothing can be written now."""
         self._failures = 0
@@ -61,7 +62,7 @@ class Recovery:
     def begin(
         cls, document: Document, path: str | Path, *, restored: Restored | None = None, root: Path | None = None
     ) -> Recovery:
-        """Start the journal of a document that has just been opened.
+        """Start the journal of a document that has just been opened, with what it has done so far.
 
         Args:
             document: from `open_document`, or `restored`'s.
@@ -69,29 +70,16 @@ class Recovery:
             restored: where the document was recovered: its old session is removed as soon as this one holds it all.
             root: folder of sessions; default: in the user's state folder.
 
-        Raises DataError where the document comes from no file, or the folder cannot be written.
+        Raises DataError where the document comes from no file, or the folder cannot be made.
         """
         sources_of(document)
         root, path = session_root(root), Path(path)
         try:
-            recovery = cls(document, path, *new_session_folder(root))
-            try:
-                recovery._start(restored)
-            except BaseException:
-                recovery.end()
-                raise
+            recovery = cls(document, path, *new_session_folder(root), restored)
         except OSError as error:
             raise _not_written(root, error) from error
+        recovery._thread.start()
         return recovery
-
-    def _start(self, restored: Restored | None) -> None:
-        self._marks.append({"saved": None if restored else self._document.history.cursor})
-        self._write()
-        self._journal.sync()
-        write_session(self.folder, self._path, recorded_source(self._sources.base, self._path))
-        if restored is not None:
-            restored.remove()
-        self._thread.start()
 
     def record(self) -> None:
         """Tell that the document may have changed: after each edit, undo, redo and jump, or once a frame.
@@ -134,6 +122,8 @@ class Recovery:
         self._stop()
         remove_session(self.folder)
         self._lock.release()
+        if self._replaced is not None:
+            self._replaced.remove()
 
     def _stop(self) -> None:
         with self._changed:
@@ -159,11 +149,12 @@ class Recovery:
                     return
             try:
                 self._write()
+                self._announce()
                 if time.monotonic() >= next_sync:
                     self._journal.sync()
                     next_sync = time.monotonic() + SYNC_INTERVAL
                     self._synced()
-            except OSError as error:
+            except (OSError, DataError) as error:
                 self._failed(error)
             with self._changed:
                 # Edits that come close after one another become one line.
@@ -186,13 +177,24 @@ class Recovery:
             with self._changed:
                 self._marks.remove(mark)
 
+    def _announce(self) -> None:
+        """Once: make the folder a session that can be recovered, in place of the one that it goes on with."""
+        if self._is_announced:
+            return
+        self._journal.sync()
+        write_session(self.folder, self._path, recorded_source(self._sources.base, self._path))
+        if self._replaced is not None:
+            self._replaced.remove()
+            self._replaced = None
+        self._is_announced = True
+
     def _synced(self) -> None:
         with self._changed:
             self._behind = self._wanted is not self._written or bool(self._marks)
             self._failure = None
             self._changed.notify_all()
 
-    def _failed(self, error: OSError) -> None:
+    def _failed(self, error: OSError | DataError) -> None:
         with self._changed:
             if self._failure is None:
                 self._failure = self._problem = _not_written(self.folder, error)
@@ -200,6 +202,7 @@ class Recovery:
             self._changed.notify_all()
 
 
-def _not_written(folder: Path, error: OSError) -> DataError:
-    problem = f"edits cannot be kept for recovery ({error.strerror or error})"
+def _not_written(folder: Path, error: OSError | DataError) -> DataError:
+    reason = error.problem if isinstance(error, DataError) else error.strerror or error
+    problem = f"edits cannot be kept for recovery ({reason})"
     return DataError(folder, problem, "Save the project, and free some space")

@@ -82,6 +82,7 @@ def test_a_restored_document_is_offered_again_until_it_is_saved(tmp_path, root, 
     (session,) = pending(root)
     restored = restore(session)
     second = Recovery.begin(restored.document, restored.path, restored=restored, root=root)
+    second.flush()
     assert not session.folder.exists()
     die(second)
     (session,) = pending(root)
@@ -178,6 +179,35 @@ def test_a_session_can_be_discarded(root, started):
     discard(session)
     assert pending(root) == []
     assert not session.folder.exists()
+
+
+def test_closing_a_restored_document_at_once_leaves_nothing(root, started):
+    document, recovery = started
+    do(document, recovery, DeleteInstances((2,)))
+    die(recovery)
+    restored = restore(pending(root)[0])
+    Recovery.begin(restored.document, restored.path, restored=restored, root=root).end()
+    assert list(root.iterdir()) == []
+
+
+def test_an_editor_that_dies_before_the_new_session_is_whole_leaves_the_old_one(root, started, monkeypatch):
+    document, recovery = started
+    do(document, recovery, DeleteInstances((2,)))
+    die(recovery)
+    restored = restore(pending(root)[0])
+
+    def full(folder, path, base):
+        raise DataError(folder, "the file cannot be written (No space left on device)", "Free some space")
+
+    monkeypatch.setattr(recovery_module, "write_session", full)
+    second = Recovery.begin(restored.document, restored.path, restored=restored, root=root)
+    with pytest.raises(DataError, match="No space left"):
+        second.flush()
+    second._stop()
+    second._lock.release()
+    restored._lock.release()
+    (session,) = pending(root)
+    assert snapshot(restore(session).document) == snapshot(document)
 
 
 # The journal
@@ -302,9 +332,10 @@ def test_a_session_that_cannot_be_read_says_why_and_can_be_discarded(root, start
 
 
 def test_folders_that_never_became_sessions_go_when_they_are_old(root):
-    for name in ("young", "old"):
+    for name in ("young", "old", "died early"):
         (root / name).mkdir(parents=True)
         (root / name / LOCK).touch()
+    (root / "died early" / JOURNAL).touch()
     os.utime(root / "old", (1, 1))
     assert pending(root) == []
     assert [folder.name for folder in root.iterdir()] == ["young"]
