@@ -41,13 +41,13 @@ def preview_tiles(packed: Float32[ndarray, "v 16"], width: int, height: int, wor
     with numba.parallel_chunksize(1):
         while True:
             pairs = workspace.array("chunk pairs", (_CHUNKS, room, 2), np.int32)
-            counters = np.zeros((_CHUNKS, columns * rows), np.int64)
+            counters = np.zeros((_CHUNKS, columns * rows), np.int32)
             _list_pairs(packed, size, pairs, counts, counters)
             if int(counts.max()) <= room:
                 break
             room = int(counts.max())
-        starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(counters.sum(axis=0))])
-        cursors = starts[:-1] + np.cumsum(counters, axis=0) - counters
+        starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(counters.sum(axis=0, dtype=np.int64))])
+        cursors = starts[:-1] + np.cumsum(counters, axis=0, dtype=np.int64) - counters
         splats = workspace.array("pair splats", (int(starts[-1]),), np.int32)
         _deal_pairs(pairs, counts, cursors, splats)
     return PreviewTiles(columns, starts, splats)
@@ -80,36 +80,47 @@ def _ellipse(packed, v):
     )
 
 
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def _write_pairs(pairs, counters, chunk, written, room, row_start, first, end, v):
+    """Write down a splat's tiles in one row of tiles, as far as there is room."""
+    for tile in range(np.uint64(row_start + first), np.uint64(row_start + max(end, first))):
+        counters[chunk, tile] += 1
+        if written < room:
+            pairs[chunk, written, 0], pairs[chunk, written, 1] = tile, v
+        written += np.uint64(1)
+
+
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _list_pairs(packed, size, pairs, counts, counters):
     """Write the pairs (tile, splat) of each chunk as far as there is room; `counts` says how many there are."""
     width, height, columns = size[0], size[1], size[2]
-    count, room = len(packed), pairs.shape[1]
+    count, room = len(packed), np.uint64(pairs.shape[1])
     for chunk in numba.prange(_CHUNKS):
-        written = 0
+        written, c = np.uint64(0), np.uint64(chunk)
         for v in range(np.uint64(count * chunk // _CHUNKS), np.uint64(count * (chunk + 1) // _CHUNKS)):
             left, right, top, bottom = _box(packed, v, width, height)
             if left >= right or top >= bottom:
                 continue
             upper, lower = top >> TILE_BITS, (bottom - 1) >> TILE_BITS
-            single = upper == lower and left >> TILE_BITS == (right - 1) >> TILE_BITS
+            first, end = left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS
+            if upper == lower and first + 1 == end:
+                _write_pairs(pairs, counters, c, written, room, upper * columns, first, end, v)
+                written += np.uint64(1)
+                continue
             rows = _ellipse(packed, v)
             for row in range(upper, lower + 1):
-                if not single:
-                    left, right = extent(rows, row, width)
-                for column in range(left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS):
-                    tile = row * columns + column
-                    counters[chunk, tile] += 1
-                    if written < room:
-                        pairs[chunk, written, 0], pairs[chunk, written, 1] = tile, v
-                    written += 1
+                left, right = extent(rows, row, width)
+                first, end = left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS
+                _write_pairs(pairs, counters, c, written, room, row * columns, first, end, v)
+                written += np.uint64(max(end - first, 0))
         counts[chunk] = written
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _deal_pairs(pairs, counts, cursors, splats):
     for chunk in numba.prange(_CHUNKS):
+        c = np.uint64(chunk)
         for place in range(np.uint64(counts[chunk])):
-            tile = np.uint64(pairs[chunk, place, 0])
-            splats[np.uint64(cursors[chunk, tile])] = pairs[chunk, place, 1]
-            cursors[chunk, tile] += 1
+            tile = np.uint64(pairs[c, place, 0])
+            splats[np.uint64(cursors[c, tile])] = pairs[c, place, 1]
+            cursors[c, tile] += 1
