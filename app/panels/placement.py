@@ -10,7 +10,6 @@ from instdrive_app.actions.move import SWITCHES
 from instdrive_app.moving import Placement
 from instdrive_app.panels.number_field import Entered, NumberField
 from instdrive_app.panels.ui import Ui, command_button, dim_text
-from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.move import SCALE_LIMITS
 
@@ -36,7 +35,7 @@ class PlacementSection:
         self._scale = NumberField("scale", "× %.3f", 0.005, *SCALE_LIMITS, "Relative to the size it was trained with")
         self._lane = NumberField("lane", "%+.2f m", 0.02, -FARTHEST, FARTHEST, "Metres along the lane from here")
         self._before: Placement | None = None
-        self._in_hand: tuple[str, Ids] | None = None
+        self._in_hand: tuple[object, ...] | None = None
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
@@ -66,7 +65,8 @@ class PlacementSection:
 
     def _come_into_view(self, ui: Ui, ids: Ids) -> None:
         """Where something is taken up to be moved, its numbers are looked for."""
-        in_hand = (ui.session.state.tool, ids) if isinstance(ui.tool, GizmoTool) else None
+        moving = ui.session.moving
+        in_hand = (ui.tool.operation, moving.options.along_lane, ids) if ui.tool.operation else None
         if in_hand is not None and in_hand != self._in_hand:
             imgui.spacing()  # a line of its own: of the last widgets' line only the upper half would be seen
             imgui.set_scroll_here_y(1.0)
