@@ -1,5 +1,7 @@
 """Moving, without a window: drags, numbers, copies, insertions, and the box that goes along."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
@@ -18,6 +20,8 @@ from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.table import Instance
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.rasterize.preview import preview
+from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import scene_from_gaussians
 
@@ -147,6 +151,38 @@ def test_vehicles_turn_upright_others_freely_until_the_user_says_so(session):
 )
 def test_vehicles_are_known_by_class_or_name(class_name, name, expected):
     assert is_vehicle(Instance(1, name, class_name=class_name)) is expected
+
+
+def preview_of(scene, camera, harmonics=None):
+    """The car alone, by the renderer of windows without a GPU."""
+    gaussians = scene.gaussians.select(np.flatnonzero(scene.instance_ids == FIRST_CAR))
+    rest = gaussians.sh_rest if harmonics is None else harmonics
+    nodes = np.zeros(len(gaussians), np.uint16)
+    colors = view_colors(gaussians.means, gaussians.sh_dc, rest, camera.position, nodes, np.eye(4)[None])
+    shape = (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities)
+    return preview(*shape, colors, camera).color
+
+
+def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street):
+    rows = street.rows_of((FIRST_CAR,))
+    rest = street.scene.gaussians.sh_rest
+    rest[rows] = np.random.default_rng(8).normal(0, 0.3, rest[rows].shape)
+    moving, pivot = session.moving, session.moving.center()
+    pose = look_at(pivot + np.array([-4.0, -5.0, 2.0]), pivot)
+    camera = Camera(150.0, 150.0, 80.0, 60.0, 160, 120, pose)
+    before = preview_of(street.scene, camera)
+    moving.begin_drag(np.eye(3))
+    for part in np.linspace(0, 1, 12):
+        moving.drag_to(np.array([4.0, 2.0, 0.0]) * part, yaw(110 * part), 1 + 0.4 * part)
+    moving.end_drag()
+    along = pose.copy()
+    along[:3, :3] = yaw(110) @ pose[:3, :3]
+    along[:3, 3] = 1.4 * yaw(110) @ (pose[:3, 3] - pivot) + pivot + [4, 2, 0]
+    camera_along = replace(camera, world_from_camera=along)
+    after = baked(street)
+    np.testing.assert_allclose(preview_of(after, camera_along), before, atol=5e-3)
+    unturned = np.abs(preview_of(after, camera_along, rest[rows]) - before).max()
+    assert unturned > 0.1, "the view-dependent colour has to turn"
 
 
 # Numbers
