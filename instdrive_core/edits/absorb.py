@@ -16,7 +16,7 @@ from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance
 from instdrive_core.errors import EditError
 from instdrive_core.instances.floaters import floaters_of_body
-from instdrive_core.instances.interiors import DEFAULT_CONFIG
+from instdrive_core.instances.interiors import DEFAULT_CONFIG, Body
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import current_means
@@ -24,6 +24,12 @@ from instdrive_core.scene.transforms import current_means
 _REACH = 1.5
 """Rows up to this factor of the hull's radius, and a metre, are looked at: more than `FloaterConfig` can ask for."""
 _ROUNDS = 8
+_SCRAP_SHARE = 0.1
+"""An instance with at most this share of a body's splats is a piece of it …"""
+_SCRAP_MARGIN = 0.1
+"""… where most of them are at most so many metres outside of it, …"""
+_SCRAP_REACH = 0.7
+"""… or so many where they are of its class."""
 
 
 @dataclass
@@ -111,10 +117,30 @@ def _strays(document: Document, instance_id: int, members: Int64[ndarray, " m"])
     near, owned = near[free | owned], owned[free | owned]
     ids = scene.instance_ids[near]
     others = [other for other in np.unique(ids).tolist() if other in scene.table and other != instance_id]
-    compact = [other for other in others if is_compact(scene.table[other])]
+    scraps = _scraps(document, body, others, near, members)
+    compact = [other for other in others if is_compact(scene.table[other]) and other not in scraps]
     colors = color_from_dc(scene.gaussians.sh_dc[near])
     strays = floaters_of_body(body, means[near], colors, owned, np.isin(ids, compact))
-    return near[strays]
+    return near[strays | (np.isin(ids, scraps) & ~owned)]
+
+
+def _scraps(
+    document: Document, body: Body, others: list[int], near: Int64[ndarray, " k"], members: Int64[ndarray, " m"]
+) -> list[int]:
+    """Instances that are pieces of a body with a label of their own: few splats, most of them inside of it, or of its
+    class and close around it."""
+    scene = document.scene
+    ids, own = scene.instance_ids[near], scene.table.instances.get(int(scene.instance_ids[members[0]]))
+    local = (document.means_of(near).astype(np.float64) - body.center) @ body.axes
+    inside, close = body.holds(local, margin=_SCRAP_MARGIN), body.holds(local, margin=_SCRAP_REACH)
+    scraps = []
+    for other in others:
+        count = len(document.rows_of((other,)))
+        alike = own is not None and own.class_name != "" and scene.table[other].class_name == own.class_name
+        around = np.count_nonzero((close if alike else inside) & (ids == other))
+        if count <= max(_SCRAP_SHARE * len(members), 1) and around > count / 2:
+            scraps.append(other)
+    return scraps
 
 
 def _written(edit: RelabelEdit) -> ndarray:

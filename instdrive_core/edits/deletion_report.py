@@ -56,10 +56,12 @@ class DeletionReport:
 
     @property
     def summary(self) -> str:
-        """``34 splats of residue, hole of 3.1 m²``."""
+        """``34 splats of residue, hole of 3.1 m²``, and the shadow where there is one."""
         count = len(self.residue)
         residue = f"{count:,} splat{'' if count == 1 else 's'} of residue" if count else "no residue"
         hole = f"hole of {self.hole_area:.1f} m²" if self.hole_area else "no hole"
+        if self.hole is not None and self.hole.shadow_area:
+            hole += f", shadow of {self.hole.shadow_area:.1f} m²"
         return f"{residue}, {hole}"
 
     def absorption(self) -> Edit | None:

@@ -18,14 +18,21 @@ from scipy import ndimage
 class ExemplarConfig:
     """How pieces are chosen."""
 
-    windows: tuple[int, ...] = (5, 3, 1)
+    windows: tuple[int, ...] = (7, 5, 3, 1)
     """Cells per side of a piece: the largest size of which there are enough is taken."""
     min_candidates: int = 30
+    novelty_penalty: float = 1.0
+    """Added per mean squared difference of what a piece brings from the likest filled cell that it is matched to: marks
+    on the road and kerbs are continued, but not begun."""
     across_penalty: float = 3e-4
     """Added to the mean squared difference per squared cell that a piece comes from across the lane: kerbs, lane marks
     and ruts run along it."""
     along_penalty: float = 2e-5
     """The same per cell along the lane."""
+    reuse_penalty: float = 2e-3
+    """Added for each time that a piece close to it was taken already: nothing is stamped all over the hole."""
+    reuse_reach: int = 2
+    """Cells along and across within which a piece is close to another."""
     variety: float = 0.1
     """Share by which costs are drawn larger, so that no piece is repeated for a tiny advantage."""
 
@@ -54,22 +61,33 @@ def source_cells(
     patches = sliding_window_view(padded, (window, window), axis=(0, 1))
     middles = _whole_windows(known, window)
     candidates = np.moveaxis(patches[tuple(middles.T)], 1, -1).copy()
-    sources = np.full((*hole.shape, 2), -1)
+    sources, uses = np.full((*hole.shape, 2), -1), np.zeros(len(middles))
     while todo.any():
         middle = _next_middle(filled, todo, window)
         part = tuple(slice(each, each + window) for each in middle)
         there = filled[part]
         differences = ((candidates[:, there] - padded[part][there]) ** 2).sum(axis=2)
-        costs = differences.mean(axis=1) if there.any() else np.zeros(len(middles))
+        costs = np.zeros(len(middles))
+        if there.any():
+            brought = candidates[:, todo[part]]
+            costs = differences.mean(axis=1) + config.novelty_penalty * _novelty(brought, padded[part][there])
         away = np.abs(middles - middle)
         costs = costs + config.across_penalty * away[:, 1] ** 2 + config.along_penalty * away[:, 0]
+        costs += config.reuse_penalty * uses
         best = int(np.argmin(costs * (1 + config.variety * rng.random(len(costs)))))
+        uses += (np.abs(middles - middles[best]) <= config.reuse_reach).all(axis=1)
         fresh = np.argwhere(todo[part])
         places = fresh + middle
         padded[tuple(places.T)] = candidates[best][tuple(fresh.T)]
         sources[tuple((places - pad).T)] = fresh - pad + middles[best]
         filled[tuple(places.T)], todo[tuple(places.T)] = True, False
     return sources
+
+
+def _novelty(brought: Float64[ndarray, "c f v"], filled: Float64[ndarray, "t v"]) -> Float64[ndarray, " c"]:
+    """Mean over the cells that each candidate brings of the squared difference from the likest filled one."""
+    squares = (brought**2).sum(axis=2)[..., None] + (filled**2).sum(axis=1) - 2 * brought @ filled.T
+    return np.maximum(squares.min(axis=2), 0).mean(axis=1)
 
 
 def _window(known: Bool[ndarray, "a b"], config: ExemplarConfig) -> int | None:

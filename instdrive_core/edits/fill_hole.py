@@ -291,7 +291,7 @@ def _checked_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:
 
 
 def fill_of(hole: Hole, name: str, seed: int = 0) -> FillHole:
-    """The edit that fills a hole."""
+    """The edit that fills a hole and lights the shadow."""
     grid = hole.grid
-    cells = tuple((along, across) for along, across in hole.cells.tolist())
+    cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
     return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.ground_grid import GroundGrid, rasterized
+from instdrive_core.edits.ground_grid import GroundGrid, GroundRaster, rasterized
 from instdrive_core.edits.ground_plane import ground_plane
 from instdrive_core.edits.placement import SOLID_OPACITY
 from instdrive_core.edits.sight import Occluder, sightings, standing
 from instdrive_core.edits.surroundings import Neighborhood, Standing, Surroundings, standing_around
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
 
 CELL = 0.2
 """Metres per side of a cell."""
@@ -26,6 +29,12 @@ PLANE_BAND = 2.5
 """Metres below the middle of what stood there, and above, that ground is looked for."""
 GROUND_BAND = (-0.12, 0.3)
 """Metres above the plane between which ground lies: kerbs and pavements included."""
+MAX_THICKNESS = 0.12
+"""Metres: splats with a larger standard deviation along the vertical are no ground."""
+MAX_SPLAT = 1.0
+"""Metres: splats with a larger standard deviation along any axis are neither."""
+SMOOTHING = 0.6
+"""Cells: standard deviation of the average over neighbours."""
 STANDING_BAND = (0.4, 2.5)
 """Metres above the plane at which something stands on the ground."""
 MIN_COVER = 0.6
@@ -34,10 +43,26 @@ MIN_SIGHTINGS = 2
 """Photos that must show a place for its colour to be known."""
 MAX_AWAY = 3.0
 """Metres from what was deleted that its hole reaches."""
-PALETTE_RING = 2.0
-"""Metres around a cell within which ground of its colour must lie …"""
-MAX_COLOR_DIFFERENCE = 0.12
-"""… up to this difference of R, G or B."""
+PALETTE_ALONG, PALETTE_ACROSS = 5.0, 1.5
+"""Metres along and across the lane within which known ground of a cell's colour must lie …"""
+MAX_COLOR_DIFFERENCE = 0.1
+"""… up to this difference of R, G or B, …"""
+MIN_ALIKE = 5
+"""… in so many cells."""
+EDGE = 0.4
+"""Metres around what stands on the ground that its paint and its darkness bleed into the ground."""
+SHADOW_REACH = 2.0
+"""Metres around what was deleted within which its shadow is looked for."""
+SHADOW_SHARE = 0.65
+"""Ground darker than this share of lit ground is in shadow."""
+LIT_QUANTILE = 0.7
+"""Of the brightness of ground along the lane: what is taken for lit."""
+MIN_SHADOW = 0.4
+"""Square metres: smaller dark places are stains."""
+MIN_LIT = 50
+"""Cells of ground that must be known to tell."""
+FOREIGN_SHARE = 0.25
+"""Of a dark place, outside of that reach, from which on it is not the shadow of what was deleted."""
 MIN_AREA = 0.15
 """Square metres: smaller holes are gaps between splats."""
 FOOTPRINT_MARGIN = 0.15
@@ -66,13 +91,19 @@ class Hole:
 
     grid: GroundGrid
     cells: Int64[ndarray, "h 2"]
-    hidden: Bool[ndarray, "a b"]
-    """Cells that too few photos show: no ground to copy from."""
+    """Never seen."""
+    shadow: Int64[ndarray, "s 2"]
+    """Seen, but in the shadow of what was deleted."""
 
     @property
     def area(self) -> float:
         """Square metres."""
         return len(self.cells) * self.grid.size**2
+
+    @property
+    def shadow_area(self) -> float:
+        """Square metres."""
+        return len(self.shadow) * self.grid.size**2
 
     @property
     def outlines(self) -> Float64[ndarray, "h 4 3"]:
@@ -93,13 +124,15 @@ def hole_under(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | Non
     footprint, reached = _footprints(grid, found.deleted)
     hidden, uncovered = _hidden_cells(grid, found)
     if hidden is None:
-        grown = ndimage.binary_dilation(footprint, iterations=round(FOOTPRINT_MARGIN / CELL))
-        hidden = uncovered = np.asarray(grown, bool)
-    candidates = hidden & (uncovered | footprint) & reached & (footprint | ~ground.obstructed)
-    wrong = candidates & ~_plausible(ground, hidden)
+        hidden = uncovered = _grown(footprint, FOOTPRINT_MARGIN)
+    edge = _grown(footprint, EDGE)
+    candidates = ((hidden & uncovered & reached) | edge) & (footprint | ~ground.obstructed)
+    clean = _solid(ground) & ~hidden & ~ground.obstructed & ~edge & ~_grown(_all_under(found.others, grid), EDGE)
+    wrong = candidates & ~_plausible(ground, clean, candidates)
     missing = footprint & ~_solid(ground)
-    cells = np.argwhere(_large_parts(_closed(wrong, candidates) | missing))
-    return Hole(grid, cells, hidden)
+    hole = _large_parts(_closed(wrong, candidates) | missing)
+    shadow = _cast_shadow(ground, clean, footprint, hole)
+    return Hole(grid, np.argwhere(hole), np.argwhere(shadow))
 
 
 def _closed(wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
@@ -108,6 +141,43 @@ def _closed(wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"]) -> Bo
     grown = np.pad(np.asarray(ndimage.binary_dilation(wrong)), 3)
     closed = np.asarray(ndimage.binary_closing(grown, np.ones((3, 3)), iterations=2))[3:-3, 3:-3]
     return wrong | (closed & candidates)
+
+
+def _cast_shadow(
+    ground: GroundMap, clean: Bool[ndarray, "a b"], footprint: Bool[ndarray, "a b"], hole: Bool[ndarray, "a b"]
+) -> Bool[ndarray, "a b"]:
+    """Dark ground that hangs together with the hole and ends close around what stood there.
+
+    Shade that reaches farther is a house's or a tree's, and stays.
+    """
+    near = _grown(footprint, SHADOW_REACH)
+    seen = _solid(ground) & ~ground.obstructed & ~hole
+    if np.count_nonzero(clean) < MIN_LIT or not footprint.any():
+        return np.zeros_like(hole)
+    brightness = ground.color.mean(axis=2)
+    dark = seen & (brightness < SHADOW_SHARE * _lit_brightness(brightness, clean))
+    parts = np.zeros(hole.shape, np.int32)
+    ndimage.label(dark, np.ones((3, 3)), parts)
+    touching = np.unique(parts[dark & _grown(footprint | hole, 1.5 * CELL)])
+    shadow = np.zeros_like(hole)
+    for part in touching[touching > 0].tolist():
+        cells = parts == part
+        if np.count_nonzero(cells) * CELL**2 < MIN_SHADOW:
+            continue
+        if np.count_nonzero(cells & ~near) <= FOREIGN_SHARE * np.count_nonzero(cells):
+            shadow |= cells & near
+    # Its rim is half lit.
+    return (_grown(shadow, CELL) & seen & near) if shadow.any() else shadow
+
+
+def _lit_brightness(brightness: Float64[ndarray, "a b"], clean: Bool[ndarray, "a b"]) -> Float64[ndarray, " b"]:
+    """Of ground in the sun, for each line along the lane: marks and pavements have their own."""
+    values = np.where(clean, brightness, np.nan)
+    everywhere = np.quantile(brightness[clean], LIT_QUANTILE)
+    enough = clean.sum(axis=0) >= MIN_LIT // 2
+    lit = np.full(clean.shape[1], everywhere)
+    lit[enough] = np.nanquantile(values[:, enough], LIT_QUANTILE, axis=0)
+    return lit
 
 
 def grid_around(found: Surroundings) -> GroundGrid | None:
@@ -128,16 +198,31 @@ def grid_around(found: Surroundings) -> GroundGrid | None:
 def ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
     """Which splats are ground, and what it looks like from above."""
     heights = grid.heights(near.means)
-    flat = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
-    ground = flat & ~near.compact & (near.scales.max(axis=1) <= 5 * grid.size)
+    level = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
+    thin = _vertical_deviations(near) <= MAX_THICKNESS
+    ground = level & thin & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
     rows = np.flatnonzero(ground)
     values = np.c_[near.colors[rows], heights[rows]]
     raster = rasterized(grid, near.means[rows], near.quats[rows], near.scales[rows], near.opacities[rows], values)
+    values = _smoothed(raster)
     solid = near.opacities >= SOLID_OPACITY
     upright = solid & (heights >= STANDING_BAND[0]) & (heights <= STANDING_BAND[1])
     counts = grid.counted(grid.cells_of(near.means[upright]))
     crowded = np.asarray(ndimage.uniform_filter(counts.astype(np.float64), 3, mode="constant")) * 9 >= 2
     return GroundMap(grid, raster.cover, raster.values[..., :3], raster.values[..., 3], crowded & (counts > 0), ground)
+
+
+def _vertical_deviations(near: Neighborhood) -> Float64[ndarray, " k"]:
+    """Standard deviation of each splat along z, metres."""
+    turned = matrix_from_quaternion(normalized(near.quats))[:, 2] * near.scales
+    return np.sqrt((turned.astype(np.float64) ** 2).sum(axis=1))
+
+
+def _smoothed(raster: GroundRaster) -> Float64[ndarray, "a b v"]:
+    """Values averaged over neighbouring cells by what covers them: cells between two lines of splats have some, too."""
+    weights = ndimage.gaussian_filter(raster.cover, SMOOTHING, mode="nearest")
+    sums = ndimage.gaussian_filter(raster.cover[..., None] * raster.values, (SMOOTHING, SMOOTHING, 0), mode="nearest")
+    return np.asarray(sums) / np.maximum(weights, 1e-6)[..., None]
 
 
 def without_rows(near: Neighborhood, rows: Int64[ndarray, " r"]) -> Neighborhood:
@@ -154,12 +239,9 @@ def known_ground(document: Document, grid: GroundGrid, near: Neighborhood) -> tu
     points = grid.on_ground(grid.centers(grid.all_cells()))
     seen, _ = sightings(points, document.scene.views, occluders, 0)
     known = _solid(ground) & ~ground.obstructed
-    under = np.zeros(grid.shape, bool)
-    for each in others:
-        under |= _under(each, points[:, :2]).reshape(grid.shape)
     if (seen >= MIN_SIGHTINGS).any():
         known &= (seen >= MIN_SIGHTINGS).reshape(grid.shape)
-    return ground, known & ~under
+    return ground, known & ~_grown(_all_under(others, grid), EDGE)
 
 
 def _solid(ground: GroundMap) -> Bool[ndarray, "a b"]:
@@ -191,19 +273,29 @@ def _occluder(each: Standing, grid: GroundGrid) -> Occluder | None:
 def _footprints(grid: GroundGrid, deleted: tuple[Standing, ...]) -> tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"]]:
     """Cells under the hulls of what stood there, and those within `MAX_AWAY` of them. Where an actor drove is none of
     its footprint: photos before and after show it."""
-    under, places = np.zeros(grid.shape, bool), grid.centers(grid.all_cells())
-    reached: Bool[ndarray, "a b"] = np.zeros(grid.shape, bool)
+    under, places = _all_under(deleted, grid), grid.centers(grid.all_cells())
+    reached: Bool[ndarray, "a b"] = _grown(under, MAX_AWAY)
     for each in deleted:
-        if each.track is None:
-            under |= _under(each, places).reshape(grid.shape)
-        else:
+        if each.track is not None:
             times = each.track.times
             path = np.stack([each.track.pose_at(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
             gaps = np.linalg.norm(places[:, None] - path[None], axis=-1).min(axis=1)
-            reached |= (gaps <= MAX_AWAY).reshape(grid.shape)
-    if under.any():
-        reached |= _distances(~under) * grid.size <= MAX_AWAY
+            reached = reached | (gaps <= MAX_AWAY).reshape(grid.shape)
     return under, reached
+
+
+def _all_under(standing: Sequence[Standing], grid: GroundGrid) -> Bool[ndarray, "a b"]:
+    """Cells under any of the objects that do not move."""
+    under, places = np.zeros(grid.shape, bool), grid.centers(grid.all_cells())
+    for each in standing:
+        if each.track is None:
+            under |= _under(each, places).reshape(grid.shape)
+    return under
+
+
+def _grown(cells: Bool[ndarray, "a b"], metres: float) -> Bool[ndarray, "a b"]:
+    """With all cells up to some metres away."""
+    return _distances(~cells) * CELL <= metres if cells.any() else cells
 
 
 def _distances(free: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
@@ -225,24 +317,18 @@ def _under(each: Standing, places: Float64[ndarray, "c 2"]) -> Bool[ndarray, " c
     return (lower < upper) & ~beside
 
 
-def _plausible(ground: GroundMap, hidden: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
-    """Cells whose ground is solid and of a colour and height that known ground around has, too."""
-    solid = _solid(ground)
-    known = ~hidden & solid & ~ground.obstructed
-    reach = round(PALETTE_RING / ground.grid.size)
-    low, high = _range_around(ground.color, known, reach)
-    near = (ground.color >= low - MAX_COLOR_DIFFERENCE) & (ground.color <= high + MAX_COLOR_DIFFERENCE)
-    return near.all(axis=2) & solid
-
-
-def _range_around(
-    values: Float64[ndarray, "a b 3"], known: Bool[ndarray, "a b"], reach: int
-) -> tuple[Float64[ndarray, "a b 3"], Float64[ndarray, "a b 3"]]:
-    """Lowest and highest value of known cells in a square around each cell."""
-    size = (2 * reach + 1, 2 * reach + 1, 1)
-    low = ndimage.minimum_filter(np.where(known[..., None], values, np.inf), size, mode="nearest")
-    high = ndimage.maximum_filter(np.where(known[..., None], values, -np.inf), size, mode="nearest")
-    return np.asarray(low), np.asarray(high)
+def _plausible(ground: GroundMap, known: Bool[ndarray, "a b"], asked: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+    """Cells of those `asked` whose ground is solid and of a colour that enough of the known ground around has, too."""
+    along, across = round(PALETTE_ALONG / ground.grid.size), round(PALETTE_ACROSS / ground.grid.size)
+    margin, window = ((along, along), (across, across)), (2 * along + 1, 2 * across + 1)
+    # Unknown ground is like nothing.
+    colors = np.pad(np.where(known[..., None], ground.color, np.inf), (*margin, (0, 0)), constant_values=np.inf)
+    around = sliding_window_view(colors, window, (0, 1))
+    plausible = np.zeros(known.shape, bool)
+    for cell in np.argwhere(asked & _solid(ground)):
+        differences = np.abs(around[tuple(cell)] - ground.color[tuple(cell)][:, None, None]).max(axis=0)
+        plausible[tuple(cell)] = np.count_nonzero(differences <= MAX_COLOR_DIFFERENCE) >= MIN_ALIKE
+    return plausible
 
 
 def _large_parts(cells: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:

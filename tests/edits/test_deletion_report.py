@@ -1,6 +1,7 @@
 """What a deletion leaves: strays under other labels, and ground that only the deleted car ever covered."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from instdrive_core.edits.document import Document
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.visibility import LockInstances
 from instdrive_core.errors import EditError
+from instdrive_core.instances.table import table_from_ids
+from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
 from instdrive_core.scene.selection import Flag
 
 
@@ -127,3 +130,35 @@ def test_a_survey_does_not_follow_the_document(street):
     document.apply(DeleteInstances((ROAD, PAVEMENT)))
     late = survey.report()
     np.testing.assert_array_equal(late.hole.cells, expected.hole.cells)
+
+
+def test_a_piece_with_a_label_of_its_own_is_residue(street):
+    """A few splats of the class that hang on the car's side; another car stays what it is."""
+    scene = deepcopy(street.scene)
+    beside = np.flatnonzero(scene.instance_ids == CAR)[:40]
+    scene.gaussians.means[beside] = (CAR_CENTER + np.array([-1.2, 0.5, 0.1])).astype(np.float32)
+    scene.gaussians.means[beside] += np.random.default_rng(0).uniform(-0.25, 0.25, (40, 3)).astype(np.float32)
+    scene.instance_ids[beside] = 9
+    classes = {CAR: "Car", OTHER_CAR: "Car", 9: "Car"}
+    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means, None, None, {}, classes)
+    document = Document(scene)
+    document.apply(DeleteInstances((CAR,)))
+    assert deletion_report(document, (CAR,), 0.0).carriers == {PAVEMENT: len(street.strays), 9: 40}
+    stranger = deepcopy(scene)
+    stranger.table.set(replace(stranger.table[9], class_name="Pedestrian"))
+    assert deletion_report(Document(stranger), (CAR,), 0.0).carriers.get(9, 0) < 20
+
+
+def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(street):
+    scene, ground = deepcopy(street.scene), np.isin(street.scene.instance_ids, (ROAD,))
+    x, y = scene.gaussians.means[:, 0], scene.gaussians.means[:, 1]
+    shaded = np.flatnonzero(ground & (x > 0.2) & (x < 1.2) & (np.abs(y) < 2.2))
+    scene.gaussians.sh_dc[shaded] = dc_from_color(0.4 * color_from_dc(scene.gaussians.sh_dc[shaded]))
+    report = deletion_report(Document(scene), (CAR,), 0.0)
+    lit = report.hole.grid.centers(report.hole.shadow)
+    assert report.hole.shadow_area > 2
+    assert (np.abs(lit - [0.7, 0.0]) < [0.9, 2.7]).all()
+    assert f"shadow of {report.hole.shadow_area:.1f} m²" in report.summary
+    house = np.flatnonzero(ground & (x > 0.2) & (np.abs(y) < 9))
+    scene.gaussians.sh_dc[house] = dc_from_color(np.full((len(house), 3), 0.13))
+    assert deletion_report(Document(scene), (CAR,), 0.0).hole.shadow_area == 0

@@ -65,8 +65,8 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     before = psnr(baked(document), street.empty, mask, camera)
     document.apply(report.filling())
     after = psnr(baked(document), street.empty, mask, camera)
-    assert after > 24, (before, after)
-    assert after > before + 10, (before, after)
+    assert after > 30, (before, after)
+    assert before < 15, (before, after)
 
 
 def test_copies_lie_on_the_ground_in_its_colours(street):
@@ -83,8 +83,8 @@ def test_copies_lie_on_the_ground_in_its_colours(street):
     if pavement.any():
         assert abs(np.median(heights[pavement]) - KERB) < 0.05
     np.testing.assert_allclose(np.median(colors[road], axis=0), [0.33, 0.33, 0.35], atol=0.04)
-    after = deletion_report(document, (CAR,), 0.0)
-    assert after.hole_area == 0, "nothing is left to be filled"
+    left = deletion_report(document, (CAR,), 0.0).hole_area
+    assert left < 0.05 * report.hole_area, "nothing much is left to be filled"
 
 
 def test_copies_are_marked_also_in_files(street, tmp_path):
