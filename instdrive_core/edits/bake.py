@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.edits.document import Document
@@ -18,15 +19,17 @@ from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import transform_rows
 
 
-def baked(document: Document, time: float | None = None) -> Scene:
+def baked(document: Document, time: float | None = None, rows: Int[ndarray, " k"] | None = None) -> Scene:
     """The edited scene: deleted rows gone, colours in the SH coefficients, moves done, instances counted again.
 
     With a `time` (seconds) the actors are placed where they are then, or left out where they are not yet or no longer,
     and become part of the background; without one they keep their frames and tracks.
+    With `rows`, rising, only those of them that are left; tracks, sky and cameras stay (`edits.parts` takes them away).
     Arrays are copies; rows that no edit touched and no track moves keep their bits.
     """
     scene = document.scene
-    keep = np.flatnonzero(~document.state.mask(Flag.DELETED))
+    deleted = document.state.mask(Flag.DELETED)
+    keep = np.flatnonzero(~deleted) if rows is None else rows[~deleted[rows]]
     gaussians = scene.gaussians.select(keep)
     report(0.3)
     recolored = np.flatnonzero(document.colors.indices[keep])

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.temporaries import temporary_beside
+
+Check = Callable[[Path, Path], None]
+"""Gets a finished temporary file and the name that it is about to take; raises DataError to keep it from that."""
+_check: ContextVar[Check | None] = ContextVar("check before replacing", default=None)
+
+
+@contextmanager
+def checked_before_replacing(check: Check) -> Iterator[None]:
+    """Have `check` look at every file that is written in the block before it takes the place of an old one."""
+    outer = _check.set(check)
+    try:
+        yield
+    finally:
+        _check.reset(outer)
 
 
 @contextmanager
@@ -33,6 +48,9 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
             yield temporary.path
             with temporary.path.open("rb+") as file:
                 os.fsync(file.fileno())
+            check = _check.get()
+            if check is not None:
+                check(temporary.path, path)
             if path.exists():
                 temporary.path.chmod(stat.S_IMODE(path.stat().st_mode))
             temporary.replace(path)

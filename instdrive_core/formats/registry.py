@@ -72,6 +72,12 @@ def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
     Raises DataError for an ending that is not known or a scene that the format cannot hold.
     """
     path = Path(path)
+    _, write = format_to_write(path, sibr)
+    write(path, scene)
+
+
+def format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[Path, Scene], None]]:
+    """The format that `save_scene` takes for a path, and its writer. Raises DataError where there is none."""
     fmt = _folder_format() if path.is_dir() or not path.suffix else _format_of(path)
     if sibr:
         if fmt.suffix not in (".ply", SIBR):
@@ -80,7 +86,7 @@ def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
     if fmt.write is None:
         known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
         raise DataError(path, f"{fmt.suffix} can be opened but not written", f"Save as one of {known}, or to a folder")
-    fmt.write(path, scene)
+    return fmt, fmt.write
 
 
 def _open_folder(folder: Path) -> Scene:

@@ -66,21 +66,24 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
             old.unlink(missing_ok=True)
 
 
-def read_scene_folder(folder: str | Path) -> Scene:
-    """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged."""
+def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST) -> Scene:
+    """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged.
+
+    A manifest that is about to become the folder's can be read under the name that it has until then.
+    """
     folder = Path(folder)
-    manifest, arrays = _read_parts(folder)
+    manifest, arrays = _read_parts(folder, manifest_name)
     try:
         for view in manifest["views"]:
             view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
         return scene_from_parts(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise _damaged(folder / MANIFEST, error) from error
+        raise _damaged(folder / manifest_name, error) from error
 
 
 def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
     """The files that `read_scene_folder` reads. Raises DataError where the folder holds no scene."""
-    return folder / MANIFEST, folder / _read_manifest(folder)["arrays"]
+    return folder / MANIFEST, folder / _read_manifest(folder / MANIFEST)["arrays"]
 
 
 def _arrays_of(scene: Scene) -> dict[str, ndarray]:
@@ -124,8 +127,7 @@ def _stored_photo(photo: str, folder: Path) -> str:
     return photo if shared == os.path.abspath(os.sep) else Path(os.path.relpath(photo, here)).as_posix()
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
-    path = folder / MANIFEST
+def _read_manifest(path: Path) -> dict[str, Any]:
     try:
         manifest = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError) as error:
@@ -141,10 +143,10 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def _read_parts(folder: Path) -> tuple[dict[str, Any], dict[str, ndarray]]:
+def _read_parts(folder: Path, manifest_name: str) -> tuple[dict[str, Any], dict[str, ndarray]]:
     """Manifest and arrays of one save, though another program may be saving and removing what the manifest named."""
     for attempt in range(_ATTEMPTS):
-        manifest = _read_manifest(folder)
+        manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]
         try:
             return manifest, load_file(path)

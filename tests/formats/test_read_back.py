@@ -1,0 +1,125 @@
+"""Files are read again before they take the place of others."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from random_scene import assert_same_scene, random_gaussians, random_scene
+
+from instdrive_core.errors import DataError
+from instdrive_core.formats import registry
+from instdrive_core.formats.read_back import FIDELITY, difference, save_verified
+from instdrive_core.formats.registry import FORMATS, open_scene, save_scene
+from instdrive_core.progress import CancelledError, reporting
+from instdrive_core.scene.scene import scene_from_gaussians
+
+WRITTEN = [fmt for fmt in FORMATS if fmt.write is not None]
+NAMES = [f"street{fmt.suffix}" for fmt in WRITTEN]
+
+
+def format_named(suffix):
+    return next(fmt for fmt in FORMATS if fmt.suffix == suffix)
+
+
+def static_scene(seed=0, count=700):
+    return dataclasses.replace(random_scene(seed, count, actors=0), sky=None, views=())
+
+
+def test_every_format_that_is_written_says_what_it_keeps():
+    assert set(FIDELITY) == {fmt.suffix for fmt in WRITTEN}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("extent", [1e-3, 30.0, 5e4])
+def test_what_is_written_passes(tmp_path, name, extent):
+    gaussians = random_gaussians(np.random.default_rng(1), 900, degree=2, features=0)
+    gaussians.means *= np.float32(extent)
+    scene = scene_from_gaussians(gaussians)
+    save_verified(tmp_path / name, scene)
+    save_scene(tmp_path / f"plain_{name}", scene)
+    assert len(open_scene(tmp_path / name)) == 900
+    if (tmp_path / name).is_file():
+        assert (tmp_path / name).read_bytes() == (tmp_path / f"plain_{name}").read_bytes()
+
+
+def test_folders_are_checked_with_all_they_keep(tmp_path):
+    scene = random_scene()
+    save_verified(tmp_path / "run", scene)
+    assert_same_scene(open_scene(tmp_path / "run"), scene)
+
+
+def test_numbers_that_are_none_are_kept_where_the_format_keeps_them(tmp_path):
+    scene = static_scene()
+    scene.gaussians.means[3] = np.nan
+    scene.gaussians.log_scales[5] = -np.inf
+    for name in ("a.ply", "a.splat", "a"):
+        save_verified(tmp_path / name, scene)
+        assert np.isnan(open_scene(tmp_path / name).gaussians.means[3]).all()
+
+
+DAMAGES = {
+    "a splat short": lambda g: g.select(np.arange(len(g) - 1)),
+    "a position off": lambda g: dataclasses.replace(g, means=g.means + np.eye(len(g), 3, dtype=np.float32)),
+    "a rotation lost": lambda g: dataclasses.replace(g, quats=np.where(np.eye(len(g), 4) > 0, np.nan, g.quats)),
+}
+TOLD = {"a splat short": "699 splats came back of 700", "a position off": "", "a rotation lost": "quats of splat"}
+
+
+@pytest.mark.parametrize("suffix", [fmt.suffix for fmt in WRITTEN])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_file_that_reads_differently_replaces_nothing(tmp_path, monkeypatch, suffix, damage):
+    path, scene, old = tmp_path / f"street{suffix}", static_scene(), static_scene(7, 50)
+    save_scene(path, old)
+    before = sorted(file.name for file in tmp_path.rglob("*"))
+    fmt = format_named(suffix)
+
+    def damaged(*where):
+        found = fmt.read(*where)
+        gaussians = DAMAGES[damage](found.gaussians)
+        gaussians.quats = gaussians.quats.astype(np.float32)
+        rows = np.arange(len(gaussians))
+        columns = {name: getattr(found, name)[rows] for name in ("instance_ids", "codewords", "nodes")}
+        return dataclasses.replace(found, gaussians=gaussians, **columns, extra={})
+
+    replaced = [dataclasses.replace(other, read=damaged) if other is fmt else other for other in FORMATS]
+    monkeypatch.setattr(registry, "FORMATS", tuple(replaced))
+    monkeypatch.setattr("instdrive_core.formats.read_back.read_scene_folder", damaged)
+    with pytest.raises(DataError, match="Nothing was replaced") as caught:
+        save_verified(path, scene)
+    assert caught.value.path == path
+    assert TOLD[damage] in str(caught.value)
+    monkeypatch.undo()
+    assert len(open_scene(path)) == 50
+    assert sorted(file.name for file in tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("suffix", [".spz", ".compressed.ply", ".splat", ".ply"])
+def test_the_splat_that_moved_is_named_by_its_row(tmp_path, suffix):
+    scene, fmt = static_scene(), format_named(suffix)
+    path = tmp_path / f"a{suffix}"
+    save_scene(path, scene)
+    found = fmt.read(path)
+    assert difference(scene, found, fmt) == ""
+    moved = int(np.abs(found.gaussians.means - scene.gaussians.means[250]).sum(axis=1).argmin())
+    found.gaussians.means[moved, 1] += 0.1
+    told = difference(scene, found, fmt)
+    assert "splat 250 is" in told
+    if suffix != ".ply":
+        assert told.startswith("y of splat")
+
+
+def test_cancelling_while_reading_keeps_the_old_file(tmp_path):
+    path = tmp_path / "a.ply"
+    save_scene(path, static_scene(7, 50))
+    shares = []
+
+    def stop_late(share):
+        shares.append(share)
+        if share > 0.6:
+            raise CancelledError("enough")
+
+    with reporting(stop_late), pytest.raises(CancelledError):
+        save_verified(path, static_scene(count=30_000))
+    assert shares == sorted(shares)
+    assert len(open_scene(path)) == 50
+    assert [file.name for file in tmp_path.iterdir()] == ["a.ply"]
