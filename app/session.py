@@ -29,7 +29,7 @@ from instdrive_core.edits.select import SelectClass, SelectCodeword, SelectInsta
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
 from instdrive_core.project.recoverable import RecoverableSession
-from instdrive_core.scene.lint import Finding
+from instdrive_core.scene.lint import HARMFUL, Finding
 from instdrive_core.scene.selection import Flag
 
 
@@ -77,7 +77,8 @@ class EditorSession:
         for note in opened.notes:
             self.messages.info(note)
         self.findings = opened.findings
-        if opened.findings and not opened.document.history.edits:
+        harmful = any(finding.kind in HARMFUL for finding in opened.findings)
+        if harmful and not opened.document.history.edits:
             self.dialog = "findings"
 
     def show(self, document: Document, path: Path | None = None) -> None:

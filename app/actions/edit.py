@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from instdrive_app.actions.conditions import editable
+from instdrive_app.actions.conditions import asking, editable
 from instdrive_app.commands import Command
 from instdrive_app.session import EditorSession
 
@@ -129,6 +129,16 @@ def commands(session: EditorSession) -> list[Command]:
             ("Alt+H",),
             enabled=lambda: editable(session),
             icon="ICON_FA_EYE",
+            undoable=True,
+        ),
+        Command(
+            "edit.odd_splats",
+            "Odd splats…",
+            asking(session, "findings"),
+            "Edit",
+            enabled=lambda: editable(session) and bool(session.findings),
+            icon="ICON_FA_BROOM",
+            separator=True,
             undoable=True,
         ),
     ]

@@ -16,6 +16,9 @@ FindingKind = Literal[
     "not_finite", "zero_quaternion", "giant_scale", "far_outlier", "never_shown", "duplicate", "empty_sh"
 ]
 
+HARMFUL: tuple[FindingKind, ...] = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
+"""What shows, or breaks programs; the other kinds only waste memory."""
+
 VISIBLE_OPACITY = 1 / 255
 """Rasterizers pass over what covers less than one step of an 8-bit picture (Kerbl et al. 2023)."""
 SHORTEST_QUATERNION = 1e-6

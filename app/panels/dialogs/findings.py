@@ -6,12 +6,11 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.panels.ui import Ui, dim_text, scaled
 from instdrive_core.edits.delete import DeleteRows
+from instdrive_core.scene.lint import HARMFUL
 
 TITLE = "Odd splats"
-HARMFUL = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
-"""Kinds whose removal is proposed; the others do no harm."""
 
 
 class FindingsDialog:
@@ -42,7 +41,7 @@ class FindingsDialog:
             imgui.same_line()
             imgui.push_text_wrap_pos(0)
             imgui.text(finding.what)
-            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + imgui.get_frame_height() + 8)
+            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + imgui.get_frame_height() + scaled(8))
             dim_text(finding.remedy)
             imgui.pop_text_wrap_pos()
         rows = [finding.rows for finding in findings if self._chosen.get(finding.kind)]
