@@ -62,9 +62,12 @@ class WindowOptions:
     """How the window opens."""
 
     size: tuple[int, int] = (1280, 720)
+    """Width and height, at scale 1."""
     report: Path | None = None
     """Where to write the window's state as JSON lines."""
     remember_layout: bool = True
+    scale: float = 0.0
+    """How large text and widgets are drawn; 0 = as the monitor says."""
 
 
 class EditorWindow:
@@ -175,6 +178,8 @@ class EditorWindow:
         window.window_title = "InstDrive"
         window.window_geometry.size = self._options.size
         window.restore_previous_geometry = self._options.remember_layout
+        if self._options.scale:
+            parameters.dpi_aware_params.dpi_window_size_factor = self._options.scale
         shown = parameters.imgui_window_params
         shown.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
         shown.show_menu_bar, shown.show_menu_app, shown.show_menu_view = True, False, False
@@ -279,7 +284,7 @@ class EditorWindow:
         glfw.set_drop_callback(glfw_utils.glfw_window_hello_imgui(), take)  # type: ignore[arg-type]
 
     def _before_frame(self) -> None:
-        self.ui.marks.clear()
+        self.ui.forget_marks()
         self.ui.textures.free_retired()
 
     def _before_panels(self) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.gestures import Gesture
-from instdrive_app.panels.ui import Ui, dim_text, icon
+from instdrive_app.panels.ui import Ui, dim_text, icon, scaled
 from instdrive_app.theme import ACCENT, DIM, TEXT, rgba
 from instdrive_core.edits.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document import Document
@@ -57,7 +57,7 @@ class AdjustSection:
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
         look = self._look_of(document, ids)
-        label = max(imgui.calc_text_size(slider.title).x for slider in SLIDERS.values()) + 10
+        label = max(imgui.calc_text_size(slider.title).x for slider in SLIDERS.values()) + scaled(10)
         for kind in SLIDERS:
             self._slider(ui, kind, ids, look.amounts[kind], label)
         imgui.begin_disabled(not look.recolored)
@@ -76,7 +76,7 @@ class AdjustSection:
         dim_text(slider.title)
         imgui.same_line(imgui.get_cursor_start_pos().x + label)
         reset = imgui.get_frame_height()
-        imgui.set_next_item_width(imgui.get_content_region_avail().x - reset - 4)
+        imgui.set_next_item_width(imgui.get_content_region_avail().x - reset - scaled(4))
         form = "mixed" if mixed else slider.form
         imgui.push_style_color(imgui.Col_.slider_grab, rgba(ACCENT, 0.4))  # the amount stands on it
         imgui.push_style_color(imgui.Col_.slider_grab_active, rgba(ACCENT, 0.6))
@@ -90,7 +90,7 @@ class AdjustSection:
             low, high, _ = RANGES[kind]
             # What is typed as 130 % is to be kept as 1.3, not as its neighbour in single precision.
             ui.session.adjust(ids, kind, min(max(round(value / slider.scale, 4), low), high), gesture)
-        imgui.same_line(0, 4)
+        imgui.same_line(0, scaled(4))
         self._reset(ui, kind, ids, mixed or abs(amount - neutral) > 1e-6)
 
     def _reset(self, ui: Ui, kind: AdjustKind, ids: Ids, possible: bool) -> None:

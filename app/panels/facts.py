@@ -6,7 +6,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from instdrive_app.panels.codeword import bit_squares
-from instdrive_app.panels.ui import Ui, dim_text, fitted_text
+from instdrive_app.panels.ui import Ui, dim_text, fitted_text, scaled
 from instdrive_core.edits.document import Document
 from instdrive_core.instances.table import Instance
 
@@ -109,9 +109,9 @@ def _one(document: Document, instance: Instance) -> None:
         _fact("Moves", f"{track.path_length():.1f} m along its track")
     if document.scene.code_bits:
         _fact("Codeword", str(instance.codeword))
-        imgui.same_line(0, 10)
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + 3)
-        bit_squares(instance.codeword, document.scene.code_bits, 9.0, 2.0)
+        imgui.same_line(0, scaled(10))
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(9)) / 2)
+        bit_squares(instance.codeword, document.scene.code_bits, scaled(9), scaled(2))
 
 
 def _label(name: str) -> None:

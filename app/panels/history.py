@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Ui, fitted_text, icon
+from instdrive_app.panels.ui import Ui, fitted_text, icon, scaled
 from instdrive_app.theme import ACCENT, DIM, TEXT, packed, rgba
 from instdrive_core.edits.base import Edit
 
@@ -100,10 +100,12 @@ def _step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     fitted = fitted_text(title, imgui.get_content_region_avail().x - width)
     draw, height = imgui.get_window_draw_list(), imgui.get_text_line_height()
     if present:
-        draw.add_rect_filled(ImVec2(at.x - 6, at.y - 1), ImVec2(at.x - 3, at.y + height + 1), packed(ACCENT))
+        draw.add_rect_filled(
+            ImVec2(at.x - scaled(6), at.y - 1), ImVec2(at.x - scaled(3), at.y + height + 1), packed(ACCENT)
+        )
     glyph = icon(ICONS.get(edit.kind, OTHER_ICON) if edit is not None else "ICON_FA_FOLDER_OPEN")
     tone = imgui.get_color_u32(rgba(ACCENT) if present else rgba(DIM, 0.5 if undone else 1.0))
-    draw.add_text(ImVec2(at.x + (width - 6 - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
+    draw.add_text(ImVec2(at.x + (width - scaled(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
     draw.add_text(ImVec2(at.x + width, at.y), imgui.get_color_u32(color), fitted)
     imgui.pop_style_color()
     return clicked

@@ -10,7 +10,7 @@ from instdrive_app.panels.adjust import AdjustSection
 from instdrive_app.panels.facts import FactsSection, TextField
 from instdrive_app.panels.placement import PlacementSection
 from instdrive_app.panels.recolor import RecolorSection
-from instdrive_app.panels.ui import Ui, command_button, dim_text, swatch_color
+from instdrive_app.panels.ui import Ui, command_button, dim_text, scaled, scaled_size, swatch_color
 from instdrive_app.theme import PANEL, RAISED, rgba
 from instdrive_core.edits.document import Document
 from instdrive_core.instances.table import Instance
@@ -71,16 +71,16 @@ class InspectorPanel:
             imgui.pop_font()
             return
         _swatch_in_frame(instance)
-        imgui.same_line(0, 2)
+        imgui.same_line(0, scaled(2))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(PANEL))
-        name = self._name.draw(ui, "inspector.name", instance.name, free=imgui.calc_text_size(number).x + 8)
+        name = self._name.draw(ui, "inspector.name", instance.name, free=imgui.calc_text_size(number).x + scaled(8))
         imgui.pop_style_color()
         imgui.pop_font()
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip("Click to rename")
         if name:
             ui.session.labels.rename(instance.id, name)
-        imgui.same_line(0, 8)
+        imgui.same_line(0, scaled(8))
         imgui.align_text_to_frame_padding()
         dim_text(number)
 
@@ -98,22 +98,22 @@ def _swatch_in_frame(instance: Instance) -> None:
     size, height, at = imgui.get_text_line_height() * 0.8, imgui.get_frame_height(), imgui.get_cursor_screen_pos()
     top = at.y + (height - size) / 2
     color = imgui.get_color_u32(swatch_color(instance))
-    imgui.get_window_draw_list().add_rect_filled(ImVec2(at.x, top), ImVec2(at.x + size, top + size), color, 3)
+    imgui.get_window_draw_list().add_rect_filled(ImVec2(at.x, top), ImVec2(at.x + size, top + size), color, scaled(3))
     imgui.dummy(ImVec2(size, height))
 
 
 def _buttons(ui: Ui) -> None:
     for number, name in enumerate(BUTTONS):
         if number:
-            imgui.same_line(0, 4)
-        command_button(ui, ui.session.commands[name], ImVec2(34, 0))
+            imgui.same_line(0, scaled(4))
+        command_button(ui, ui.session.commands[name], scaled_size(34, 0))
     imgui.spacing()
 
 
 def _unfolded(ui: Ui, title: str) -> bool:
     imgui.push_font(ui.fonts.bold, 0.0)
     imgui.push_style_color(imgui.Col_.header, rgba(RAISED, 0.55))
-    imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(4, 2))
+    imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(4, 2))
     shown = imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open)
     imgui.pop_style_var()
     imgui.pop_style_color()

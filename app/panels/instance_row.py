@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.codeword import bit_squares
 from instdrive_app.panels.instance_menu import instance_menu
-from instdrive_app.panels.ui import Ui, fitted_text, icon, swatch
+from instdrive_app.panels.ui import Ui, fitted_text, icon, scaled, scaled_size, swatch
 from instdrive_app.theme import ACCENT, DIM, TEXT, packed, rgba
 from instdrive_core.edits.document import InstanceSummary
 from instdrive_core.instances.table import Instance
@@ -27,7 +27,7 @@ class Column(NamedTuple):
 
 
 BIT_SIZE = 4.0
-"""Pixels of a bit's square; one more is between two."""
+"""Pixels of a bit's square at scale 1; one more is between two."""
 _FIXED = imgui.TableColumnFlags_
 COLUMNS = (
     Column("Colour", "##colour", 0.8, flags=_FIXED.no_sort | _FIXED.no_resize | _FIXED.no_hide),
@@ -83,8 +83,8 @@ class RowPainter:
         swatch(instance)
         clicked = self._number(ui, row)
         if imgui.table_set_column_index(_PLACE["Code"]) and row.code_bits:
-            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - BIT_SIZE) / 2)
-            bit_squares(instance.codeword, row.code_bits, BIT_SIZE, 1.0)
+            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(BIT_SIZE)) / 2)
+            bit_squares(instance.codeword, row.code_bits, scaled(BIT_SIZE), scaled(1))
         color = rgba(DIM if row.summary.is_hidden or row.summary.is_locked else TEXT)
         imgui.table_set_column_index(_PLACE["Name"])
         if instance.id == self.renamed:
@@ -130,7 +130,7 @@ class RowPainter:
     def _name_field(self, ui: Ui) -> None:
         self._drawn = True
         imgui.set_next_item_width(-1)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(3, 0))
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(3, 0))
         if self.is_new:
             imgui.set_keyboard_focus_here()
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all

@@ -8,7 +8,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.instance_row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instance_rows import InstanceRows, Query
-from instdrive_app.panels.ui import Ui, icon
+from instdrive_app.panels.ui import Ui, icon, scaled, scaled_size
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
 from instdrive_core.edits.document import Document
 
@@ -70,10 +70,10 @@ class InstancesPanel:
         if len(self._rows.classes) < 2:
             return
         imgui.push_style_var(imgui.StyleVar_.frame_rounding, imgui.get_text_line_height() / 2)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(7, 1))
-        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(4, 6))
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(7, 1))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(4, 6))
         more, end = (
-            imgui.calc_text_size("…").x + 18,
+            imgui.calc_text_size("…").x + scaled(18),
             imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x,
         )
         chosen = self._query.class_name
@@ -83,8 +83,8 @@ class InstancesPanel:
         for number, (name, count) in enumerate(order):
             text = f"{name or UNKNOWN} {count}"
             last = number == len(order) - 1
-            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + 4
-            if number and x + imgui.calc_text_size(text).x + 14 + (0 if last else more) > end:
+            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + scaled(4)
+            if number and x + imgui.calc_text_size(text).x + scaled(14) + (0 if last else more) > end:
                 left = order[number:]
                 break
             if number:
@@ -92,7 +92,7 @@ class InstancesPanel:
             self._chip(ui, name, text, name == chosen)
         imgui.pop_style_var(1)
         if left:
-            imgui.same_line(0, 4)
+            imgui.same_line(0, scaled(4))
             self._other_chips(ui, left)
         imgui.pop_style_var(2)
 
@@ -158,7 +158,7 @@ class InstancesPanel:
         style = (
             flags.scroll_y | flags.row_bg | flags.sortable | flags.hideable | flags.resizable | flags.no_saved_settings
         )
-        imgui.push_style_var(imgui.StyleVar_.cell_padding, ImVec2(3, 3))
+        imgui.push_style_var(imgui.StyleVar_.cell_padding, scaled_size(3, 3))
         if imgui.begin_table("##instances", len(COLUMNS), style | flags.no_borders_in_body):
             self._columns(document)
             self._draw_rows(ui, document)
@@ -168,7 +168,7 @@ class InstancesPanel:
     def _columns(self, document: Document) -> None:
         fixed, stretch = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
         em = imgui.get_font_size()
-        code_width = min(document.scene.code_bits, 12) * (BIT_SIZE + 1)
+        code_width = min(document.scene.code_bits, 12) * scaled(BIT_SIZE + 1)
         for number, column in enumerate(COLUMNS):
             width = code_width if column.name == "Code" else column.width * em
             flags = stretch if column.stretches else fixed

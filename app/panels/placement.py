@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import imgui
 
 from instdrive_app.actions.move import SWITCHES
 from instdrive_app.moving import Placement
 from instdrive_app.panels.number_field import Entered, NumberField
-from instdrive_app.panels.ui import Ui, command_button, dim_text
+from instdrive_app.panels.ui import Ui, command_button, dim_text, scaled, scaled_size
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.move import SCALE_LIMITS
 
@@ -101,10 +101,10 @@ def _draw_commands(ui: Ui) -> None:
     commands = ui.session.commands
     _label("Bound to")
     for name in SWITCHES:
-        command_button(ui, commands[name], ImVec2(34, 0))
-        imgui.same_line(0, 4)
-    space = imgui.get_content_region_avail().x - 2 * 34 - 4
+        command_button(ui, commands[name], scaled_size(34, 0))
+        imgui.same_line(0, scaled(4))
+    space = imgui.get_content_region_avail().x - scaled(2 * 34 + 4)
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(space, 0))
-    command_button(ui, commands["move.put_on_ground"], ImVec2(34, 0))
-    imgui.same_line(0, 4)
-    command_button(ui, commands["move.reset"], ImVec2(34, 0))
+    command_button(ui, commands["move.put_on_ground"], scaled_size(34, 0))
+    imgui.same_line(0, scaled(4))
+    command_button(ui, commands["move.reset"], scaled_size(34, 0))

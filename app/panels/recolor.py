@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from instdrive_app.panels.gestures import Gesture
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.ui import Ui, scaled_size
 from instdrive_core.edits.color import RecolorMode
 from instdrive_core.edits.document import Document
 
@@ -30,7 +30,7 @@ MODE_HINTS: dict[RecolorMode, str] = {
 def preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
     """One small button per preset; returns whether one was clicked."""
     size, clicked = imgui.get_frame_height() * 0.86, False
-    imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(5, 5))
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(5, 5))
     for number, (name, color) in enumerate(PRESETS.items()):
         if number:
             imgui.same_line()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import imgui
 
-from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon
+from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled
 from instdrive_app.theme import ACCENT, rgba
 from instdrive_core.scene.selection import Flag
 
@@ -24,7 +24,7 @@ def draw_status(ui: Ui) -> None:
         dim_text("Ready")
     right = "   ·   ".join(_facts(ui))
     width = imgui.calc_text_size(right).x
-    imgui.same_line(max(imgui.get_window_width() - width - 14, imgui.get_cursor_pos_x() + 20))
+    imgui.same_line(max(imgui.get_window_width() - width - scaled(14), imgui.get_cursor_pos_x() + scaled(20)))
     dim_text(right)
 
 
@@ -37,4 +37,4 @@ def _facts(ui: Ui) -> list[str]:
         facts += [f"{selected:,} selected", f"{len(document.scene) - deleted:,} splats"]
         if ui.view.frame_seconds:
             facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
-    return [*facts, fitted_text(ui.view.backend, 220)]
+    return [*facts, fitted_text(ui.view.backend, scaled(220))]

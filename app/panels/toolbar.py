@@ -8,11 +8,11 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.commands import Command
 from instdrive_app.panels.menus import shortcut_title
-from instdrive_app.panels.ui import Rectangle, Ui, icon
+from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled
 from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
 
 MARGIN = 10.0
-"""Pixels between the picture's edge and the bar."""
+"""Pixels at scale 1, as are the others, between the picture's edge and the bar."""
 GAP = 2.0
 GROUP_GAP = 8.0
 PADDING = 3.0
@@ -28,42 +28,43 @@ class Toolbar:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         side = round(imgui.get_font_size() * BUTTON)
-        left, top = place.x + MARGIN, place.y + 2 * MARGIN + imgui.get_frame_height()
+        left, top = place.x + scaled(MARGIN), place.y + scaled(2 * MARGIN) + imgui.get_frame_height()
         commands = {name: ui.session.commands[f"tool.{name}"] for name in ui.tools}
         tops = _tops(commands.values(), side)
         _plate(left, top, side, tops[-1] + side)
         for (name, command), offset in zip(commands.items(), tops, strict=True):
             _tool_button(ui, command, ImVec2(left, top + offset), side)
             if name == ui.session.state.tool and ui.tool.options:
-                _options(ui, left + side + 2 * PADDING + MARGIN / 2, top + offset, side)
+                _options(ui, left + side + scaled(2 * PADDING + MARGIN / 2), top + offset, side)
 
 
 def _tops(commands: Iterable[Command], side: float) -> list[float]:
     """How far each tool is below the first; a gap parts the groups."""
     tops, top = [], 0.0
     for command in commands:
-        top += GROUP_GAP if command.separator else 0.0
+        top += scaled(GROUP_GAP) if command.separator else 0.0
         tops.append(top)
-        top += side + GAP
+        top += side + scaled(GAP)
     return tops
 
 
 def _options(ui: Ui, left: float, top: float, side: float) -> None:
-    step, names = side + GAP, ui.tool.options
-    _plate(left, top, len(names) * step - GAP, side)
+    step, names = side + scaled(GAP), ui.tool.options
+    _plate(left, top, len(names) * step - scaled(GAP), side)
     for number, name in enumerate(names):
         _tool_button(ui, ui.session.commands[name], ImVec2(left + number * step, top), side)
 
 
 def _plate(left: float, top: float, width: float, height: float) -> None:
     """What buttons stand on, so that they show on any picture."""
-    low, high = ImVec2(left, top), ImVec2(left + width + 2 * PADDING, top + height + 2 * PADDING)
-    imgui.get_window_draw_list().add_rect_filled(low, high, packed(BACKGROUND, 0.78), 6)
+    edges = scaled(2 * PADDING)
+    low, high = ImVec2(left, top), ImVec2(left + width + edges, top + height + edges)
+    imgui.get_window_draw_list().add_rect_filled(low, high, packed(BACKGROUND, 0.78), scaled(6))
 
 
 def _tool_button(ui: Ui, command: Command, corner: ImVec2, side: float) -> None:
     """An icon, filled with the accent's colour where the command is on; `corner` is the plate's."""
-    imgui.set_cursor_screen_pos(ImVec2(corner.x + PADDING, corner.y + PADDING))
+    imgui.set_cursor_screen_pos(ImVec2(corner.x + scaled(PADDING), corner.y + scaled(PADDING)))
     on = command.checked is not None and command.checked()
     imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.95) if on else rgba(BACKGROUND, 0.0))
     if on:

@@ -12,7 +12,7 @@ from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.session import EditorSession
-from instdrive_app.theme import ACCENT, DIM, TEXT, Fonts, packed, rgba
+from instdrive_app.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, packed, rgba
 from instdrive_core.instances.table import Instance
 
 Rect = tuple[float, float, float, float]
@@ -43,7 +43,9 @@ class Ui:
     script_pointer: tuple[float, float] | None = None
     """Where a script holds the pointer over the picture (pixels), instead of the mouse."""
     marks: dict[str, Rect] = field(default_factory=dict)
-    """Left, top, right, bottom of named widgets in window pixels, of this frame."""
+    """Left, top, right, bottom of what can be seen of named widgets, in window pixels, of this frame."""
+    cut: set[str] = field(default_factory=set)
+    """Those of which the left or the right end lies outside of their panel: what a narrow panel has no room for."""
 
     @property
     def tool(self) -> Tool:
@@ -51,9 +53,30 @@ class Ui:
         return self.tools[self.session.state.tool]
 
     def mark(self, name: str) -> None:
-        """Note where the last widget is."""
+        """Note where the last widget is; one that is scrolled out of view is nowhere."""
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-        self.marks[name] = (low.x, low.y, high.x, high.y)
+        seen = imgui.internal.get_current_window().outer_rect_clipped
+        left, right = max(low.x, seen.min.x), min(high.x, seen.max.x)
+        top, bottom = max(low.y, seen.min.y), min(high.y, seen.max.y)
+        if left < right and top < bottom:
+            self.marks[name] = (left, top, right, bottom)
+            if right - left < high.x - low.x - 1:
+                self.cut.add(name)
+
+    def forget_marks(self) -> None:
+        """Before a frame."""
+        self.marks.clear()
+        self.cut.clear()
+
+
+def scaled(pixels: float) -> float:
+    """Pixels of the design, whose font is `FONT_SIZE` high, in pixels of this window."""
+    return pixels * imgui.get_font_size() / FONT_SIZE
+
+
+def scaled_size(width: float, height: float) -> ImVec2:
+    """As `scaled`, both ways; 0 and -1 keep ImGui's meaning of them."""
+    return ImVec2(*(length if length in (0, -1) else scaled(length) for length in (width, height)))
 
 
 def icon(name: str) -> str:
@@ -74,8 +97,8 @@ def swatch(instance: Instance, size: float = 0.0) -> None:
     top = at.y + (imgui.get_text_line_height() - size) / 2
     low, high = ImVec2(at.x, top), ImVec2(at.x + size, top + size)
     draw = imgui.get_window_draw_list()
-    draw.add_rect_filled(low, high, imgui.get_color_u32(swatch_color(instance)), 3)
-    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), 3)
+    draw.add_rect_filled(low, high, imgui.get_color_u32(swatch_color(instance)), scaled(3))
+    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), scaled(3))
     imgui.dummy(ImVec2(size, imgui.get_text_line_height()))
 
 
@@ -119,7 +142,7 @@ def icon_menu_item(symbol: str, title: str, shortcut: str = "", checked: bool = 
 def _icon_column() -> tuple[ImVec2, str]:
     """Where an item begins, and blanks as wide as its icon's column."""
     at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.3
-    return at, " " * int(np.ceil((width + 8) / imgui.calc_text_size(" ").x))
+    return at, " " * int(np.ceil((width + scaled(8)) / imgui.calc_text_size(" ").x))
 
 
 def _draw_icon(draw: imgui.ImDrawList, at: ImVec2, symbol: str, enabled: bool) -> None:

@@ -11,13 +11,13 @@ from instdrive_app import camera
 from instdrive_app.panels.instance_menu import instance_menu
 from instdrive_app.panels.overlays import Overlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 from instdrive_app.theme import DIM, TEXT, packed
 
 DRAG_PIXELS = 4.0
-"""A press that moves further is a drag, not a click."""
+"""A press that moves further is a drag, not a click; at scale 1, as is the next."""
 TURN_PER_PIXEL = 0.005
 FLY_SPEED = 6.0
 """Metres per second; four times that with Shift."""
@@ -95,7 +95,7 @@ class ViewportPanel:
         Where the left button is the tool's, the right one orbits.
         """
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
-        button = next((b for b in range(3) if imgui.is_mouse_dragging(b, DRAG_PIXELS)), None)
+        button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scaled(DRAG_PIXELS))), None)
         if button is None:
             return viewpoint
         path = imgui.get_mouse_drag_delta(button)
@@ -114,7 +114,7 @@ class ViewportPanel:
         if button == 2 or (button == 0 and io.key_shift):
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fitted(place.width, place.height).fx)
         turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
-        return turn(viewpoint, -dx * TURN_PER_PIXEL, -dy * TURN_PER_PIXEL)
+        return turn(viewpoint, -dx * TURN_PER_PIXEL / scaled(1), -dy * TURN_PER_PIXEL / scaled(1))
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:
         if imgui.is_key_pressed(imgui.Key.escape):

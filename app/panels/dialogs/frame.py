@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.ui import Ui, scaled
 from instdrive_app.theme import ACCENT, BACKGROUND, rgba
+
+BUTTON_WIDTH = 92.0
+"""Pixels at scale 1."""
 
 
 def centered(size: ImVec2) -> None:
@@ -17,8 +20,8 @@ def centered(size: ImVec2) -> None:
 def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
     """The two buttons at the end of a dialog; closes it where one is pressed, or Escape."""
     imgui.spacing()
-    width = 92.0
-    imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - 18)
+    width, style = scaled(BUTTON_WIDTH), imgui.get_style()
+    imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - style.item_spacing.x - style.window_padding.x)
     cancelled = imgui.button(cancel, ImVec2(width, 0)) or imgui.is_key_pressed(imgui.Key.escape)
     ui.mark("dialog.cancel")
     imgui.same_line()

@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.commands import Command
 from instdrive_app.matching import best_matches
 from instdrive_app.panels.menus import full_title, shortcut_title
-from instdrive_app.panels.ui import Ui, dim_text, icon
+from instdrive_app.panels.ui import Ui, dim_text, icon, scaled
 from instdrive_app.theme import DIM, TEXT, packed
 
 TITLE = "##palette"
@@ -92,7 +92,7 @@ class CommandPalette:
         draw.add_text(ImVec2(at.x + (1.4 * em - imgui.calc_text_size(glyph).x) / 2, at.y), color, glyph)
         draw.add_text(ImVec2(at.x + 2 * em, at.y), color, full_title(command))
         keys = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
-        draw.add_text(ImVec2(at.x + width - imgui.calc_text_size(keys).x - 4, at.y), packed(DIM), keys)
+        draw.add_text(ImVec2(at.x + width - imgui.calc_text_size(keys).x - scaled(4), at.y), packed(DIM), keys)
         menu = imgui.calc_text_size(command.menu).x
         draw.add_text(ImVec2(at.x + width - 8 * em - menu, at.y), packed(DIM, 0.75), command.menu)
         return clicked

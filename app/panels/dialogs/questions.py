@@ -24,7 +24,9 @@ def question(ui: Ui, title: str, text: str, answers: Answers) -> None:
     imgui.spacing()
     gap = imgui.get_style().item_spacing.x
     widths = [imgui.calc_text_size(name).x + 2.2 * em for name in answers]
-    imgui.set_cursor_pos_x(imgui.get_window_width() - sum(widths) - gap * (len(widths) - 1) - 10)
+    imgui.set_cursor_pos_x(
+        imgui.get_window_width() - sum(widths) - gap * (len(widths) - 1) - imgui.get_style().window_padding.x
+    )
     names = list(answers)
     for name, width in zip(names, widths, strict=True):
         proposed = name == names[-1]

@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.instance_rows import InstanceRows, Query
-from instdrive_app.panels.ui import Ui, dim_text, icon, swatch
+from instdrive_app.panels.ui import Ui, dim_text, icon, scaled_size, swatch
 from instdrive_core.scene.selection import Flag
 
 TITLE = "Reassign the selected splats"
@@ -33,7 +33,7 @@ class ReassignDialog:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        centered(ImVec2(380, 0))
+        centered(scaled_size(380, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         dim_text(f"{self._count:,} splats become part of")

@@ -34,7 +34,7 @@ class RecoveryDialog:
             self._row(ui, session, number)
             imgui.pop_id()
         imgui.spacing()
-        imgui.set_cursor_pos_x(imgui.get_window_width() - 7 * em - 10)
+        imgui.set_cursor_pos_x(imgui.get_window_width() - 7 * em - imgui.get_style().window_padding.x)
         later = imgui.button("Later", ImVec2(7 * em, 0)) or imgui.is_key_pressed(imgui.Key.escape)
         ui.mark("recovery.later")
         if later or not ui.session.autosave.recoverable:
@@ -47,7 +47,9 @@ class RecoveryDialog:
         imgui.push_font(ui.fonts.bold, 0.0)
         imgui.text(session.title)
         imgui.pop_font()
-        buttons = imgui.get_window_width() - 16 * em - 10 - imgui.get_style().item_spacing.x
+        buttons = (
+            imgui.get_window_width() - 16 * em - imgui.get_style().window_padding.x - imgui.get_style().item_spacing.x
+        )
         imgui.same_line(buttons)
         discarded = imgui.button("Discard", ImVec2(7 * em, 0))
         ui.mark(f"recovery.{number}.discard")

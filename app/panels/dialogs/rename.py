@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.ui import Ui, scaled_size
 
 TITLE = "Rename"
 
@@ -36,7 +36,7 @@ class RenameDialog:
         self._frames = self._frames + 1 if ui.session.renamed else 0
         if self._frames > PATIENCE_FRAMES:
             self.ask(ui, "rename")
-        centered(ImVec2(340, 0))
+        centered(scaled_size(340, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.ui import Ui, scaled_size
 
 TITLE = "Set class"
 
@@ -31,7 +31,7 @@ class ClassDialog:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        centered(ImVec2(340, 0))
+        centered(scaled_size(340, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():

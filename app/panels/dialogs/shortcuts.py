@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered
+from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered
 from instdrive_app.panels.menus import full_title, shortcut_title
-from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.panels.ui import Ui, dim_text, scaled_size
 
 TITLE = "Keys and mouse"
 MOUSE = (
@@ -59,7 +59,7 @@ class ShortcutSheet:
                     _draw_section(ui, section)
             imgui.end_table()
         imgui.spacing()
-        closed = imgui.button("Close", ImVec2(92, 0))
+        closed = imgui.button("Close", scaled_size(BUTTON_WIDTH, 0))
         ui.mark("dialog.cancel")
         if closed or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from imgui_bundle import ImVec2, imgui
+from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.panels.ui import Ui, dim_text, scaled_size
 from instdrive_core.edits.split import DEFAULT_GAP, split_sizes
 
 TITLE = "Split by component"
@@ -32,7 +32,7 @@ class SplitDialog:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        centered(ImVec2(360, 0))
+        centered(scaled_size(360, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         document = ui.session.document

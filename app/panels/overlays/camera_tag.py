@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, icon
+from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled
 from instdrive_app.theme import BACKGROUND, TEXT, packed
 
 
@@ -23,9 +23,14 @@ class CameraTag:
             name = f"{view.name.replace('_', ' ')}  ·  {view.index}"
         text = f"{icon('ICON_FA_VIDEO')}  {name}"
         size = imgui.calc_text_size(text)
-        right, top = place.x + place.width - 10, place.y + 10
+        padding, gap = scaled(10), scaled(5)
+        right, top = place.x + place.width - padding, place.y + padding
         draw = imgui.get_window_draw_list()
         draw.add_rect_filled(
-            ImVec2(right - size.x - 20, top), ImVec2(right, top + size.y + 10), packed(BACKGROUND, 0.78), 4
+            ImVec2(right - size.x - 2 * padding, top),
+            ImVec2(right, top + size.y + 2 * gap),
+            packed(BACKGROUND, 0.78),
+            scaled(4),
         )
-        draw.add_text(ImVec2(right - size.x - 10, top + 5), packed(TEXT), text)
+        draw.add_text(ImVec2(right - size.x - padding, top + gap), packed(TEXT), text)
+        ui.marks["viewport.camera_tag"] = (right - size.x - 2 * padding, top, right, top + size.y + 2 * gap)

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.render.present_pass import DEPTH_RAMP
 from instdrive_app.state import ViewMode
 from instdrive_app.theme import BACKGROUND, TEXT, packed
@@ -23,12 +23,16 @@ class DepthLegend:
         if ui.session.state.view_mode is not ViewMode.DEPTH:
             return
         near, far = ui.view.renderer.depth_range
-        width, height = 220.0, 10.0
-        left, top = place.x + 16, place.y + place.height - 42
+        width, height = min(scaled(220), place.width - scaled(32)), scaled(10)
+        left, top = place.x + scaled(20), place.y + place.height - scaled(44)
         draw = imgui.get_window_draw_list()
         draw.add_rect_filled(
-            ImVec2(left - 10, top - 8), ImVec2(left + width + 10, top + 34), packed(BACKGROUND, 0.78), 4
+            ImVec2(left - scaled(10), top - scaled(8)),
+            ImVec2(left + width + scaled(10), top + scaled(34)),
+            packed(BACKGROUND, 0.78),
+            scaled(4),
         )
+        ui.marks["viewport.legend"] = (left - scaled(10), top - scaled(8), left + width + scaled(10), top + scaled(34))
         part = width / (len(DEPTH_RAMP) - 1)
         for number, (first, second) in enumerate(pairwise(DEPTH_RAMP)):
             low, high = ImVec2(left + number * part, top), ImVec2(left + (number + 1) * part, top + height)
@@ -37,4 +41,4 @@ class DepthLegend:
         for place_on_ramp in (0.0, 0.5, 1.0):
             label = f"{near * math.pow(far / near, place_on_ramp):.3g} m"
             shift = imgui.calc_text_size(label).x * place_on_ramp
-            draw.add_text(ImVec2(left + width * place_on_ramp - shift, top + height + 3), packed(TEXT), label)
+            draw.add_text(ImVec2(left + width * place_on_ramp - shift, top + height + scaled(3)), packed(TEXT), label)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, swatch
+from instdrive_app.panels.ui import Rectangle, Ui, scaled, swatch
 from instdrive_app.theme import BACKGROUND, DIM, rgba
 
 
@@ -26,11 +26,13 @@ class HoverLabel:
             facts.append(f"code {instance.codeword}")
         facts.append(f"{document.instance_flags(instance.id).drawn:,} splats")
         text = "  ·  ".join(facts)
-        line, gap = imgui.get_text_line_height_with_spacing(), 18.0
-        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(instance.name).x * 1.1 + 2 * line) + 24
-        left = min(x + gap, place.width - width - 6)
-        top = y + gap if y + gap + 2 * line + 20 < place.height else y - gap - 2 * line - 10
-        imgui.set_next_window_pos(ImVec2(place.x + max(left, 6), place.y + max(top, 6)))
+        line, gap = imgui.get_text_line_height_with_spacing(), scaled(18)
+        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(instance.name).x * 1.1 + 2 * line) + scaled(24)
+        margin = scaled(6)
+        left = min(x + gap, place.width - width - margin)
+        height = 2 * line + scaled(20)
+        top = y + gap if y + gap + height < place.height else y - gap - height + scaled(10)
+        imgui.set_next_window_pos(ImVec2(place.x + max(left, margin), place.y + max(top, margin)))
         flags = imgui.WindowFlags_
         passive = flags.no_inputs | flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings
         imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.92))

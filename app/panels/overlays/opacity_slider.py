@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.state import ViewMode
 from instdrive_app.theme import BACKGROUND, rgba
 
@@ -18,8 +18,10 @@ class OpacitySlider:
         """One frame."""
         if ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
             return
-        imgui.set_cursor_screen_pos(ImVec2(place.x + 10, place.y + place.height - imgui.get_frame_height() - 10))
-        imgui.set_next_item_width(200)
+        margin = scaled(10)
+        bottom = place.y + place.height - imgui.get_frame_height() - margin
+        imgui.set_cursor_screen_pos(ImVec2(place.x + margin, bottom))
+        imgui.set_next_item_width(scaled(200))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(BACKGROUND, 0.85))
         state, form = ui.session.state, "Opacity from %.2f"
         _, state.id_opacity = imgui.slider_float("##id opacity", state.id_opacity, 0.0, 0.95, form)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.state import Reference
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, packed
 
@@ -54,9 +54,10 @@ class ReferenceOverlay:
         ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
         if ui.pointer is not None:
             x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
-            for low, high in (((x - 9, y), (x + 9, y)), ((x, y - 9), (x, y + 9))):
-                draw.add_line(ImVec2(*low), ImVec2(*high), packed(BACKGROUND, 0.8), 3)
-                draw.add_line(ImVec2(*low), ImVec2(*high), packed(ACCENT), 1)
+            arm = scaled(9)
+            for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
+                draw.add_line(ImVec2(*low), ImVec2(*high), packed(BACKGROUND, 0.8), scaled(3))
+                draw.add_line(ImVec2(*low), ImVec2(*high), packed(ACCENT), scaled(1))
 
 
 def _texture(ui: Ui) -> int | None:
@@ -80,6 +81,8 @@ def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
 
 def _caption(place: Rectangle, text: str) -> None:
     draw, size = imgui.get_window_draw_list(), imgui.calc_text_size(text)
-    low = ImVec2(place.x + 10, place.y + 10)
-    draw.add_rect_filled(low, ImVec2(low.x + size.x + 20, low.y + size.y + 10), packed(BACKGROUND, 0.78), 4)
-    draw.add_text(ImVec2(low.x + 10, low.y + 5), packed(TEXT), text)
+    wide, high = scaled(10), scaled(5)
+    low = ImVec2(place.x + wide, place.y + wide)
+    corner = ImVec2(low.x + size.x + 2 * wide, low.y + size.y + 2 * high)
+    draw.add_rect_filled(low, corner, packed(BACKGROUND, 0.78), scaled(4))
+    draw.add_text(ImVec2(low.x + wide, low.y + high), packed(TEXT), text)

@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Point, selection_mode
 from instdrive_app.theme import BACKGROUND, TEXT, packed
 
@@ -31,10 +31,10 @@ class RegionOutline:
         draw = imgui.get_window_draw_list()
         corners: list[imgui.ImVec2Like] = [ImVec2(place.x + x, place.y + y) for x, y in outline]
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        draw.add_polyline(corners, packed(BACKGROUND, 0.85), 2.5, imgui.ImDrawFlags_.closed)
+        draw.add_polyline(corners, packed(BACKGROUND, 0.85), scaled(2.5), imgui.ImDrawFlags_.closed)
         light = packed(TEXT)
         for x0, y0, x1, y1 in dashes(outline, imgui.get_time() * PACE).tolist():
-            draw.add_line(ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, 1.2)
+            draw.add_line(ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, scaled(1.2))
         draw.pop_clip_rect()
         _mode_word()
 
@@ -58,8 +58,11 @@ def _mode_word() -> None:
     if not word:
         return
     size, draw = imgui.calc_text_size(word), imgui.get_foreground_draw_list()
-    left, top = io.mouse_pos.x + 16, io.mouse_pos.y + 12
+    left, top = io.mouse_pos.x + scaled(16), io.mouse_pos.y + scaled(12)
     draw.add_rect_filled(
-        ImVec2(left - 6, top - 3), ImVec2(left + size.x + 6, top + size.y + 3), packed(BACKGROUND, 0.85), 4
+        ImVec2(left - scaled(6), top - scaled(3)),
+        ImVec2(left + size.x + scaled(6), top + size.y + scaled(3)),
+        packed(BACKGROUND, 0.85),
+        scaled(4),
     )
     draw.add_text(ImVec2(left, top), packed(TEXT), word)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, icon
+from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled, scaled_size
 from instdrive_app.state import ViewMode
 from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, rgba
 
@@ -20,8 +20,8 @@ class ViewSwitch:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         narrow = place.width < WORDS_FROM * imgui.get_font_size()
-        imgui.set_cursor_screen_pos(ImVec2(place.x + 10, place.y + 10))
-        imgui.push_style_var(imgui.StyleVar_.item_spacing, ImVec2(2, 0))
+        imgui.set_cursor_screen_pos(ImVec2(place.x + scaled(10), place.y + scaled(10)))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(2, 0))
         for mode in ViewMode:
             command = ui.session.commands[f"view.{mode.name.lower()}"]
             on = ui.session.state.view_mode is mode

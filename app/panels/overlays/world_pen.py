@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from instdrive_app.panels.ui import Rectangle
+from instdrive_app.panels.ui import Rectangle, scaled
 from instdrive_core.scene.camera import Camera
 
 NEAREST = 0.05
@@ -20,7 +20,7 @@ class WorldPen:
     """Draws into the present window through a camera whose picture is at `place`."""
 
     def __init__(self, camera: Camera, place: Rectangle, thickness: float = 1.5) -> None:
-        self._camera, self._place, self._thickness = camera, place, thickness
+        self._camera, self._place, self._thickness = camera, place, scaled(thickness)
 
     def pixel(self, point: Float[ndarray, "3"]) -> tuple[float, float] | None:
         """Where a world point is in the window; None behind the camera."""
