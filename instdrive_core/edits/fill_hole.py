@@ -16,6 +16,7 @@ from instdrive_core.edits.append import Addition, AppendEdit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.exemplars import source_cells
 from instdrive_core.edits.flags import FlagChange
+from instdrive_core.edits.frozen_copy import fingerprint
 from instdrive_core.edits.ground_grid import GroundGrid
 from instdrive_core.edits.holes import GROUND_BAND, HALF_LENGTH, HALF_WIDTH, GroundMap, Hole, known_ground
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, new_instances
@@ -75,6 +76,7 @@ class FillHole(AppendEdit):
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: Filling | None = field(default=None, init=False, repr=False, compare=False)
+    _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self.cells = _checked_cells(self.cells)
@@ -101,9 +103,20 @@ class FillHole(AppendEdit):
         """None: copies are placed one by one."""
         return (0.0, 0.0, 0.0)
 
+    def prepare(self, document: Document) -> None:
+        """Find out what to copy, which takes a second: `do` on an equal document is then quick.
+
+        Give a frozen copy to do this on another thread. Raises EditError where there is no ground to copy.
+        """
+        key = fingerprint(document)
+        if self._filling is None or self._planned_for != key:
+            self._filling, self._planned_for = self._planned(document), key
+
     def do(self, document: Document) -> bool:
         """Add the copies, then delete what they replace."""
-        self._filling = filling = self._planned(document)
+        self.prepare(document)
+        filling = self._filling
+        assert filling is not None
         self._new_column = SYNTHETIC not in document.scene.extra
         if self._new_column:
             document.scene.extra[SYNTHETIC] = np.zeros(len(document.scene), np.uint8)

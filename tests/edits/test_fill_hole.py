@@ -16,6 +16,10 @@ from instdrive_core.edits.deletion_report import deletion_report
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.exemplars import source_cells
 from instdrive_core.edits.fill_hole import FillHole
+from instdrive_core.edits.frozen_copy import fingerprint, frozen_copy
+from instdrive_core.edits.instances import MergeInstances
+from instdrive_core.edits.move import MoveInstances
+from instdrive_core.edits.select import SelectInstances
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -188,3 +192,45 @@ def test_pieces_continue_what_runs_along_the_lane():
     assert known[tuple(cells.T)].all()
     np.testing.assert_array_equal(values[tuple(cells.T)], values[hole])
     assert source_cells(values, np.zeros_like(known), hole, np.random.default_rng(0)) is None
+
+
+def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monkeypatch):
+    document, report = emptied(street)
+    expected, _ = emptied(street)
+    expected.apply(report.filling())
+    frozen, edit = frozen_copy(document), report.filling()
+    document.apply(SelectInstances((1,)))
+    edit.prepare(frozen)
+    with monkeypatch.context() as patch:
+        patch.setattr("instdrive_core.edits.fill_hole.planned_filling", None)
+        document.apply(edit)
+        document.undo()
+        document.redo()
+    np.testing.assert_array_equal(document.scene.gaussians.means, expected.scene.gaussians.means)
+    late, _ = emptied(street)
+    edit = report.filling()
+    edit.prepare(frozen_copy(late))
+    late.apply(DeleteInstances((8,)))
+    late.apply(edit)
+    fresh, _ = emptied(street)
+    fresh.apply(DeleteInstances((8,)))
+    fresh.apply(report.filling())
+    assert_same_scene(late.scene, fresh.scene)
+
+
+def test_a_frozen_copy_does_not_follow_the_document(street):
+    document, _ = emptied(street)
+    document.apply(MoveInstances((8,), (1.0, 0.0, 0.0)))
+    frozen, before = frozen_copy(document), fingerprint(document)
+    assert fingerprint(frozen) == before
+    means = frozen.means_of(frozen.rows_of((8,))).copy()
+    document.apply(MoveInstances((8,), (0.0, 1.0, 0.0)))
+    assert fingerprint(document) != before
+    document.undo()
+    assert fingerprint(document) == before
+    document.apply(MergeInstances((1,), 2))
+    document.apply(DeleteInstances((8,)))
+    np.testing.assert_array_equal(frozen.means_of(frozen.rows_of((8,))), means)
+    assert frozen.instance_flags(8).drawn == len(means)
+    assert 1 in frozen.scene.table
+    assert fingerprint(frozen) == before
