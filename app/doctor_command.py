@@ -94,16 +94,19 @@ def _cpu_render() -> str:
 def _opengl_render() -> str:
     """The same scene by OpenGL and by the CPU, which share no code."""
     # Imported here: a missing driver library must be a line of the report.
+    from instdrive_app.render.frame_renderer import CHOICE, chosen_kind
     from instdrive_app.render.offscreen import drawn_blend, driver_facts, offscreen_context
 
     scene, snapshot = _test_scene(), _snapshot()
     with offscreen_context() as context:
         facts = driver_facts(context)
+        drawer = "the CPU" if chosen_kind(context.info["GL_RENDERER"]) == "cpu" else "OpenGL"
         shown = drawn_blend(context, Document(scene), snapshot)
     difference = float(np.abs(shown - _cpu_picture(scene, snapshot)).mean())
     if not difference < LARGEST_MEAN_DIFFERENCE:
         raise DoctorError(f"{facts}: the picture differs from the CPU's by {difference:.2g} on average")
-    return f"{facts}; a test render equals the CPU's to {difference:.1g}"
+    choice = f"in the editor {drawer} draws the splats ({CHOICE}=gl or cpu overrules that)"
+    return f"{facts}; a test render equals the CPU's to {difference:.1g}; {choice}"
 
 
 def _cuda_state() -> str:

@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
 from instdrive_app.pointer import Click
-from instdrive_app.render.renderer import Renderer
+from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import ViewMode, resolve
@@ -159,7 +159,7 @@ class ScriptedSession:
     # ------------------------------------------------------------------ pictures
 
     @property
-    def _renderer(self) -> Renderer:
+    def _renderer(self) -> FrameRenderer:
         return self._window.ui.view.renderer
 
     @property

@@ -7,7 +7,7 @@ from jaxtyping import UInt32
 from numpy import ndarray
 
 from instdrive_app import camera
-from instdrive_app.render.renderer import Renderer
+from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session import EditorSession
 from instdrive_app.state import resolve
 from instdrive_core.instances.table import Instance
@@ -21,7 +21,7 @@ MAX_SHARE = 0.35
 TRIED_VIEWS, TRIED_WIDTH = 24, 320
 
 
-def best_view(renderer: Renderer, session: EditorSession) -> int:
+def best_view(renderer: FrameRenderer, session: EditorSession) -> int:
     """Index of the dataset view whose two largest objects are largest, among evenly spread ones."""
     assert session.document is not None
     scene, before = session.document.scene, session.state
