@@ -4,31 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import tyro
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.cli.arguments import default_time, known_ids, view_named
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.atomic import atomic_file
-from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
 from instdrive_core.project.open import open_edited
-from instdrive_core.rasterize.preview import Preview
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.pictures import Mode, picture
+from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import Scene, placed
 
-Mode = Literal["color", "instance", "codeword", "depth"]
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 1280, 720
 MAX_SIDE = 16384
-_RAMP = np.array(
-    [[48, 18, 59], [66, 120, 240], [27, 208, 213], [114, 250, 92], [237, 208, 58], [251, 114, 27], [122, 4, 3]]
-)
-"""Colours from near to far, evenly spaced in the logarithm of depth."""
 
 
 def render(
@@ -67,34 +61,6 @@ def render(
         shown = view_scene(opened, _resized(camera, width, height), moment, drawn)
         _save_png(path, picture(opened, shown, mode))
         print(path)
-
-
-def picture(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 3"]:
-    """The pixels of one mode; IDs in exact colours, depth as a ramp over the logarithm of what is there."""
-    match mode:
-        case "color":
-            return np.round(np.clip(shown.color, 0, 1) * 255).astype(np.uint8)
-        case "instance":
-            return colors_from_ids(instance_map(scene, shown))
-        case "codeword":
-            # As in the editor: the colour map holds 24 bits, a longer codeword shows its low ones.
-            codewords = np.zeros(shown.winner.shape, np.uint32)
-            codewords[shown.winner >= 0] = scene.codewords[shown.winner[shown.winner >= 0]]
-            return colors_from_ids(codewords & np.uint32(ID_LIMIT - 1))
-        case "depth":
-            return depth_colors(shown.depth, shown.alpha >= 0.5)
-
-
-def depth_colors(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    """Near is violet, far is red, nothing is black; the ramp spans 1 % to 99 % of the depths that are there."""
-    colors = np.zeros((*depth.shape, 3), np.uint8)
-    if there.any():
-        logs = np.log(np.maximum(depth[there], 1e-6))
-        near, far = np.quantile(logs, [0.01, 0.99])
-        places = np.clip((logs - near) / max(far - near, 1e-6), 0, 1) * (len(_RAMP) - 1)
-        channels = [np.interp(places, np.arange(len(_RAMP)), _RAMP[:, channel]) for channel in range(3)]
-        colors[there] = np.round(np.stack(channels, axis=-1))
-    return colors
 
 
 def orbit_camera(scene: Scene, time: float) -> Camera:
