@@ -48,6 +48,11 @@ def window_state(ui: Ui) -> dict[str, Any]:
         "open": True,
         "view_mode": session.state.view_mode.name,
         "time": session.state.time,
+        "reference": {
+            "kind": session.state.reference.name,
+            "opacity": session.state.reference_opacity,
+            "beside": session.state.reference_beside,
+        },
         "hovered": session.state.hovered,
         "tool": session.state.tool,
         "selected": list(session.selected),

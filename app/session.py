@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from instdrive_app.aftermath import Aftermath
 from instdrive_app.autosave import Autosave
 from instdrive_app.commands import Commands
+from instdrive_app.export_kinds import ExportChoice
+from instdrive_app.exporting import Exporting
 from instdrive_app.files import Files
 from instdrive_app.inserting import Inserting
 from instdrive_app.jobs import Jobs
@@ -45,10 +48,12 @@ class EditorSession:
         self.navigation = Navigation(self.state, lambda: self.document)
         self.autosave = Autosave(self.messages.error)
         self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
+        self.exporting = Exporting(self.state, lambda: self.document, self.jobs, self.messages, self.files)
         self.references = ReferencePictures(self.messages.error, wake)
         self.labels = Labels(lambda: self.document, self.apply, self.messages)
         self.solo = Solo(lambda: self.document, self.apply)
         self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
+        self.aftermath = Aftermath(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
         self.inserting = Inserting(self.state, lambda: self.document, self.jobs, self.messages, self.moving)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
@@ -63,6 +68,8 @@ class EditorSession:
         """What was odd about the splats of the scene opened last."""
         self.waiting: Callable[[], None] | None = None
         """What the user wants to do next, while asked about unsaved changes."""
+        self.panel: str | None = None
+        """Name of the panel to bring to the front in the next frame."""
         self.dropped: Path | None = None
         """A file dropped onto the window, to be taken up in the next frame."""
         self.quitting = False
@@ -127,9 +134,8 @@ class EditorSession:
             self.files.save(self.document, path, remembered(self.state), then)
 
     def export(self, path: Path) -> None:
-        """Write the edited scene as it is at the shown moment."""
-        if self.document is not None:
-            self.files.export(self.document, path, self.state.time)
+        """Write the whole edited scene: a file holds the shown moment, a folder keeps the tracks."""
+        self.exporting.export(path, ExportChoice())
 
     def apply(self, make: Callable[..., Edit], *parameters: object, gesture: str | None = None) -> bool:
         """Make an edit and do it; returns whether it was done. What hinders it is told to the user."""
@@ -211,15 +217,20 @@ class EditorSession:
 
     def delete(self, ids: tuple[int, ...]) -> None:
         """Delete instances."""
-        if ids and self.apply(DeleteInstances, ids) and self.state.hovered in ids:
-            self.state.hovered = 0
+        if ids and self.apply(DeleteInstances, ids):
+            self.aftermath.deleted(ids)
+            if self.state.hovered in ids:
+                self.state.hovered = 0
 
     def delete_selection(self) -> None:
         """Delete the selected splats, and no others of their instances."""
         if self._selects_whole_instances():
             self.delete(self.selected)
-        elif self.has_selection and self.apply(DeleteSelected):
-            self.state.hovered = 0
+        elif self.document is not None and self.has_selection:
+            rows = self.document.state.rows_with(Flag.SELECTED)
+            if self.apply(DeleteSelected):
+                self.aftermath.deleted_rows(rows)
+                self.state.hovered = 0
 
     def _selects_whole_instances(self) -> bool:
         if self.document is None:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 
 import moderngl
 import numpy as np
@@ -15,6 +16,7 @@ from numpy import ndarray
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.dialogs.about import AboutDialog
 from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
 from instdrive_app.panels.dialogs.dropped import DroppedDialog
 from instdrive_app.panels.dialogs.file_browser import FileBrowser
@@ -39,7 +41,7 @@ from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
 from instdrive_app.panels.overlays.region_outline import RegionOutline
 from instdrive_app.panels.overlays.view_switch import ViewSwitch
-from instdrive_app.panels.status import draw_status
+from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
 from instdrive_app.panels.toolbar import Toolbar
@@ -47,12 +49,17 @@ from instdrive_app.panels.ui import Ui
 from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
+from instdrive_app.render.warm_up import warm_up
 from instdrive_app.report import Reporter
 from instdrive_app.session import EditorSession
 from instdrive_app.theme import apply_style, load_fonts
 from instdrive_app.tools.registry import created_tools
 from instdrive_app.virtual_display import DisplayError, has_display
 
+RIGHT_WIDTH, BOTTOM_HEIGHT = 346.0, 104.0
+"""What the lists at the right and the timeline need at least, in pixels at scale 1."""
+INSPECTOR_SHARE = 0.6
+"""Of the right column; instances have the rest."""
 IDLE_FPS = 2.0
 """Frames per second while the user does nothing; any event wakes the window at once."""
 
@@ -90,6 +97,7 @@ class EditorWindow:
                 SplitDialog(),
                 ReassignDialog(),
                 ShortcutSheet(),
+                AboutDialog(),
                 CommandPalette(),
                 UnsavedDialog(),
                 RecoveryDialog(),
@@ -117,6 +125,7 @@ class EditorWindow:
             "Timeline": TimelinePanel(),
             "Log": LogPanel(),
         }
+        self._status, self._title = StatusBar(), ""
         register_commands(session)
 
     @property
@@ -193,7 +202,7 @@ class EditorWindow:
         calls.post_init = self._guarded(self._create_context)
         calls.pre_new_frame = self._guarded(self._before_frame)
         calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
-        calls.show_status = self._guarded(lambda: draw_status(self.ui))
+        calls.show_status = self._guarded(lambda: self._status.draw(self.ui))
         calls.show_gui = self._guarded(self._before_panels)
         calls.post_render_dockable_windows = self._guarded(self._after_panels)
         calls.before_swap = self._guarded(self._before_swap)
@@ -210,10 +219,11 @@ class EditorWindow:
     def _layout(self) -> hello_imgui.DockingParams:
         split, direction = hello_imgui.DockingSplit, imgui.Dir
         docking = hello_imgui.DockingParams()
+        width, height = self._options.size
         docking.docking_splits = [
-            split("MainDockSpace", "Right", direction.right, 0.27),
-            split("Right", "RightBottom", direction.down, 0.52),
-            split("MainDockSpace", "Bottom", direction.down, 0.16),
+            split("MainDockSpace", "Right", direction.right, max(RIGHT_WIDTH / width, 0.23)),
+            split("Right", "RightBottom", direction.down, INSPECTOR_SHARE),
+            split("MainDockSpace", "Bottom", direction.down, max(BOTTOM_HEIGHT / height, 0.13)),
         ]
         places = {
             "View": "MainDockSpace",
@@ -271,6 +281,7 @@ class EditorWindow:
         tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         self._accept_drops()
+        Thread(target=warm_up, name="warm-up", daemon=True).start()
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
 
@@ -289,7 +300,17 @@ class EditorWindow:
 
     def _before_panels(self) -> None:
         self._session.tick(imgui.get_io().delta_time)
+        self._show_title()
         run_shortcuts(self.ui)
+
+    def _show_title(self) -> None:
+        """What is open, and a dot where it is unsaved, for the desktop's list of windows."""
+        title = title_of(self._session)
+        if title != self._title:
+            import glfw  # see above
+
+            glfw.set_window_title(glfw_utils.glfw_window_hello_imgui(), title)  # type: ignore[arg-type]
+            self._title = title
 
     def _is_lively(self) -> bool:
         """Whether frames must follow each other without an event."""
@@ -298,6 +319,9 @@ class EditorWindow:
         return busy or self._steps is not None or not self.ui.view.settled
 
     def _after_panels(self) -> None:
+        if self._session.panel is not None:
+            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self._session.panel)
+            self._session.panel = None
         self._dialogs.draw(self.ui)
         draw_progress(self.ui)
         draw_toasts(self.ui)
@@ -331,6 +355,14 @@ class EditorWindow:
 
 
 _FINISHED = object()
+
+
+def title_of(session: EditorSession) -> str:
+    """``street.instdrive • InstDrive``: the dot stands for unsaved changes."""
+    path = session.files.path
+    if session.document is None or path is None:
+        return "InstDrive"
+    return f"{path.name} {'•' if session.is_unsaved else '–'} InstDrive"
 
 
 def require_display() -> None:

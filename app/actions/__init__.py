@@ -6,10 +6,23 @@ the menus and of the items in them.
 
 from __future__ import annotations
 
-from instdrive_app.actions import edit, file, help, move, reference, repair, select, time_steps, tools, view
+from instdrive_app.actions import (
+    aftermath,
+    edit,
+    file,
+    help,
+    move,
+    panels,
+    reference,
+    repair,
+    select,
+    time_steps,
+    tools,
+    view,
+)
 from instdrive_app.session import EditorSession
 
-TOPICS = (file, edit, select, repair, tools, move, view, reference, time_steps, help)
+TOPICS = (file, edit, aftermath, select, repair, tools, move, view, reference, time_steps, panels, help)
 
 
 def register_commands(session: EditorSession) -> None:

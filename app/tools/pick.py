@@ -55,19 +55,25 @@ class PickTool:
         """Nothing is ever under way."""
 
     def _first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
-        """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so."""
+        """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so.
+
+        What is locked is looked through.
+        """
         document = self._session.document
         if document is None:
             return 0
         shown = instance_shown_at(document, snapshot, x, y)
-        if shown is not None:
+        if shown is not None and not (shown and document.instance_flags(shown).is_locked):
             return shown
         below = self._below(x, y, snapshot)
         return below[0] if below else 0
 
     def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
         document = self._session.document
-        return self._picker.instances_at(document, snapshot, x, y) if document is not None else ()
+        if document is None:
+            return ()
+        found = self._picker.instances_at(document, snapshot, x, y)
+        return tuple(instance for instance in found if not document.instance_flags(instance).is_locked)
 
     def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
         """How often this place was clicked before, plainly and from the same viewpoint."""

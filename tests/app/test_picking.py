@@ -240,3 +240,14 @@ def test_hovering_names_the_instance_without_selecting_it(tool, street):
     assert session.state.hovered in (HOUSES, 30)
     tool.leave()
     assert session.state.hovered == 0
+
+
+def test_what_is_locked_is_clicked_through(tool, street):
+    tool, session = tool
+    snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    behind = Picker().instances_at(street, snapshot, x, y)[1]
+    session.lock((BLUE_CAR,))
+    tool.hover(x, y, snapshot)
+    assert session.state.hovered == behind
+    assert tool.click(Click(x, y), snapshot) == behind
+    assert session.selected == (behind,)

@@ -68,12 +68,17 @@ class WindowDriver:
 
     def wait_for_widget(self, name):
         """The middle of a widget, once it is drawn and has not moved for a moment."""
+        left, top, right, bottom = self.wait_for_rect(name)
+        return (left + right) / 2, (top + bottom) / 2
+
+    def wait_for_rect(self, name):
+        """Left, top, right, bottom of a widget, once it is drawn and has not moved for a moment."""
         seen = None
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             rect = self.state["widgets"].get(name)
             if rect is not None and rect == seen:
-                return (rect[0] + rect[2]) / 2, (rect[1] + rect[3]) / 2
+                return rect
             seen = rect
             time.sleep(0.1)
         raise AssertionError(f"no widget {name!r}; there are {sorted(self.state['widgets'])}")
