@@ -69,6 +69,9 @@ class ReadLog:
         added = line.get("add", [])
         if not 0 <= keep <= len(self.entries) or not 0 <= line["cursor"] <= keep + len(added):
             raise ValueError(f"a line keeps {keep} of {len(self.entries)} edits and does {line['cursor']}")
+        unknown = [entry for entry in added if not isinstance(entry, dict) or entry.get("kind") not in EDITS]
+        if unknown:
+            raise ValueError(f"a line holds {str(unknown[0])[:80]!r}, which is no edit of this version")
         del self.entries[keep:], self._numbers[keep:]
         self.entries += added
         self._numbers += range(self._count, self._count + len(added))

@@ -1,0 +1,222 @@
+"""Whole files of every kind that is read, small, for `benchmarks.fuzz` to damage: scenes, projects and journals."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.edit_street import edit_street
+from benchmarks.fuzz_clip_seeds import clip_seeds
+from instdrive_core.edits.bake import frozen_at
+from instdrive_core.edits.color import RecolorInstances
+from instdrive_core.edits.delete import DeleteInstances
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.formats.registry import save_scene
+from instdrive_core.formats.spz import write_spz
+from instdrive_core.project.edit_log import Logged, difference
+from instdrive_core.project.journal import Journal
+from instdrive_core.project.open import open_document
+from instdrive_core.project.save import save_project
+from instdrive_core.project.session_folder import JOURNAL, write_session
+from instdrive_core.project.sources import recorded_source, sources_of
+from instdrive_core.scene.camera import Camera, CameraView
+from instdrive_core.scene.exposure import Exposures
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.sky import Sky
+
+Files = dict[str, bytes]
+"""Content by name, relative to a folder, with ``/``."""
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Files that are opened together."""
+
+    kind: str
+    """Which reader opens it (`fuzz_readers.READERS`)."""
+    name: str
+    files: Files
+    entry: str = ""
+    """What is opened, relative to the folder; empty for the folder itself."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(map(len, self.files.values()))
+
+
+@cache
+def all_seeds() -> tuple[Seed, ...]:
+    """At least one of each kind, always the same."""
+    with TemporaryDirectory() as name:
+        return (*_scene_seeds(Path(name)), *_sog_seeds(), *_kept_edits(Path(name)), *clip_seeds(Seed))
+
+
+def files_below(folder: Path) -> Files:
+    """The content of a folder."""
+    found = (file for file in sorted(folder.rglob("*")) if file.is_file())
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in found}
+
+
+def _small_street() -> Scene:
+    scene = edit_street(seed=3, ground=60, cars=2, actors=1, per_car=20)
+    camera = Camera(40.0, 40.0, 16.0, 9.0, 32, 18, np.eye(4))
+    scene.views = tuple(CameraView(camera, "front", step, 0.1 * step, f"photo{step}.jpg", False) for step in range(2))
+    scene.sky = Sky(np.full((6, 2, 2, 3), 0.5, np.float32))
+    matrices = np.tile(np.eye(3, 4, dtype=np.float32), (1, 1, 1))
+    scene.exposures = Exposures(("front/00",), np.zeros(1), matrices)
+    return scene
+
+
+def _scene_seeds(folder: Path) -> Iterator[Seed]:
+    drive = _small_street()
+    still = replace(frozen_at(drive, 0.2), views=(), sky=None, exposures=None)
+
+    def written(kind: str, file: str, write: Callable[[Path], None]) -> Seed:
+        write(folder / file)
+        return Seed(kind, file, {file: (folder / file).read_bytes()}, file)
+
+    binary = written("ply", "binary.ply", lambda path: save_scene(path, still))
+    yield binary
+    yield Seed("ply", "big.ply", {"big.ply": _as_ply(binary.files["binary.ply"], ">")}, "big.ply")
+    yield Seed("ply", "ascii.ply", {"ascii.ply": _as_ply(binary.files["binary.ply"], "=")}, "ascii.ply")
+    yield written("ply", "plain.sibr.ply", lambda path: save_scene(path, still))
+    yield written("compressed_ply", "packed.compressed.ply", lambda path: save_scene(path, still))
+    yield written("splat", "scene.splat", lambda path: save_scene(path, still))
+    for version in (1, 2, 3, 4):
+        yield written("spz", f"v{version}.spz", lambda path, version=version: write_spz(path, still, version))
+    save_scene(folder / "run", drive)
+    yield Seed("scene_folder", "run", files_below(folder / "run"))
+
+
+def _as_ply(content: bytes, order: str) -> bytes:
+    """A binary little-endian .ply as big-endian (``>``) or ASCII (``=``)."""
+    header, mark, body = content.partition(b"end_header\n")
+    kinds = {"float": "<f4", "uint": "<u4"}
+    columns = [line.split()[1:] for line in header.decode().splitlines() if line.startswith("property")]
+    rows = np.frombuffer(body, np.dtype([(name, kinds[kind]) for kind, name in columns]))
+    form = b"ascii" if order == "=" else b"binary_big_endian"
+    header = header.replace(b"binary_little_endian", form)
+    if order == ">":
+        return header + mark + rows.astype(rows.dtype.newbyteorder(">")).tobytes()
+    return header + mark + "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist()).encode()
+
+
+def _sog_seeds() -> Iterator[Seed]:
+    rng = np.random.default_rng(5)
+    modern, old = _sog_files(rng, 60, version=2), _sog_files(rng, 50, version=1)
+    for name, method in (("stored.sog", zipfile.ZIP_STORED), ("deflated.sog", zipfile.ZIP_DEFLATED)):
+        yield Seed("sog", name, {name: zipped(modern, method)}, name)
+    yield Seed("sog_folder", "modern", modern)
+    yield Seed("sog_folder", "old", old, "meta.json")
+    leaves = [
+        {"lods": {"0": {"file": 0, "offset": 0, "count": 40}}},
+        {"lods": {"1": {"file": 1, "offset": 5, "count": 9}}},
+    ]
+    levels = {
+        "lodLevels": 2,
+        "filenames": ["0_0/meta.json", "1_0/meta.json"],
+        "environment": "env/meta.json",
+        "tree": {"children": leaves},
+    }
+    parts = {"0_0": modern, "1_0": _sog_files(rng, 20, 2), "env": _sog_files(rng, 12, 2)}
+    files = {f"{folder}/{name}": data for folder, part in parts.items() for name, data in part.items()}
+    yield Seed("sog_levels", "streamed", files | {"lod-meta.json": json.dumps(levels).encode()})
+    yield Seed("sog_levels", "chunks", files)
+
+
+def _sog_files(rng: np.random.Generator, count: int, version: int) -> Files:
+    palette = 70
+    labels = rng.integers(0, palette, count)
+    quats = np.c_[rng.integers(0, 256, (count, 3)), rng.integers(252, 256, count)]
+    pixels = {name: rng.integers(0, 256, (count, 4)) for name in ("means_l", "means_u", "scales", "sh0")}
+    pixels |= {"quats": quats, "labels": np.c_[labels % 256, labels // 256, np.zeros((count, 2))]}
+    files = {f"{name}.webp": _webp(_as_image(values)) for name, values in pixels.items()}
+    files["centroids.webp"] = _webp(rng.integers(0, 256, (2, 64 * 3, 4)).astype(np.uint8))
+    codebook = np.sort(rng.normal(-3, 1, 256)).tolist()
+    meta: dict[str, dict] = {name: {"files": [f"{name}.webp"]} for name in ("scales", "quats", "sh0")}
+    meta["means"] = {"mins": [-3.0] * 3, "maxs": [3.0] * 3, "files": ["means_l.webp", "means_u.webp"]}
+    meta["shN"] = {"files": ["centroids.webp", "labels.webp"]}
+    if version == 2:
+        meta["shN"] |= {"count": palette, "bands": 1, "codebook": codebook}
+        meta["scales"]["codebook"] = meta["sh0"]["codebook"] = codebook
+        return files | {"meta.json": json.dumps({"version": 2, "count": count, **meta}).encode()}
+    meta["means"]["shape"] = [count, 3]
+    meta["scales"] |= {"mins": [-9.0] * 3, "maxs": [1.0] * 3}
+    meta["sh0"] |= {"mins": [-1.0] * 3 + [-6.0], "maxs": [1.0] * 3 + [6.0]}
+    meta["shN"] |= {"mins": -0.5, "maxs": 0.75}
+    return files | {"meta.json": json.dumps(meta).encode()}
+
+
+def _as_image(values: np.ndarray) -> np.ndarray:
+    image = np.zeros((-(-len(values) // 16) * 16, 4), np.uint8)
+    image[: len(values)] = values
+    return image.reshape(-1, 16, 4)
+
+
+def _webp(pixels: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "WEBP", lossless=True, exact=True)
+    return file.getvalue()
+
+
+def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
+    """An archive; equal content gives equal bytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(zipfile.ZipInfo(name), data, method)
+    return file.getvalue()
+
+
+def _kept_edits(folder: Path) -> Iterator[Seed]:
+    scene = replace(frozen_at(_small_street(), 0.2), views=(), sky=None, exposures=None)
+    base = folder / "kept" / "street.splat"
+    base.parent.mkdir()
+    save_scene(base.with_suffix(".ply"), scene)
+    base = base.with_suffix(".ply")
+    document, _ = open_document(base)
+    rows = np.flatnonzero(np.arange(len(scene)) % 2 == 0)
+    for edit in (SelectRows(rows), RecolorInstances((1,), "tint", (0.1, 0.7, 0.3)), DeleteInstances((2,))):
+        document.apply(edit)
+    document.undo()
+    project = base.with_name("a.instdrive")
+    save_project(project, document, {"camera": [1.0, 2.0], "time": 0.5})
+    yield Seed("project", "project", files_below(base.parent), project.name)
+    yield Seed(
+        "journal", "session", {base.name: base.read_bytes(), **_session(folder / "session", base, document)}, "session"
+    )
+    lines = "".join(json.dumps(edit.to_json()) + "\n" for edit in document.history.edits)
+    yield Seed("edits", "edits", {"edits.jsonl": lines.encode()}, "edits.jsonl")
+
+
+def _session(folder: Path, base: Path, document: Document) -> Files:
+    """What an editor that died has left; the base scene is found in the session's folder."""
+    folder.mkdir()
+    journal, before = Journal(folder / JOURNAL), Logged()
+    for done in range(1, document.history.cursor + 1):
+        after = Logged(document.history.edits[:done], done)
+        line = difference(before, after)
+        assert line is not None
+        journal.append(line)
+        before = after
+    journal.append({"saved": None})
+    journal.close()
+    write_session(folder, Path(base.name), recorded_source(sources_of(document).base, base))
+    files = {f"session/{name}": data for name, data in files_below(folder).items()}
+    # The path is the temporary folder's otherwise, and no two runs would damage the same bytes.
+    entry = json.loads(files["session/session.json"])
+    entry |= {"path": base.name, "pid": 1}
+    entry["base"] |= {"absolute": f"/absent/{base.name}", "relative": base.name}
+    files["session/session.json"] = json.dumps(entry).encode()
+    return files
