@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from instdrive_app.sample import NoSceneError, sample_scene
 from instdrive_core.errors import InstDriveError
 
-SAMPLE = "sample_scene"
-
-
 MIN_SCALE, MAX_SCALE = 0.5, 4.0
-
-
-class NoSceneError(InstDriveError):
-    """There is nothing to open."""
 
 
 class ScaleError(InstDriveError):
@@ -57,14 +50,3 @@ def edit(
     session.files.open(path)
     session.offer_recovery()
     window.run()
-
-
-def sample_scene() -> Path:
-    """The small trained scene that comes with the program. Raises NoSceneError where it was left out."""
-    path = Path(str(resources.files("instdrive_app.assets").joinpath(SAMPLE)))
-    if not path.exists():
-        raise NoSceneError(
-            f"this installation has no sample scene ({path} is missing); "
-            "name a scene: instdrive edit SCENE (a .ply file or a run folder)"
-        )
-    return path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 TOAST_SECONDS = {"info": 4.0, "error": 10.0}
@@ -56,9 +56,9 @@ class Messages:
         """Say that something went wrong, and what to do."""
         self._add(Level.ERROR, text)
 
-    def dismiss(self) -> None:
-        """Take all toasts away."""
-        self._log = [Message(m.level, m.text, m.when, 0.0) for m in self._log]
+    def dismiss(self, message: Message | None = None) -> None:
+        """Take a toast away, or all of them."""
+        self._log = [replace(m, shown_until=0.0) if message in (None, m) else m for m in self._log]
 
     def _add(self, level: Level, text: str) -> None:
         self._log.append(Message(level, text, time.time(), self._clock() + TOAST_SECONDS[level.value]))

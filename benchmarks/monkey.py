@@ -23,9 +23,9 @@ from pathlib import Path
 import tyro
 
 from benchmarks.monkey_hands import Hands
-from instdrive_app.edit_command import sample_scene
 from instdrive_app.messages import Level
 from instdrive_app.render.gl_objects import live_objects
+from instdrive_app.sample import sample_scene
 from instdrive_app.session import EditorSession
 from instdrive_app.virtual_display import virtual_display
 from instdrive_app.window import EditorWindow, WindowOptions
@@ -33,7 +33,7 @@ from instdrive_core.edits.invariants import broken_invariants, fingerprint
 
 SIZE = (1280, 720)
 WORDS = ("car", "17", "road 3", "x", "0.5", "-2", "1e9", "tree")
-NEVER = ("file.quit", "file.open", "file.recent", "file.insert")
+NEVER = ("file.quit", "file.open", "file.recent", "file.sample", "file.insert")
 """Commands that would leave the document; their dialogs are reached by keys, and cancelled."""
 CHECK_SECONDS = 3.0
 """Between two looks at the whole document."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from instdrive_app.actions.conditions import asking, editable
 from instdrive_app.commands import Command, MenuItem
+from instdrive_app.sample import has_sample_scene, sample_scene
 from instdrive_app.session import EditorSession
 
 
@@ -38,6 +39,14 @@ def commands(session: EditorSession) -> list[Command]:
             enabled=lambda: bool(session.files.recents.paths),
             icon="ICON_FA_CLOCK_ROTATE_LEFT",
             items=recent,
+        ),
+        Command(
+            "file.sample",
+            "Open the sample scene",
+            lambda: opening(sample_scene())(),
+            "File",
+            enabled=has_sample_scene,
+            icon="ICON_FA_CITY",
         ),
         Command(
             "file.insert",
@@ -78,6 +87,16 @@ def commands(session: EditorSession) -> list[Command]:
             ("Ctrl+E",),
             enabled=lambda: editable(session),
             icon="ICON_FA_FILE_EXPORT",
+            undoable=False,
+        ),
+        Command(
+            "file.export_selection",
+            "Export selection…",
+            asking(session, "export_selection"),
+            "File",
+            ("Ctrl+Shift+E",),
+            enabled=lambda: editable(session) and session.has_selection,
+            icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
             undoable=False,
         ),
         Command(

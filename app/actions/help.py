@@ -21,4 +21,12 @@ def commands(session: EditorSession) -> list[Command]:
             ("F1",),
             icon="ICON_FA_KEYBOARD",
         ),
+        Command(
+            "help.log",
+            "Log file and version…",
+            asking(session, "about"),
+            "Help",
+            icon="ICON_FA_CIRCLE_INFO",
+            separator=True,
+        ),
     ]

@@ -3,38 +3,54 @@
 from __future__ import annotations
 
 import numpy as np
-from imgui_bundle import imgui
+from imgui_bundle import ImVec4, imgui
 
-from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled
-from instdrive_app.theme import ACCENT, rgba
+from instdrive_app.memory import MemoryGauge
+from instdrive_app.panels.ui import Ui, counted, dim_text, fitted_text, icon, scaled
+from instdrive_app.theme import ACCENT, DIM, rgba
 from instdrive_core.scene.selection import Flag
 
 
-def draw_status(ui: Ui) -> None:
-    """Left: the job under way or the open scene. Right: counts, speed, device."""
+class StatusBar:
+    """Left: the job under way or the open scene. Right: counts, speed, memory, device."""
+
+    def __init__(self) -> None:
+        self._memory = MemoryGauge()
+
+    def draw(self, ui: Ui) -> None:
+        """One frame."""
+        left, color = _doing(ui)
+        facts, width = self._facts(ui), imgui.get_window_width() - scaled(14)
+        gap, between = scaled(24), "   ·   "
+        # In a narrow window the least of the facts give way to what is under way.
+        while len(facts) > 1 and imgui.calc_text_size(left + between.join(facts)).x + gap > width:
+            facts.pop()
+        right = between.join(facts)
+        place = width - imgui.calc_text_size(right).x
+        imgui.text_colored(color, fitted_text(left, place - gap))
+        imgui.same_line(place)
+        dim_text(right)
+
+    def _facts(self, ui: Ui) -> list[str]:
+        """What matters most comes first."""
+        document, facts = ui.session.document, []
+        if document is not None:
+            selected = int(np.count_nonzero(document.state.mask(Flag.SELECTED)))
+            deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
+            facts += [f"{counted(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in all"]
+            if ui.view.frame_seconds:
+                facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
+        if self._memory.resident is not None:
+            facts.append(f"{self._memory.resident / 2**30:.1f} GiB memory")
+        return [*facts, fitted_text(ui.view.backend, scaled(220))]
+
+
+def _doing(ui: Ui) -> tuple[str, ImVec4]:
     session, document = ui.session, ui.session.document
     job = session.jobs.current
     if job is not None:
-        imgui.text_colored(rgba(ACCENT), f"{icon('ICON_FA_SPINNER')}  {job.title}…")
-    elif document is not None:
-        edits = document.history.cursor
-        name = session.files.path.name if session.files.path else "scene"
-        dim_text(f"{name}   ·   {edits} edit{'' if edits == 1 else 's'}")
-    else:
-        dim_text("Ready")
-    right = "   ·   ".join(_facts(ui))
-    width = imgui.calc_text_size(right).x
-    imgui.same_line(max(imgui.get_window_width() - width - scaled(14), imgui.get_cursor_pos_x() + scaled(20)))
-    dim_text(right)
-
-
-def _facts(ui: Ui) -> list[str]:
-    document = ui.session.document
-    facts = []
-    if document is not None:
-        selected = np.count_nonzero(document.state.mask(Flag.SELECTED))
-        deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
-        facts += [f"{selected:,} selected", f"{len(document.scene) - deleted:,} splats"]
-        if ui.view.frame_seconds:
-            facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
-    return [*facts, fitted_text(ui.view.backend, scaled(220))]
+        return f"{icon('ICON_FA_SPINNER')}  {job.title}…", rgba(ACCENT)
+    if document is None:
+        return "Ready", rgba(DIM)
+    name = session.files.path.name if session.files.path else "scene"
+    return f"{name}   ·   {counted(document.history.cursor, 'edit')}", rgba(DIM)

@@ -5,50 +5,77 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.jobs import Job
-from instdrive_app.messages import Level
-from instdrive_app.panels.ui import Ui, dim_text, icon
-from instdrive_app.theme import BACKGROUND, ERROR, GOOD, packed, rgba
+from instdrive_app.messages import Level, Message
+from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH
+from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled, scaled_size
+from instdrive_app.theme import BACKGROUND, DIM, ERROR, GOOD, packed, rgba
 
 WIDTH = 380.0
+"""Of a toast, in pixels at scale 1."""
+MARGIN = 12.0
+LONGEST = 400
+"""Characters of a message that are shown; the log has all."""
+PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "viewport.deletion_report")
+"""Marks of what stands at the viewport's lower left, and is not to be covered."""
 
 
 def draw_toasts(ui: Ui) -> None:
-    """Stack the present messages above the viewport's lower right corner."""
+    """Stack the present messages above the viewport's lower right corner; a click takes one away."""
     if "viewport" not in ui.marks:
         return
-    _, _, right, bottom = ui.marks["viewport"]
-    bottom -= 12
+    left, top, right, bottom = ui.marks["viewport"]
+    margin = scaled(MARGIN)
+    width = min(scaled(WIDTH), right - left - 2 * margin)
+    taken = [ui.marks[name] for name in PLACES_TAKEN if name in ui.marks]
+    bottom = min([bottom, *(place[1] for place in taken if place[2] > right - width - margin)]) - margin
     for number, message in enumerate(reversed(ui.session.messages.toasts)):
-        error = message.level is Level.ERROR
-        imgui.set_next_window_pos(ImVec2(right - 12, bottom), imgui.Cond_.always, ImVec2(1, 1))
-        imgui.set_next_window_size(ImVec2(WIDTH, 0))
-        flags = imgui.WindowFlags_
-        passive = flags.no_decoration | flags.no_saved_settings | flags.no_docking | flags.no_focus_on_appearing
-        imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.94))
-        imgui.begin(f"##toast{number}", None, passive | flags.no_nav | flags.no_inputs | flags.no_move)
-        corner, size = imgui.get_window_pos(), imgui.get_window_size()
-        bar = packed(ERROR if error else GOOD)
-        imgui.get_window_draw_list().add_rect_filled(corner, ImVec2(corner.x + 3, corner.y + size.y), bar, 2)
-        symbol = icon("ICON_FA_TRIANGLE_EXCLAMATION" if error else "ICON_FA_CIRCLE_CHECK")
-        imgui.text_colored(rgba(ERROR if error else GOOD), symbol)
-        imgui.same_line()
-        imgui.text_wrapped(message.text)
-        bottom -= size.y + 8
-        imgui.end()
-        imgui.pop_style_color()
+        if bottom < top + scaled(60):  # what has no room is in the log
+            break
+        bottom -= _toast(ui, number, message, ImVec2(right - margin, bottom), width) + scaled(8)
+
+
+def _toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: float) -> float:
+    """One message, its lower right corner at `corner`; returns its height."""
+    error = message.level is Level.ERROR
+    tone, flags = ERROR if error else GOOD, imgui.WindowFlags_
+    imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 1))
+    imgui.set_next_window_size(ImVec2(width, 0))
+    imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.94))
+    passive = flags.no_decoration | flags.no_saved_settings | flags.no_docking | flags.no_focus_on_appearing
+    imgui.begin(f"##toast{number}", None, passive | flags.no_nav | flags.no_move)
+    at, size = imgui.get_window_pos(), imgui.get_window_size()
+    bar, draw = ImVec2(at.x + scaled(3), at.y + size.y), imgui.get_window_draw_list()
+    draw.add_rect_filled(at, bar, packed(tone), scaled(2))
+    imgui.text_colored(rgba(tone), icon("ICON_FA_TRIANGLE_EXCLAMATION" if error else "ICON_FA_CIRCLE_CHECK"))
+    imgui.same_line(scaled(34))
+    cross = imgui.get_font_size()
+    imgui.push_text_wrap_pos(width - scaled(10) - cross)
+    imgui.text(message.text if len(message.text) <= LONGEST else message.text[:LONGEST] + "… (all of it is in the log)")
+    imgui.pop_text_wrap_pos()
+    if imgui.is_window_hovered():
+        imgui.set_mouse_cursor(imgui.MouseCursor_.hand)
+        place = ImVec2(at.x + size.x - scaled(8) - cross, at.y + imgui.get_style().window_padding.y)
+        draw.add_text(place, packed(DIM), icon("ICON_FA_XMARK"))
+        if imgui.is_mouse_released(0):
+            ui.session.messages.dismiss(message)
+    ui.marks[f"toast.{number}"] = (at.x, at.y, at.x + size.x, at.y + size.y)
+    imgui.end()
+    imgui.pop_style_color()
+    return size.y
 
 
 def _progress(ui: Ui, job: Job) -> None:
-    imgui.text(f"{job.title}…" if not job.stop.is_set() else "Stopping…")
+    room = imgui.get_content_region_avail().x - imgui.calc_text_size("100 %").x - scaled(12)
+    imgui.text(fitted_text(f"{job.title}…", room) if not job.stop.is_set() else "Stopping…")
     known = job.share is not None
     if known:
         percent = f"{100 * (job.share or 0):.0f} %"
-        imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(percent).x - 10)
+        imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(percent).x - imgui.get_style().window_padding.x)
         dim_text(percent)
-    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), ImVec2(-1, 6), "")
-    imgui.set_cursor_pos_x((imgui.get_window_width() - 92) / 2)
+    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), scaled_size(-1, 6), "")
+    imgui.set_cursor_pos_x((imgui.get_window_width() - scaled(BUTTON_WIDTH)) / 2)
     imgui.begin_disabled(not known or job.stop.is_set())
-    if imgui.button("Cancel", ImVec2(92, 0)):
+    if imgui.button("Cancel", scaled_size(BUTTON_WIDTH, 0)):
         ui.session.jobs.cancel()
     imgui.end_disabled()
     ui.mark("progress.cancel")
@@ -62,7 +89,7 @@ def draw_progress(ui: Ui) -> None:
         imgui.open_popup(name)
     center = imgui.get_main_viewport().get_center()
     imgui.set_next_window_pos(center, imgui.Cond_.always, ImVec2(0.5, 0.5))
-    imgui.set_next_window_size(ImVec2(320, 0))
+    imgui.set_next_window_size(scaled_size(320, 0))
     flags = imgui.WindowFlags_
     if imgui.begin_popup_modal(name, None, flags.no_decoration | flags.no_saved_settings | flags.no_move)[0]:
         if job is None or not job.modal:

@@ -8,13 +8,13 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app import camera
+from instdrive_app.panels.empty_view import EmptyView
 from instdrive_app.panels.instance_menu import instance_menu
 from instdrive_app.panels.overlays import Overlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
 from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
-from instdrive_app.theme import DIM, TEXT, packed
 
 DRAG_PIXELS = 4.0
 """A press that moves further is a drag, not a click; at scale 1, as is the next."""
@@ -43,6 +43,7 @@ class ViewportPanel:
         self._tool_stopped = False
         """Whether Escape ended the tool's part of the present press."""
         self._menu_instance = 0
+        self._empty = EmptyView()
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
@@ -50,7 +51,7 @@ class ViewportPanel:
         place = Rectangle(at.x, at.y, max(int(area.x), 16), max(int(area.y), 16))
         ui.marks["viewport"] = (place.x, place.y, place.x + place.width, place.y + place.height)
         if ui.session.document is None:
-            _empty_state(ui, place)
+            self._empty.draw(ui, place)
             return
         place, beside = parted(ui, place)
         if beside is not None:
@@ -168,15 +169,3 @@ def _flown(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:
         return viewpoint
     distance = FLY_SPEED * (4 if fast else 1) * min(seconds, 0.1)
     return camera.lift(camera.fly(viewpoint, step * distance), up * distance)
-
-
-def _empty_state(ui: Ui, place: Rectangle) -> None:
-    """What to do while nothing is open."""
-    job = ui.session.jobs.current
-    lines = [job.title + "…"] if job else ["No scene is open", "Ctrl+O opens a .ply file or a run folder"]
-    y = place.y + place.height / 2 - 20
-    draw = imgui.get_window_draw_list()
-    for number, line in enumerate(lines):
-        size = imgui.calc_text_size(line)
-        draw.add_text(ImVec2(place.x + (place.width - size.x) / 2, y), packed(TEXT if number == 0 else DIM), line)
-        y += size.y + 8

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from instdrive_app import edit_command
+from instdrive_app import edit_command, sample
 from instdrive_app.actions import register_commands
 from instdrive_app.folder_listing import listing
 from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
@@ -107,7 +107,7 @@ def test_cameras_that_are_not_triggered_together_share_their_steps():
 
 
 def test_missing_scenes_and_displays_are_explained(monkeypatch):
-    monkeypatch.setattr(edit_command, "SAMPLE", "no_such_scene")
+    monkeypatch.setattr(sample, "SAMPLE", "no_such_scene")
     with pytest.raises(InstDriveError, match="instdrive edit SCENE"):
         edit_command.edit()
     with pytest.raises(InstDriveError, match="no such file"):

@@ -1,0 +1,34 @@
+"""The small trained scene that comes with the program."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from instdrive_core.errors import InstDriveError
+
+SAMPLE = "sample_scene"
+
+
+class NoSceneError(InstDriveError):
+    """There is nothing to open."""
+
+
+def has_sample_scene() -> bool:
+    """Whether this installation has it."""
+    return _path().exists()
+
+
+def sample_scene() -> Path:
+    """Where it is. Raises NoSceneError where it was left out."""
+    path = _path()
+    if not path.exists():
+        raise NoSceneError(
+            f"this installation has no sample scene ({path} is missing); "
+            "name a scene: instdrive edit SCENE (a .ply file or a run folder)"
+        )
+    return path
+
+
+def _path() -> Path:
+    return Path(str(resources.files("instdrive_app.assets").joinpath(SAMPLE)))
