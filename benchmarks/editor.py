@@ -36,6 +36,8 @@ class Options:
     """Frames timed at full resolution."""
     actions: int = 15
     """Clicks and edits of each kind."""
+    moving_seconds: float = 3.0
+    """How long the camera turns."""
     window: bool = True
     """Also open a window, for idle CPU and its start."""
 
@@ -68,7 +70,7 @@ def _large_figures(folder: Path, options: Options) -> dict[str, float]:
         opened = editor.open(path)
         editor.look_from(cameras[0])
         editor.settle()
-        still, moving = editor.fps_still(options.frames), editor.fps_moving(3.0)
+        still, moving = editor.fps_still(options.frames), editor.fps_moving(options.moving_seconds)
         click, edits = editor.click_seconds(options.actions), editor.edit_seconds(options.actions)
         exported = editor.export(folder / "exported.ply")
         return {
