@@ -141,6 +141,7 @@ def serve(requests: Connection, seen: Iterable[Line]) -> None:
 
 def _watched(reader: Any, path: Path, size: int, tracer: LineTracer) -> Outcome:
     gc.collect()
+    gc.freeze()  # the next collection need not look at what stays
     limit = PER_BYTE * size + ALLOWANCE
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     Path("/proc/self/clear_refs").write_text("5")  # the peak starts afresh

@@ -95,7 +95,8 @@ def _zip_bomb(members: list[tuple[str, bytes]], row: int) -> bytes:
     """One member of zeros, a thousandth of what it unfolds to."""
     file = io.BytesIO()
     packed, checksum = _deflated_zeros()
-    with zipfile.ZipFile(file, "w") as archive:
+    with zipfile.ZipFile(file, "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of names that stand twice
         for number, (name, content) in enumerate(members):
             info = zipfile.ZipInfo(name)
             archive.writestr(info, packed if number == row else content)

@@ -120,7 +120,8 @@ def float_value(data: bytes, rng: random.Random) -> Damage:
     value = rng.choice(FLOATS)
     packed = struct.pack(form, value if form[1] == "d" or not math.isfinite(value) else max(-3e38, min(3e38, value)))
     packed *= rng.choice((1, 1, 3, 4, 20))
-    start = rng.randrange(max(len(data) - len(packed), 1)) // 4 * 4 + rng.randrange(4)
+    body = max(data.find(b"end_header\n") + 11, 0) if data[:3] == b"ply" else 0
+    start = body + rng.randrange(max(len(data) - len(packed) - body, 1)) // 4 * 4 + rng.choice((0, 0, 0, 1, 2, 3))
     return Damage(data[:start] + packed + data[start + len(packed) :], f"{value} at {start}")
 
 
@@ -181,7 +182,7 @@ BYTES: tuple[Mutation, ...] = (
     *(float_value, float_value, word, lines, emptied),
 )
 """For any file; those that find most stand twice."""
-PLY: tuple[Mutation, ...] = (ply_count, ply_count, ply_type, word, lines)
+PLY: tuple[Mutation, ...] = (ply_count, ply_count, ply_type, word, lines, *[float_value] * 4)
 
 
 def _place(data: bytes, rng: random.Random) -> int:

@@ -10,6 +10,7 @@ from jaxtyping import Float64, UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import SweepPoints
+from instdrive_core.datasets.numpy_file import BAD_ARRAY
 from instdrive_core.datasets.restricted_pickle import read_pickle
 from instdrive_core.errors import DataError
 
@@ -73,7 +74,7 @@ def _load_instance_labels(root: Path, index: int, count: int) -> UInt32[ndarray,
         return None
     try:
         labels = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except BAD_ARRAY as error:
         raise DataError(file, f"is no readable array ({error})", "Write the synthetic clip again") from error
     if labels.shape != (count,) or labels.dtype.kind not in "iu":
         problem = f"holds {labels.dtype} of shape {labels.shape} for {count} points"

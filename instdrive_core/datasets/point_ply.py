@@ -37,6 +37,8 @@ class _Header:
     count: int
     columns: tuple[tuple[str, str], ...]
     size: int
+    is_all: bool
+    """Whether nothing follows the points."""
 
     @property
     def dtype(self) -> np.dtype:
@@ -86,7 +88,7 @@ def _header(file: BinaryIO, path: Path) -> _Header:
     if not order or count < 0 or not {"x", "y", "z"} <= set(names) or len(set(names)) < len(names):
         problem = f"the header describes no points first: format {order!r}, {count} vertices, properties {names}"
         raise DataError(path, problem, _REMEDY)
-    return _Header(order, count, tuple(columns), end + len(b"end_header\n"))
+    return _Header(order, count, tuple(columns), end + len(b"end_header\n"), elements == 1)
 
 
 def _rows(file: BinaryIO, header: _Header, path: Path) -> ndarray:
@@ -97,6 +99,10 @@ def _rows(file: BinaryIO, header: _Header, path: Path) -> ndarray:
     if left < needed:
         problem = f"the header promises {header.count} points, at least {needed} bytes; {left} are left"
         raise DataError(path, problem, _REMEDY)
+    if header.is_all and not is_text and left > needed:
+        raise DataError(
+            path, f"{left - needed} bytes follow the {header.count} points that the header promises", _REMEDY
+        )
     file.seek(header.size)
     if not is_text:
         return np.frombuffer(file.read(needed), header.dtype, header.count)
@@ -112,6 +118,8 @@ def _rows(file: BinaryIO, header: _Header, path: Path) -> ndarray:
             )
         except (ValueError, OverflowError) as error:
             raise DataError(path, f"point {row} cannot be read ({error})", _REMEDY) from error
+    if header.is_all and file.read(1 << 20).strip():
+        raise DataError(path, f"more follows the {header.count} points that the header promises", _REMEDY)
     return rows
 
 

@@ -151,6 +151,9 @@ def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[nda
         for name, column in zip(names, values.T, strict=True):
             chunk[name] = column
         yield chunk
+    if header.is_last and next(lines, None) is not None:
+        problem = f"more lines follow the {header.count} splats that the header promises"
+        raise DataError(path, problem, "The header's count is wrong; export the file again")
 
 
 def _scene(

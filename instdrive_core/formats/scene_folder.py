@@ -73,6 +73,9 @@ def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST) -> Scen
     """
     folder = Path(folder)
     manifest, arrays = _read_parts(folder, manifest_name)
+    if f"scene.{_digest(arrays)}.safetensors" != manifest["arrays"]:
+        problem = "the arrays are not those that were saved: their SHA-256 is not the one in the file's name"
+        raise DataError(folder / manifest["arrays"], problem, "Copy the folder again, or restore it")
     try:
         for view in manifest["views"]:
             view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""

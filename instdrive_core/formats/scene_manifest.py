@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -135,9 +136,10 @@ def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[C
     for entry, pose in zip(entries, poses, strict=True):
         fx, fy, cx, cy = (float(value) for value in entry["intrinsics"])
         width, height = int(entry["width"]), int(entry["height"])
-        if min(width, height) < 1 or not (fx > 0 and fy > 0):
+        numbers = (fx, fy, cx, cy, float(entry["time"]))
+        if min(width, height) < 1 or not (fx > 0 and fy > 0 and all(map(math.isfinite, numbers))):
             raise ValueError(
-                f"view {entry['name']}/{entry['index']} has size {width}×{height}, focal length {fx}, {fy}"
+                f"view {entry['name']}/{entry['index']} has size {width}×{height}, fx, fy, cx, cy, time {numbers}"
             )
         views.append(
             CameraView(
@@ -166,6 +168,8 @@ def _exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures 
 def _sky(faces: ndarray) -> Sky:
     if faces.ndim != 4 or faces.shape != (6, faces.shape[1], faces.shape[1], 3):
         raise ValueError(f"sky has shape {faces.shape}, expected (6, r, r, 3)")
+    if not np.isfinite(faces).all():
+        raise ValueError("sky holds numbers that are not finite")
     scale = 255 if faces.dtype == np.uint8 else 1
     return Sky(faces.astype(np.float32) / np.float32(scale))
 
@@ -186,4 +190,6 @@ def _integers(arrays: dict[str, ndarray], name: str, dtype: type) -> ndarray:
 def _shaped(array: ndarray, shape: tuple[int, ...], name: str) -> ndarray:
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} holds numbers that are not finite")
     return array

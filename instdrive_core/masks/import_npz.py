@@ -6,7 +6,6 @@ Arrays are read one mask at a time, after their headers were checked, and nothin
 from __future__ import annotations
 
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -16,6 +15,7 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 from numpy.lib import format as npy
 
+from instdrive_core.datasets.numpy_file import BAD_ARRAY
 from instdrive_core.errors import DataError
 from instdrive_core.masks.imported_file import REMEDY, check_count, check_size
 from instdrive_core.masks.labelmap import nearest
@@ -41,7 +41,7 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
                     painting.add(nearest(mask, width, height))
     except FileNotFoundError as error:
         raise DataError(file, "is missing", REMEDY) from error
-    except (OSError, EOFError, ValueError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+    except BAD_ARRAY as error:
         raise DataError(file, f"is no readable .npz archive ({error})", _REMEDY) from error
     return painting.labels
 

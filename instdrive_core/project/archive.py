@@ -15,7 +15,7 @@ from instdrive_core.errors import DataError, UntrustedDataError
 
 REMEDY = "Take an older copy of the project, or what the editor recovers"
 MAX_MEMBERS = 100_000
-_BAD_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, struct.error, NotImplementedError)
+_BAD_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, struct.error)
 _SMALL = 16 << 20
 _MAX_RATIO = 200
 """Bytes that a compressed byte may become beyond the first `_SMALL`; text of edits gives 5 to 50."""
