@@ -1,4 +1,4 @@
-"""The open document's files: opening, saving, exporting, all beside the window."""
+"""The open document's files: opening and saving, beside the window."""
 
 from __future__ import annotations
 
@@ -11,12 +11,9 @@ from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.opening import Opened, opened, recovered
 from instdrive_app.recents import RecentFiles
-from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.errors import SceneChangedError
-from instdrive_core.formats.registry import save_scene
-from instdrive_core.progress import part_of_work
 from instdrive_core.project.recoverable import RecoverableSession, pending
 from instdrive_core.project.save import is_project, project_state, write_project
 from instdrive_core.user_folders import state_folder
@@ -31,6 +28,7 @@ class Files:
         self.path: Path | None = None
         """Where the open document came from: a scene or a project."""
         self.last_export: Path | None = None
+        """Written by `exporting.Exporting`."""
         self.changed_project: tuple[Path, str] | None = None
         """A project whose scene is no longer the one that was edited, and what is said about it: to be asked about."""
         self.recents = RecentFiles(state_folder() / "recent.json")
@@ -95,23 +93,6 @@ class Files:
             then()
 
         self._jobs.submit(f"Saving {path.name}", lambda: write_project(path, state), done, modal=False)
-
-    def export(self, document: Document, path: Path, time: float) -> None:
-        """Write the edited scene: a file holds the moment `time` (seconds), a folder keeps the tracks."""
-        moment = time if path.suffix else None
-
-        def work() -> tuple[Path, int]:
-            with part_of_work(0.0, 0.3):
-                scene = baked(document, moment)
-            with part_of_work(0.3, 1.0):
-                save_scene(path, scene)
-            return path, len(scene)
-
-        self._jobs.submit(f"Exporting {path.name}", work, self._exported)
-
-    def _exported(self, result: tuple[Path, int]) -> None:
-        self.last_export, count = result
-        self._messages.info(f"Exported {count:,} splats to {self.last_export}")
 
 
 def changes_of(document: Document) -> tuple[Edit, ...]:

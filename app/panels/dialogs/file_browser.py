@@ -11,6 +11,7 @@ from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as desktop
 
 from instdrive_app.folder_listing import Entry, listing
+from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
 from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.ui import Ui, dim_text, icon
@@ -25,20 +26,29 @@ _STAY = imgui.SelectableFlags_.no_auto_close_popups
 class FileBrowser:
     """One dialog for all `PURPOSES`; what is done with the answer is the purpose's."""
 
-    names: tuple[str, ...] = tuple(PURPOSES)
+    names: tuple[str, ...] = tuple({*PURPOSES, *ExportOptions.names})
 
     def __init__(self) -> None:
+        self._export = ExportOptions()
+        self._options: ExportOptions | None = None
         self._purpose = PURPOSES["open"]
         self._folder = Path.cwd()
         self._text = ""
         self._pending: desktop.open_file | desktop.save_file | None = None
-        self._listed: tuple[Path, float, list[Entry]] | None = None
+        self._listed: tuple[tuple[Path, tuple[str, ...]], float, list[Entry]] | None = None
 
     def ask(self, ui: Ui, name: str) -> None:
         """Ask for a path, in the folder of the file used last."""
+        self._options = self._export if name in self._export.names else None
+        if self._options is not None:
+            # Never the desktop's dialog: it has no room for what is asked beside the path.
+            self._text, self._listed = self._options.begin(ui.session, name), None
+            self._purpose = self._options.purpose(ui.session)
+            imgui.open_popup(self._purpose.title)
+            return
         purpose = self._purpose = PURPOSES[name]
         files = ui.session.files
-        current = (files.last_export if name == "export" else files.project) or files.path
+        current = files.project or files.path
         folder = current.resolve().parent if current else Path.cwd()
         stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
         self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
@@ -54,8 +64,14 @@ class FileBrowser:
         """One frame."""
         if self._pending is not None and self._pending.ready(0):
             self._take_answer(ui)
-        centered(ImVec2(46 * imgui.get_font_size(), 29 * imgui.get_font_size()))
+        em, options = imgui.get_font_size(), self._options
+        centered(
+            ImVec2(46 * em, 29 * em + (0 if options is None else options.rows * imgui.get_frame_height_with_spacing()))
+        )
         if imgui.begin_popup_modal(self._purpose.title, None, imgui.WindowFlags_.no_saved_settings)[0]:
+            if options is not None:
+                self._text = options.draw(ui, self._text)
+                self._purpose = options.purpose(ui.session)
             self._browse(ui, self._purpose)
             imgui.end_popup()
 
@@ -93,7 +109,7 @@ class FileBrowser:
         if problem:
             imgui.text_colored(rgba(DIM if path.is_dir() else ERROR), problem)
         else:
-            dim_text("The file there is replaced." if purpose.writes and path.is_file() else " ")
+            dim_text(_consequence(purpose, path))
         if confirmed(ui, purpose.verb, entered, not problem):
             purpose.act(ui.session, path)
 
@@ -150,9 +166,9 @@ class FileBrowser:
             imgui.text_colored(rgba(DIM), text)
 
     def _listing(self, folder: Path) -> list[Entry]:
-        now = time.monotonic()
-        if self._listed is None or self._listed[0] != folder or now - self._listed[1] > RELIST_SECONDS:
-            self._listed = (folder, now, listing(folder, self._purpose.suffixes, holds_scene))
+        now, key = time.monotonic(), (folder, self._purpose.suffixes)
+        if self._listed is None or self._listed[0] != key or now - self._listed[1] > RELIST_SECONDS:
+            self._listed = (key, now, listing(folder, self._purpose.suffixes, holds_scene))
         return self._listed[2]
 
     def _go(self, folder: Path) -> None:
@@ -162,6 +178,15 @@ class FileBrowser:
 
     def _choose(self, path: Path) -> None:
         self._text = str(path)
+
+
+def _consequence(purpose: FilePurpose, path: Path) -> str:
+    """What happens to what is there."""
+    if purpose.writes and path.is_file():
+        return "The file there is replaced."
+    if purpose.writes and path.is_dir():
+        return "The scene there is replaced." if purpose.suffixes else "Files of the same names there are replaced."
+    return " "
 
 
 def has_desktop_dialogs() -> bool:

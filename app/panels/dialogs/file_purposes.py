@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from instdrive_app.export_kinds import WRITTEN
 from instdrive_app.session import EditorSession
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.formats.scene_folder import MANIFEST
@@ -13,7 +14,8 @@ from instdrive_core.formats.sog_levels import is_sog_folder
 from instdrive_core.project.save import SUFFIX
 
 SCENES = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
-WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
+FILES = (*SCENES, SUFFIX, ".json", ".glb", ".png")
+"""Endings that no folder's name should have."""
 
 
 @dataclass(frozen=True)
@@ -24,17 +26,21 @@ class FilePurpose:
     verb: str
     """On the button."""
     suffixes: tuple[str, ...]
-    """Endings, lower case, that are listed and taken."""
+    """Endings, lower case, that are listed and taken; none where a folder is filled with files."""
     act: Callable[[EditorSession, Path], None]
     writes: bool = False
     folders: bool = True
     """Whether the answer can be a folder: one that holds a scene, or a new one."""
     suggestion: str = ""
     """Ending of the name that is proposed for a new file, after the scene's own."""
+    refusal: str = ""
+    """Why no path can be the answer; empty where some can."""
 
     def problem(self, path: Path) -> str:
         """Why the path cannot be the answer; empty where it can."""
-        return self._problem_of_new(path) if self.writes else self._problem_of_old(path)
+        if self.refusal or not self.writes:
+            return self.refusal or self._problem_of_old(path)
+        return self._problem_of_new(path) if self.suffixes else _problem_of_filled(path)
 
     def _problem_of_old(self, path: Path) -> str:
         if path.is_file() and path.name.lower().endswith(self.suffixes):
@@ -53,6 +59,15 @@ class FilePurpose:
         return "" if path.parent.is_dir() else f"There is no folder {path.parent}"
 
 
+def _problem_of_filled(path: Path) -> str:
+    """Of a folder that many files are written into."""
+    if path.is_file() or path.name.lower().endswith(FILES):
+        return "Many files are written: give the name of a folder"
+    if path.is_dir() and holds_scene(path):
+        return "That folder holds a scene; give the name of another"
+    return "" if path.parent.is_dir() else f"There is no folder {path.parent}"
+
+
 def holds_scene(folder: Path) -> bool:
     """Whether a folder can be opened as a scene."""
     return (folder / MANIFEST).is_file() or is_sog_folder(folder)
@@ -67,14 +82,10 @@ def _save(session: EditorSession, path: Path) -> None:
     session.save(path, then or (lambda: None))
 
 
-def _export(session: EditorSession, path: Path) -> None:
-    session.export(path)
-
-
 PURPOSES = {
     "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENES), _open),
     "insert": FilePurpose("Insert a scene", "Insert", SCENES, lambda session, path: session.inserting.insert(path)),
     "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX),
-    "export": FilePurpose("Export the edited scene", "Export", WRITTEN, _export, True, True, "_edited.ply"),
+    "export": FilePurpose("Export", "Export", WRITTEN, lambda session, path: session.exporting.export(path), True),
 }
 """By the name that `session.dialog` takes."""

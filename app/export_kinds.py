@@ -1,0 +1,279 @@
+"""What can be exported of an edited scene, and how each of it is written. A new kind is an entry of `KINDS`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from instdrive_app.state import EditorState, ViewMode, Viewpoint
+from instdrive_core.edits.bake import baked
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.parts import actors_with_splats, selected_actors, selected_rows
+from instdrive_core.errors import OptionError
+from instdrive_core.formats.objects import SUFFIXES, write_objects
+from instdrive_core.formats.registry import FORMATS
+from instdrive_core.masks.coco_panoptic import write_coco_panoptic
+from instdrive_core.masks.id_maps import MAX_SIDE, chosen_views, id_maps
+from instdrive_core.masks.id_pictures import save_png, write_id_pictures
+from instdrive_core.progress import part_of_work, report
+from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
+from instdrive_core.rasterize.pictures import Mode, picture
+from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.camera import Camera
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.selection import Flag
+
+What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view"]
+WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
+"""Endings of scene files."""
+_BAKING = 0.2
+_MODES: dict[ViewMode, Mode] = {
+    ViewMode.COLOR: "color",
+    ViewMode.INSTANCE: "instance",
+    ViewMode.CODEWORD: "codeword",
+    ViewMode.DEPTH: "depth",
+}
+
+
+@dataclass(frozen=True)
+class ExportChoice:
+    """What the user chose beside the path."""
+
+    what: What = "scene"
+    suffix: str = ".ply"
+    """Ending of the files in a folder of instances or actors."""
+    sibr: bool = False
+    """Whether a .ply is written for SIBR viewers."""
+    keep_tracks: bool = True
+    """Whether actors keep their tracks in a scene folder; else they stand where they are at the time shown."""
+    hulls: bool = False
+    """Convex hulls instead of boxes."""
+    coco: bool = False
+    """Masks in COCO's panoptic format instead of plain pictures."""
+    scale: float = 1.0
+    """Size of pictures, relative to the cameras' films."""
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """All that writing needs; taken on the UI's thread, written beside it."""
+
+    document: Document
+    """Not edited meanwhile."""
+    path: Path
+    choice: ExportChoice
+    time: float
+    viewpoint: Viewpoint
+    view_mode: ViewMode
+    show_sky: bool
+
+    @classmethod
+    def of(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
+        """What is shown now."""
+        return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.show_sky)
+
+
+@dataclass(frozen=True)
+class ExportKind:
+    """One thing that can be exported."""
+
+    title: str
+    write: Callable[[ExportRequest], str]
+    """Writes it, and says what was written."""
+    endings: tuple[str, ...] = ()
+    """Endings of the file; empty where a folder is filled."""
+    scene_folder: bool = False
+    """Whether the path can be that of a scene folder, too."""
+    suggestion: str = ""
+    """End of the name that is proposed, after the scene's own."""
+    amount: Callable[[Document], str] = lambda _: ""
+    """How much that is; empty where there is nothing."""
+    missing: str = ""
+    """What is said where there is nothing."""
+
+    @property
+    def takes_folder(self) -> bool:
+        """Whether the path can be a folder's."""
+        return self.scene_folder or not self.endings
+
+
+def exported_instances(document: Document) -> tuple[int, ...]:
+    """The selected instances, or all that are left."""
+    counts = document.counts()
+    return document.selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
+
+
+def exported_actors(document: Document) -> tuple[int, ...]:
+    """Nodes of the actors with anything selected, or of all that are left."""
+    return selected_actors(document) or actors_with_splats(document)
+
+
+def _scene(request: ExportRequest) -> str:
+    return _scene_or_part(request, None)
+
+
+def _selection(request: ExportRequest) -> str:
+    return _scene_or_part(request, selected_rows(request.document))
+
+
+def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
+    path, choice = request.path, request.choice
+    is_folder = not path.suffix or path.is_dir()
+    time = None if is_folder and choice.keep_tracks else request.time
+    sibr = choice.sibr and path.name.lower().endswith(".ply")
+    count = export_scene(request.document, path, time, rows, sibr=sibr)
+    return f"Exported {_counted(count, 'splat')} to {path}, read back and compared"
+
+
+def _instances(request: ExportRequest) -> str:
+    choice, ids = request.choice, exported_instances(request.document)
+    sibr = choice.sibr and choice.suffix == ".ply"
+    written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
+    skipped = f"; {_counted(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
+    return f"{_parts(written, 'instance', request.path)}{skipped}"
+
+
+def _actors(request: ExportRequest) -> str:
+    choice, nodes = request.choice, exported_actors(request.document)
+    sibr = choice.sibr and choice.suffix == ".ply"
+    written = export_actors(request.document, request.path, nodes, choice.suffix, sibr=sibr)
+    return f"{_parts(written, 'actor', request.path)}; their poses are in .poses.json"
+
+
+def _objects(request: ExportRequest) -> str:
+    with part_of_work(0.0, _BAKING):
+        scene = baked(request.document)
+    hulls = request.choice.hulls
+    written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
+    shapes = "hulls" if hulls else "boxes"
+    return f"Exported the {shapes} of {_counted(len(written), 'instance')} to {request.path}"
+
+
+def _masks(request: ExportRequest) -> str:
+    with part_of_work(0.0, _BAKING):
+        scene = baked(request.document)
+    views = chosen_views(scene)
+    write = write_coco_panoptic if request.choice.coco else write_id_pictures
+    with part_of_work(_BAKING, 1.0):
+        maps = id_maps(scene, views, request.choice.scale)
+        count = write(request.path, scene, maps, lambda done: report(done / len(views)))
+    return f"Exported the masks of {_counted(count, 'photo')} to {request.path}"
+
+
+def _cameras(request: ExportRequest) -> str:
+    scene = _shown_scene(request)
+    views = chosen_views(scene)
+    with part_of_work(_BAKING, 1.0):
+        for number, view in enumerate(views):
+            report(number / len(views))
+            path = request.path / view.name / f"{view.index:02d}.png"
+            _save_picture(path, scene, view.camera, view.time, request)
+    return f"Exported {_counted(len(views), 'picture')} to {request.path}"
+
+
+def _view(request: ExportRequest) -> str:
+    scene, lens = _shown_scene(request), request.viewpoint.lens
+    pose = request.viewpoint.world_from_camera
+    camera = Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose)
+    with part_of_work(_BAKING, 1.0):
+        _save_picture(request.path, scene, camera, request.time, request)
+    return f"Exported the picture to {request.path}"
+
+
+def _shown_scene(request: ExportRequest) -> Scene:
+    """What is drawn: without what is hidden, and with the tracks."""
+    document = request.document
+    with part_of_work(0.0, _BAKING):
+        scene = baked(document, None, np.flatnonzero(document.state.drawn))
+    return scene if request.show_sky else replace(scene, sky=None)
+
+
+def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request: ExportRequest) -> None:
+    camera = camera.scaled(request.choice.scale)
+    if max(camera.width, camera.height) > MAX_SIDE:
+        raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
+    save_png(path, picture(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
+
+
+def _parts(written: ExportedParts, noun: str, folder: Path) -> str:
+    files, splats = _counted(len(written.files), noun), _counted(written.splats, "splat")
+    return f"Exported {files} of {splats} to {folder}, read back and compared"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def _splats(document: Document) -> str:
+    left = len(document.state) - len(document.state.rows_with(Flag.DELETED))
+    return _counted(left, "splat") if left else ""
+
+
+def _selected_splats(document: Document) -> str:
+    count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.selected_instances())
+    return f"{_counted(count, 'splat')} of {_counted(instances, 'instance')}" if count else ""
+
+
+def _all_instances(document: Document) -> str:
+    count = len(exported_instances(document))
+    selected = "selected " if document.selected_instances() else ""
+    return f"{count:,} {selected}instance{'' if count == 1 else 's'}" if count else ""
+
+
+def _every_instance(document: Document) -> str:
+    counts = document.counts()
+    left = int((counts.count > counts.deleted).sum())
+    return _counted(left, "instance") if left else ""
+
+
+def _all_actors(document: Document) -> str:
+    count = len(exported_actors(document))
+    selected = "selected " if selected_actors(document) else ""
+    return f"{count:,} {selected}actor{'' if count == 1 else 's'}" if count else ""
+
+
+def _photos(document: Document) -> str:
+    views = document.scene.views
+    return _counted(len(views), "photo") if views else ""
+
+
+_NO_INSTANCES, _NO_CAMERAS = "The scene has no instances", "The scene has no photo cameras"
+
+KINDS: dict[What, ExportKind] = {
+    "scene": ExportKind("Whole scene", _scene, WRITTEN, True, "_edited.ply", _splats, "No splats are left"),
+    "selection": ExportKind(
+        "Selection only", _selection, WRITTEN, True, "_selection.ply", _selected_splats, "Nothing is selected"
+    ),
+    "instances": ExportKind(
+        "One file per instance",
+        _instances,
+        suggestion="_instances",
+        amount=_all_instances,
+        missing=_NO_INSTANCES,
+    ),
+    "actors": ExportKind(
+        "Actors in their own frames",
+        _actors,
+        suggestion="_actors",
+        amount=_all_actors,
+        missing="The scene has no moving actors",
+    ),
+    "objects": ExportKind(
+        "Boxes of instances",
+        _objects,
+        SUFFIXES,
+        suggestion="_objects.json",
+        amount=_every_instance,
+        missing=_NO_INSTANCES,
+    ),
+    "masks": ExportKind("Masks of the photos", _masks, suggestion="_masks", amount=_photos, missing=_NO_CAMERAS),
+    "cameras": ExportKind(
+        "Pictures from the photos' cameras", _cameras, suggestion="_pictures", amount=_photos, missing=_NO_CAMERAS
+    ),
+    "view": ExportKind("Picture of this view", _view, (".png",), suggestion="_view.png", amount=_splats),
+}
+"""In the order of the dialog."""

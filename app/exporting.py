@@ -1,0 +1,75 @@
+"""Exporting from the editor: what was chosen, and writing it beside the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from instdrive_app.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
+from instdrive_app.files import Files
+from instdrive_app.jobs import Jobs
+from instdrive_app.messages import Messages
+from instdrive_app.state import EditorState
+from instdrive_core.edits.document import Document
+from instdrive_core.project.export import file_name
+
+
+class Exporting:
+    """Keeps the choice of the export dialog, and carries exports out."""
+
+    def __init__(
+        self,
+        state: EditorState,
+        document: Callable[[], Document | None],
+        jobs: Jobs,
+        messages: Messages,
+        files: Files,
+    ) -> None:
+        self._state, self._document, self._jobs, self._messages, self._files = state, document, jobs, messages, files
+        self.choice = ExportChoice()
+        self.amounts: dict[What, str] = {}
+        """How much there is of each kind; empty where there is nothing."""
+
+    @property
+    def kind(self) -> ExportKind:
+        """What the choice is about."""
+        return KINDS[self.choice.what]
+
+    def begin(self, what: What = "scene") -> None:
+        """Forget the last choice: an export is of the whole scene unless something else is asked for."""
+        self.choice = ExportChoice(what)
+        document = self._document()
+        # Once, since counting a million splats takes longer than a frame has; nothing changes while the dialog is open.
+        self.amounts = {name: kind.amount(document) for name, kind in KINDS.items()} if document is not None else {}
+
+    def proposed(self) -> Path:
+        """A path for what is chosen, in the folder of the last export or of the scene."""
+        near = self._files.last_export or self._files.path
+        return (near.resolve().parent if near else Path.cwd()) / self._proposed_name()
+
+    def proposed_beside(self, path: str) -> Path:
+        """The same in the folder of the path as it is typed."""
+        folder = Path(path).expanduser()
+        return (folder if folder.is_dir() else folder.parent) / self._proposed_name()
+
+    def _proposed_name(self) -> str:
+        source, document = self._files.path, self._document()
+        stem = source.name.split(".")[0].removesuffix("_edited") if source else "scene"
+        selected = document.selected_instances() if document else ()
+        if self.choice.what == "selection" and document is not None and len(selected) == 1:
+            return f"{stem}_{file_name(document.scene.table[selected[0]].name)}.ply"
+        return f"{stem}{self.kind.suggestion}"
+
+    def export(self, path: Path, choice: ExportChoice | None = None) -> None:
+        """Write what is chosen, as it is at the shown moment; the last choice of the dialog where none is given."""
+        document = self._document()
+        if document is None:
+            return
+        request = ExportRequest.of(document, path, choice or self.choice, self._state)
+        write = KINDS[request.choice.what].write
+
+        def done(told: str) -> None:
+            self._files.last_export = path
+            self._messages.info(told)
+
+        self._jobs.submit(f"Exporting {path.name}", lambda: write(request), done)
