@@ -35,6 +35,7 @@ from instdrive_app.panels.instances import InstancesPanel
 from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.overlays.camera_tag import CameraTag
+from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
 from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.hover_label import HoverLabel
@@ -109,6 +110,7 @@ class EditorWindow:
         self._panels = {
             "View": ViewportPanel(
                 (
+                    DeletionOverlay(),
                     Gizmo(),
                     ViewSwitch(),
                     Toolbar(),

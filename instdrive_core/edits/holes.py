@@ -65,6 +65,8 @@ FOREIGN_SHARE = 0.25
 """Of a dark place, outside of that reach, from which on it is not the shadow of what was deleted."""
 MIN_AREA = 0.15
 """Square metres: smaller holes are gaps between splats."""
+MAX_ISLAND = 0.6
+"""Square metres of right-looking ground that a hole around it takes in."""
 FOOTPRINT_MARGIN = 0.15
 """Metres around the footprint of what was deleted, where no photos say what is hidden."""
 
@@ -130,17 +132,21 @@ def hole_under(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | Non
     clean = _solid(ground) & ~hidden & ~ground.obstructed & ~edge & ~_grown(_all_under(found.others, grid), EDGE)
     wrong = candidates & ~_plausible(ground, clean, candidates)
     missing = footprint & ~_solid(ground)
-    hole = _large_parts(_closed(wrong, candidates) | missing)
+    hole = _large_parts(_closed(wrong, candidates, ground.obstructed) | missing, MIN_AREA)
     shadow = _cast_shadow(ground, clean, footprint, hole)
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow))
 
 
-def _closed(wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+def _closed(
+    wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"], obstructed: Bool[ndarray, "a b"]
+) -> Bool[ndarray, "a b"]:
     """With the cells at their edge, which seemed solid for the ground beside them, and those amid them that happen to
     look right."""
     grown = np.pad(np.asarray(ndimage.binary_dilation(wrong)), 3)
     closed = np.asarray(ndimage.binary_closing(grown, np.ones((3, 3)), iterations=2))[3:-3, 3:-3]
-    return wrong | (closed & candidates)
+    whole = wrong | (closed & candidates)
+    islands = np.asarray(ndimage.binary_fill_holes(whole), bool) & ~whole
+    return whole | (islands & ~_large_parts(islands, MAX_ISLAND) & ~obstructed)
 
 
 def _cast_shadow(
@@ -331,7 +337,8 @@ def _plausible(ground: GroundMap, known: Bool[ndarray, "a b"], asked: Bool[ndarr
     return plausible
 
 
-def _large_parts(cells: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+def _large_parts(cells: Bool[ndarray, "a b"], area: float) -> Bool[ndarray, "a b"]:
+    """The parts of at least so many square metres."""
     parts = np.zeros(cells.shape, np.int32)
     ndimage.label(cells, np.ones((3, 3)), parts)
-    return cells & (np.bincount(parts.ravel())[parts] * CELL**2 >= MIN_AREA)
+    return cells & (np.bincount(parts.ravel())[parts] * CELL**2 >= area)

@@ -1,0 +1,145 @@
+"""What the last deletion left: looked for beside the window, shown over the picture, cleaned up on request."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64, UInt16
+from numpy import ndarray
+
+from instdrive_app.jobs import Jobs
+from instdrive_app.messages import Messages
+from instdrive_app.state import EditorState
+from instdrive_core.edits.base import Edit
+from instdrive_core.edits.deletion_report import DeletionReport, deletion_report, deletion_report_of_rows
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.frozen_copy import frozen_copy
+from instdrive_core.edits.holes import Hole
+from instdrive_core.errors import EditError
+
+
+@dataclass
+class Finding:
+    """A report and what was done about it."""
+
+    document: Document
+    deletion: Edit
+    report: DeletionReport
+    residue: Float64[ndarray, "r 3"]
+    """Places of the residue, metres, in the frames of its nodes."""
+    nodes: UInt16[ndarray, " r"]
+    absorption: Edit | None = None
+    filling: Edit | None = None
+
+    @property
+    def residue_count(self) -> int:
+        """Splats of residue that are still there."""
+        return 0 if self._is_done(self.absorption) else len(self.report.residue)
+
+    @property
+    def hole(self) -> Hole | None:
+        """The hole, while it is open."""
+        return None if self._is_done(self.filling) or not self.report.hole_area else self.report.hole
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the deletion is done, and anything is left of it."""
+        return self._is_done(self.deletion) and (self.residue_count > 0 or self.hole is not None)
+
+    def _is_done(self, edit: Edit | None) -> bool:
+        return edit is not None and any(each is edit for each in self.document.history.done)
+
+
+class Aftermath:
+    """Follows deletions. Undoing what was cleaned up brings the report back, undoing the deletion takes it away."""
+
+    def __init__(
+        self,
+        state: EditorState,
+        document: Callable[[], Document | None],
+        apply: Callable[..., bool],
+        jobs: Jobs,
+        messages: Messages,
+    ) -> None:
+        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
+        self._state, self._document, self._apply = state, document, apply
+        self._jobs, self._messages = jobs, messages
+        self._finding: Finding | None = None
+        self._filling = False
+
+    @property
+    def finding(self) -> Finding | None:
+        """What is to be shown; None where nothing is left of the last deletion."""
+        found, document = self._finding, self._document()
+        return found if found is not None and found.document is document and found.is_current else None
+
+    @property
+    def filling(self) -> bool:
+        """Whether a fill is being worked out."""
+        return self._filling
+
+    def deleted(self, ids: Iterable[int]) -> None:
+        """Look at what deleting whole instances left; the deletion is the last step of the history."""
+        ids, time = tuple(ids), self._state.time
+        self._look(lambda frozen: deletion_report(frozen, ids, time))
+
+    def deleted_rows(self, rows: Int64[ndarray, " m"]) -> None:
+        """Look at what deleting some splats left; the deletion is the last step of the history."""
+        time = self._state.time
+        self._look(lambda frozen: deletion_report_of_rows(frozen, rows, time))
+
+    def absorb(self) -> None:
+        """Delete the residue, too."""
+        found = self.finding
+        edit = found.report.absorption() if found is not None and found.residue_count else None
+        if found is not None and edit is not None and self._apply(lambda: edit):
+            found.absorption = edit
+            self._messages.info(f"{len(found.report.residue):,} splats of residue deleted")
+
+    def fill(self) -> None:
+        """Fill the hole with ground from around, worked out beside the window."""
+        found, document = self.finding, self._document()
+        edit = found.report.filling() if found is not None and found.hole is not None else None
+        if self._filling or found is None or edit is None or document is None:
+            return
+        frozen = frozen_copy(document)
+        self._filling = True
+
+        def done(_: object) -> None:
+            self._filling = False
+            if self._document() is document and self._apply(lambda: edit):
+                found.filling = edit
+                self._messages.info(f"Filled a hole of {found.report.hole_area:.1f} m² with synthetic ground")
+
+        def failed(error: BaseException) -> bool:
+            self._filling = False
+            if isinstance(error, EditError):
+                self._messages.error(f"The hole cannot be filled: {error}")
+            return isinstance(error, EditError)
+
+        self._jobs.submit("Filling the hole", lambda: edit.prepare(frozen), done, modal=False, failed=failed)
+
+    def clear(self) -> None:
+        """Show the report no longer."""
+        self._finding = None
+
+    def _look(self, work: Callable[[Document], DeletionReport]) -> None:
+        document = self._document()
+        if document is None:
+            return
+        deletion, frozen = document.history.done[-1], frozen_copy(document)
+
+        def look() -> tuple[DeletionReport, ndarray]:
+            report = work(frozen)
+            return report, frozen.means_of(report.residue).astype(np.float64)
+
+        def done(result: tuple[DeletionReport, ndarray]) -> None:
+            report, places = result
+            found = Finding(document, deletion, report, places, document.scene.nodes[report.residue])
+            if self._document() is document and found.is_current:
+                self._finding = found
+                self._messages.info(f"Deleted {report.name}: {report.summary}")
+
+        self._jobs.submit("Looking at what is left", look, done, modal=False)
