@@ -22,7 +22,7 @@ from instdrive_app.actions import (
 )
 from instdrive_app.session import EditorSession
 
-TOPICS = (file, edit, aftermath, select, repair, tools, move, view, reference, time_steps, panels, help)
+TOPICS = (file, edit, select, repair, tools, move, view, aftermath, reference, time_steps, panels, help)
 
 
 def register_commands(session: EditorSession) -> None:

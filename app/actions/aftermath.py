@@ -8,7 +8,7 @@ from instdrive_app.session import EditorSession
 
 
 def commands(session: EditorSession) -> list[Command]:
-    """At the end of the Edit menu."""
+    """At the end of the Edit and View menus."""
 
     def residue() -> bool:
         found = session.aftermath.finding
@@ -42,7 +42,7 @@ def commands(session: EditorSession) -> list[Command]:
             "aftermath.clear",
             "Clear report of the deletion",
             session.aftermath.clear,
-            "Edit",
+            "View",
             enabled=lambda: session.aftermath.finding is not None,
             icon="ICON_FA_XMARK",
         ),
