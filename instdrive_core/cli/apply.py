@@ -10,14 +10,16 @@ import tyro
 from instdrive_core.cli.arguments import default_time, known_ids, parsed_assignment, parsed_color
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
+from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.instances import RenameInstance
+from instdrive_core.edits.parts import baked_part
 from instdrive_core.edits.serialize import edits_from_lines
-from instdrive_core.errors import DataError, EditError
-from instdrive_core.formats.registry import save_scene
+from instdrive_core.errors import DataError, EditError, OptionError
+from instdrive_core.formats.registry import format_to_write, save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.project.save import is_project, save_project
 from instdrive_core.scene.scene import Scene
@@ -33,6 +35,7 @@ def apply(
     rename: tuple[str, ...] = (),
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
+    parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
     edits: Path | None = None,
     time: float | None = None,
     sibr: bool = False,
@@ -49,6 +52,7 @@ def apply(
         rename: New names as ID=NAME.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         after_deletion: What is told of deletions, and done about what they leave.
+        parts: What is written besides the whole scene, or instead of it.
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
@@ -59,15 +63,20 @@ def apply(
     for edit in steps:
         document.apply(edit)
     after_deletion.follow(document, steps, shown)
+    rows = parts.rows(document)
     if is_project(out):
+        if rows is not None:
+            raise OptionError("a project keeps the edits of a whole scene; give --only another --out, e.g. part.ply")
+        parts.write(document, shown, "", sibr)
         save_project(out, document, view)
         print(f"{out}: {len(document.history.done)} edits of {scene}")
         return
     if time is None and out.suffix and not out.is_dir() and document.scene.actors:
         time = default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")
-    result = baked(document, time)
+    result = baked(document, time) if rows is None else baked_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
+    parts.write(document, shown, format_to_write(out)[0].suffix, sibr)
     print(f"{out}: {len(result):,} splats, {len(result.table)} instances ({len(document.history.done)} edits applied)")
 
 
