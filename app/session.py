@@ -40,16 +40,18 @@ class EditorSession:
     """One open document and the user's view of it. All methods run on the UI's thread."""
 
     def __init__(self, wake: Callable[[], None] = lambda: None) -> None:
+        """`wake` is called from other threads when they have something to show; a window sets its own."""
+        self.wake = wake
         self.state = EditorState()
         self.messages = Messages()
-        self.jobs = Jobs(self.messages.error, wake, self.messages.info)
+        self.jobs = Jobs(self.messages.error, lambda: self.wake(), self.messages.info)
         self.commands = Commands()
         self.document: Document | None = None
         self.navigation = Navigation(self.state, lambda: self.document)
         self.autosave = Autosave(self.messages.error)
         self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
         self.exporting = Exporting(self.state, lambda: self.document, self.jobs, self.messages, self.files)
-        self.references = ReferencePictures(self.messages.error, wake)
+        self.references = ReferencePictures(self.messages.error, lambda: self.wake())
         self.labels = Labels(lambda: self.document, self.apply, self.messages)
         self.solo = Solo(lambda: self.document, self.apply)
         self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)

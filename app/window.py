@@ -61,8 +61,9 @@ RIGHT_WIDTH, BOTTOM_HEIGHT = 346.0, 104.0
 """What the lists at the right and the timeline need at least, in pixels at scale 1."""
 INSPECTOR_SHARE = 0.6
 """Of the right column; instances have the rest."""
-IDLE_FPS = 2.0
-"""Frames per second while the user does nothing; any event wakes the window at once."""
+IDLE_FPS, WAITING_FPS = 1.0, 20.0
+"""Frames per second while the user does nothing, and while something is under way; any event wakes the window at once,
+and so does a result."""
 
 
 @dataclass(frozen=True)
@@ -279,13 +280,21 @@ class EditorWindow:
 
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
-        view = LiveView(self._context)
+        view = LiveView(self._context, self._wake)
+        self._session.wake = self._wake
         tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         self._accept_drops()
         Thread(target=warm_up, name="warm-up", daemon=True).start()
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
+
+    @staticmethod
+    def _wake() -> None:
+        """Called from any thread: a frame is to be drawn now."""
+        import glfw  # not before imgui_bundle, which tells it to use the same library
+
+        glfw.post_empty_event()
 
     def _accept_drops(self) -> None:
         import glfw  # not before imgui_bundle, which tells it to use the same library
@@ -314,11 +323,11 @@ class EditorWindow:
             glfw.set_window_title(glfw_utils.glfw_window_hello_imgui(), title)  # type: ignore[arg-type]
             self._title = title
 
-    def _is_lively(self) -> bool:
-        """Whether frames must follow each other without an event."""
+    def _is_waiting(self) -> bool:
+        """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
         session = self._session
         busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
-        return busy or self._steps is not None or not self.ui.view.settled
+        return busy or not self.ui.view.settled
 
     def _after_panels(self) -> None:
         if self._session.panel is not None:
@@ -337,7 +346,8 @@ class EditorWindow:
         if parameters.app_shall_exit and not self._session.quitting:  # the window's own cross
             self._session.leave(self._session.quit)
         parameters.app_shall_exit = self._session.quitting
-        parameters.fps_idling.enable_idling = not self._is_lively()
+        parameters.fps_idling.enable_idling = self._steps is None
+        parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:
@@ -348,6 +358,7 @@ class EditorWindow:
             self._wants_screenshot = False
 
     def _stop(self) -> None:
+        self._session.wake = lambda: None
         if self._ui is not None:
             self._ui.view.release()
             self._ui.textures.release()
