@@ -15,7 +15,7 @@ WIDTH = 380.0
 MARGIN = 12.0
 LONGEST = 400
 """Characters of a message that are shown; the log has all."""
-PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "viewport.deletion_report")
+PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "aftermath")
 """Marks of what stands at the viewport's lower left, and is not to be covered."""
 
 

@@ -15,6 +15,8 @@ from instdrive_app.session import EditorSession
 from instdrive_app.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, packed, rgba
 from instdrive_core.instances.table import Instance
 
+CUT_SLACK = 8.0
+"""Pixels at scale 1 that may be hidden at the ends: rows reach into the gaps beside them."""
 Rect = tuple[float, float, float, float]
 
 
@@ -60,7 +62,7 @@ class Ui:
         top, bottom = max(low.y, seen.min.y), min(high.y, seen.max.y)
         if left < right and top < bottom:
             self.marks[name] = (left, top, right, bottom)
-            if right - left < high.x - low.x - 1:
+            if right - left < high.x - low.x - scaled(CUT_SLACK):
                 self.cut.add(name)
 
     def forget_marks(self) -> None:

@@ -11,10 +11,18 @@ BUTTON_WIDTH = 92.0
 """Pixels at scale 1."""
 
 
-def centered(size: ImVec2) -> None:
-    """Place the next window in the middle when it appears; a height of 0 fits its content."""
-    imgui.set_next_window_pos(imgui.get_main_viewport().get_center(), imgui.Cond_.appearing, ImVec2(0.5, 0.5))
-    imgui.set_next_window_size(size)
+def centered(size: ImVec2, always: bool = False) -> None:
+    """Place the next window in the middle, never larger than the editor's; a height of 0 fits its content.
+
+    Where not `always`, it can be moved away. What changes its size while it is open would else leave the middle.
+    """
+    viewport, edge = imgui.get_main_viewport(), scaled(16)
+    most = ImVec2(viewport.size.x - edge, viewport.size.y - edge)
+    imgui.set_next_window_pos(
+        viewport.get_center(), imgui.Cond_.always if always else imgui.Cond_.appearing, ImVec2(0.5, 0.5)
+    )
+    imgui.set_next_window_size_constraints(ImVec2(0, 0), most)
+    imgui.set_next_window_size(ImVec2(min(size.x, most.x), min(size.y, most.y)))
 
 
 def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:

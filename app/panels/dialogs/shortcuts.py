@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered
 from instdrive_app.panels.menus import full_title, shortcut_title
-from instdrive_app.panels.ui import Ui, dim_text, scaled_size
+from instdrive_app.panels.ui import Ui, dim_text, scaled
 
 TITLE = "Keys and mouse"
 MOUSE = (
@@ -48,22 +48,32 @@ class ShortcutSheet:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        centered(ImVec2(76 * imgui.get_font_size(), 0))
+        centered(ImVec2(76 * imgui.get_font_size(), 0), always=True)
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        columns = balanced(_sections(ui), COLUMNS)
-        if imgui.begin_table("##sheet", COLUMNS, imgui.TableFlags_.sizing_stretch_same):
-            for column in columns:
-                imgui.table_next_column()
-                for section in column:
-                    _draw_section(ui, section)
-            imgui.end_table()
-        imgui.spacing()
-        closed = imgui.button("Close", scaled_size(BUTTON_WIDTH, 0))
+        style = imgui.get_style()
+        # Title and button stay in place where the rest scrolls.
+        below = 2 * (imgui.get_frame_height_with_spacing() + style.window_padding.y + scaled(12))
+        imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, imgui.get_main_viewport().size.y - below))
+        if imgui.begin_child("##sections", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y):
+            self._sheet(ui)
+        imgui.end_child()
+        width, padding = scaled(BUTTON_WIDTH), imgui.get_style().window_padding.x
+        imgui.set_cursor_pos_x(imgui.get_window_width() - width - padding)
+        closed = imgui.button("Close", ImVec2(width, 0))
         ui.mark("dialog.cancel")
         if closed or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()
         imgui.end_popup()
+
+    def _sheet(self, ui: Ui) -> None:
+        if not imgui.begin_table("##sheet", COLUMNS, imgui.TableFlags_.sizing_stretch_same):
+            return
+        for column in balanced(_sections(ui), COLUMNS):
+            imgui.table_next_column()
+            for section in column:
+                _draw_section(ui, section)
+        imgui.end_table()
 
 
 def balanced(sections: Sequence[Section], columns: int) -> list[list[Section]]:
