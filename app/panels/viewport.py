@@ -15,6 +15,7 @@ from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
 from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
+from instdrive_app.theme import DIM, packed
 
 WAIT_SECONDS = 0.7
 """Without a picture after which the user is told; resizing takes less."""
