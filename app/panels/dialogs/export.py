@@ -133,8 +133,8 @@ def _note(session: EditorSession, ending: str) -> str:
         case "cameras":
             return "One folder per camera; what is hidden is left out."
         case "view":
-            lens = session.state.viewpoint.lens
-            return f"{lens.width * choice.scale:.0f} × {lens.height * choice.scale:.0f} pixels; what is hidden is left out."
+            lens, scale = session.state.viewpoint.lens, choice.scale
+            return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; what is hidden is left out."
 
 
 def _titled(suffix: str) -> str:
