@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.state import EditorState
+from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.deletion_report import DeletionReport, deletion_report, deletion_report_of_rows
 from instdrive_core.edits.document import Document
@@ -30,8 +31,10 @@ class Finding:
     residue: Float64[ndarray, "r 3"]
     """Places of the residue, metres, in the frames of its nodes."""
     nodes: UInt16[ndarray, " r"]
-    absorption: Edit | None = None
+    absorption: Edit | None
+    """The edit that takes the residue away, done or not; None where there is none."""
     filling: Edit | None = None
+    """The edit that filled the hole, once it was done."""
 
     @property
     def residue_count(self) -> int:
@@ -93,9 +96,7 @@ class Aftermath:
     def absorb(self) -> None:
         """Delete the residue, too."""
         found = self.finding
-        edit = found.report.absorption() if found is not None and found.residue_count else None
-        if found is not None and edit is not None and self._apply(lambda: edit):
-            found.absorption = edit
+        if found is not None and found.residue_count and self._apply(lambda: found.absorption):
             self._messages.info(f"{len(found.report.residue):,} splats of residue deleted")
 
     def fill(self) -> None:
@@ -131,15 +132,17 @@ class Aftermath:
             return
         deletion, frozen = document.history.done[-1], frozen_copy(document)
 
-        def look() -> tuple[DeletionReport, ndarray]:
+        def look() -> Finding:
             report = work(frozen)
-            return report, frozen.means_of(report.residue).astype(np.float64)
+            absorption = report.absorption()
+            if isinstance(absorption, AbsorbFloaters):
+                absorption.prepare(frozen)
+            places = frozen.means_of(report.residue).astype(np.float64)
+            return Finding(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
 
-        def done(result: tuple[DeletionReport, ndarray]) -> None:
-            report, places = result
-            found = Finding(document, deletion, report, places, document.scene.nodes[report.residue])
+        def done(found: Finding) -> None:
             if self._document() is document and found.is_current:
                 self._finding = found
-                self._messages.info(f"Deleted {report.name}: {report.summary}")
+                self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")
 
         self._jobs.submit("Looking at what is left", look, done, modal=False)

@@ -13,6 +13,7 @@ from instdrive_core.edits.base import checked_ids
 from instdrive_core.edits.bodies import body_of_rows, is_compact
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange
+from instdrive_core.edits.frozen_copy import fingerprint
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance
 from instdrive_core.errors import EditError
 from instdrive_core.instances.floaters import floaters_of_body
@@ -21,8 +22,8 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import current_means
 
-_REACH = 1.5
-"""Rows up to this factor of the hull's radius, and a metre, are looked at: more than `FloaterConfig` can ask for."""
+_GROWTH, _SLACK = 1.2, 1.0
+"""Rows in the body's box grown by a factor and metres are looked at: more than `FloaterConfig` can ask for."""
 _ROUNDS = 8
 _SCRAP_SHARE = 0.1
 """An instance with at most this share of a body's splats is a piece of it …"""
@@ -38,6 +39,7 @@ class AbsorbFloaters(RelabelEdit):
 
     kind: ClassVar[str] = "absorb_floaters"
     id: int
+    _found: tuple[bytes, Int64[ndarray, " k"]] | None = field(default=None, init=False, repr=False, compare=False)
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -48,9 +50,19 @@ class AbsorbFloaters(RelabelEdit):
         """``Absorb floaters of instance 17``."""
         return f"Absorb floaters of instance {self.id}"
 
+    def prepare(self, document: Document) -> None:
+        """Look for the strays, which may take a second: `do` on an equal document is then quick.
+
+        Give a frozen copy to do this on another thread. Raises EditError where the instance is no compact body.
+        """
+        self._found = (fingerprint(document), floaters_of(document, self.id))
+
     def relabelings(self, document: Document) -> list[Relabeling]:
         """The strays to the instance."""
-        return [Relabeling(floaters_of(document, self.id), known_instance(document, self.id))]
+        if self._found is None or self._found[0] != fingerprint(document):
+            self.prepare(document)
+        assert self._found is not None
+        return [Relabeling(self._found[1], known_instance(document, self.id))]
 
     def do(self, document: Document) -> bool:
         """Relabel, and delete what joins a deleted instance."""
@@ -108,10 +120,7 @@ def _strays(document: Document, instance_id: int, members: Int64[ndarray, " m"])
     body = body_of_rows(document, instance_id, members)
     if body is None:
         return np.zeros(0, np.int64)
-    reach = np.float32(_REACH * body.reach + 1)
-    means = current_means(scene.gaussians, document.transforms)
-    offsets = means - body.center.astype(np.float32)
-    near = np.flatnonzero((np.abs(offsets) <= reach).all(axis=1) & (scene.nodes == scene.nodes[members[0]]))
+    near = _around(document, body, members)
     owned = np.isin(near, members)
     free = (flags[near] & (Flag.DELETED | Flag.LOCKED)) == 0
     near, owned = near[free | owned], owned[free | owned]
@@ -120,8 +129,23 @@ def _strays(document: Document, instance_id: int, members: Int64[ndarray, " m"])
     scraps = _scraps(document, body, others, near, members)
     compact = [other for other in others if is_compact(scene.table[other]) and other not in scraps]
     colors = color_from_dc(scene.gaussians.sh_dc[near])
-    strays = floaters_of_body(body, means[near], colors, owned, np.isin(ids, compact))
+    strays = floaters_of_body(body, document.means_of(near), colors, owned, np.isin(ids, compact))
     return near[strays | (np.isin(ids, scraps) & ~owned)]
+
+
+def _around(document: Document, body: Body, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+    """Rows of the body's node in a box around it that holds all that can be asked about, and their neighbours."""
+    scene = document.scene
+    means = current_means(scene.gaussians, document.transforms)
+    reach = np.float32(_GROWTH * body.reach + _SLACK)
+    offsets = np.abs(means - body.center.astype(np.float32))
+    rows = np.flatnonzero((offsets <= reach).all(axis=1) & (scene.nodes == scene.nodes[members[0]]))
+    own = (means[members].astype(np.float64) - body.center) @ body.axes
+    low, high = np.quantile(own, [DEFAULT_CONFIG.stray_share, 1 - DEFAULT_CONFIG.stray_share], axis=0)
+    low, high = _GROWTH * low - _SLACK, _GROWTH * high + _SLACK
+    low[2] = body.floor - _SLACK
+    local = (means[rows].astype(np.float64) - body.center) @ body.axes
+    return rows[((local >= low) & (local <= high)).all(axis=1)]
 
 
 def _scraps(
@@ -130,15 +154,17 @@ def _scraps(
     """Instances that are pieces of a body with a label of their own: few splats, most of them inside of it, or of its
     class and close around it."""
     scene = document.scene
-    ids, own = scene.instance_ids[near], scene.table.instances.get(int(scene.instance_ids[members[0]]))
-    local = (document.means_of(near).astype(np.float64) - body.center) @ body.axes
-    inside, close = body.holds(local, margin=_SCRAP_MARGIN), body.holds(local, margin=_SCRAP_REACH)
+    own = scene.table.instances.get(int(scene.instance_ids[members[0]]))
     scraps = []
     for other in others:
         count = len(document.rows_of((other,)))
+        if count > max(_SCRAP_SHARE * len(members), 1):
+            continue
         alike = own is not None and own.class_name != "" and scene.table[other].class_name == own.class_name
-        around = np.count_nonzero((close if alike else inside) & (ids == other))
-        if count <= max(_SCRAP_SHARE * len(members), 1) and around > count / 2:
+        rows = near[scene.instance_ids[near] == other]
+        local = (document.means_of(rows).astype(np.float64) - body.center) @ body.axes
+        inside = body.holds(local, margin=_SCRAP_REACH if alike else _SCRAP_MARGIN)
+        if np.count_nonzero(inside) > count / 2:
             scraps.append(other)
     return scraps
 

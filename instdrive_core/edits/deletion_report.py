@@ -68,11 +68,10 @@ class DeletionReport:
         """The edit that takes the residue away; None where there is none."""
         if not len(self.residue):
             return None
-        if all(part.whole for part in self.parts):
-            edits: tuple[Edit, ...] = tuple(AbsorbFloaters(part.instance_id) for part in self.parts)
-        else:
-            edits = (SelectRows(self.residue), DeleteSelected())
-        return CompoundEdit(edits, f"Absorb floaters of {self.name}")
+        if len(self.parts) == 1 and self.parts[0].whole:
+            return AbsorbFloaters(self.parts[0].instance_id)
+        # Of an instance that is not gone as a whole, not all strays are residue.
+        return CompoundEdit((SelectRows(self.residue), DeleteSelected()), f"Absorb floaters of {self.name}")
 
     def filling(self, seed: int = 0) -> FillHole | None:
         """The edit that fills the hole; None where there is none."""

@@ -101,12 +101,14 @@ def rasterized(
     weights, sums = np.zeros_like(through), np.zeros((len(through), values.shape[1]))
     for along in range(-_MAX_CELLS, _MAX_CELLS + 1):
         for across in range(-_MAX_CELLS, _MAX_CELLS + 1):
-            cells = base + np.array([along, across])
-            rows = np.flatnonzero((reach >= max(abs(along), abs(across)) - 1) & grid.inside(cells))
-            offset = cells[rows] + 0.5 - local[rows]
+            rows = np.flatnonzero(reach >= max(abs(along), abs(across)) - 1)
+            cells = base[rows] + np.array([along, across])
+            within = grid.inside(cells)
+            rows, cells = rows[within], cells[within]
+            offset = cells + 0.5 - local[rows]
             squares = np.einsum("ni,nij,nj->n", offset, inverse[rows], offset)
             alphas = np.where(squares < _SIGMAS**2, opacities[rows] * np.exp(-squares / 2), 0)
-            flat = np.ravel_multi_index(tuple(cells[rows].T), grid.shape)
+            flat = np.ravel_multi_index(tuple(cells.T), grid.shape)
             np.multiply.at(through, flat, 1 - alphas)
             weights += np.bincount(flat, alphas, len(through))
             for column in range(values.shape[1]):

@@ -23,6 +23,9 @@ from instdrive_core.scene.transforms import current_means, transform_rows
 REACH = 14.0
 """Metres around the middle within which ground is looked at."""
 
+MAX_POINTS = 3000
+"""Of one object: enough for its hull."""
+
 
 @dataclass(frozen=True)
 class Standing:
@@ -30,7 +33,7 @@ class Standing:
 
     body: Body
     points: Float64[ndarray, "k 3"]
-    """Its solid splats, metres, in the frame of its node."""
+    """Solid splats of it, at most about `MAX_POINTS`, metres, in the frame of its node."""
     track: Track | None
     """Of its node; None = background."""
 
@@ -122,7 +125,7 @@ def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"
         return None
     node = int(document.scene.nodes[members[0]])
     track = document.scene.actors[node - 1] if node else None
-    return Standing(body, solid_points(document, members), track)
+    return Standing(body, solid_points(document, members[:: 1 + len(members) // MAX_POINTS]), track)
 
 
 def _alive(document: Document, instance_id: int) -> Int64[ndarray, " m"]:

@@ -54,7 +54,7 @@ def test_a_deletion_is_reported_and_cleaned_up(session):
     finish(session)
     assert session.aftermath.finding is None
     titles = [edit.title for edit in session.document.history.done]
-    assert titles[:2] == ["Delete instance 7", "Absorb floaters of Car 7"]
+    assert titles[:2] == ["Delete instance 7", "Absorb floaters of instance 7"]
     assert titles[2].startswith("Fill hole of")
 
 
