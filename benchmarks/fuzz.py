@@ -26,7 +26,7 @@ import shutil
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -152,6 +152,8 @@ class Reader:
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self.case: Case | None = None
+        self.whole: dict[tuple[str, str], Outcome] = {}
+        """What came of each whole file, by kind and name."""
         self._started = 0.0
 
     @property
@@ -218,7 +220,7 @@ class Reader:
             if outcome.result != "read":
                 raise SystemExit(f"the whole {seed.kind} {seed.name}: {outcome.result}, {outcome.detail}")
             seen |= set(outcome.new_lines)
-            WHOLE[seed.kind, seed.name] = outcome
+            self.whole[seed.kind, seed.name] = outcome
 
     def _dead(self, result: str, detail: str) -> Outcome:
         process = self._process
@@ -226,18 +228,14 @@ class Reader:
             process.join(0.2)
             detail += f" (exit status {process.exitcode})" if process.exitcode is not None else ""
         self.stop()
-        return Outcome(result, detail, "", (), HANG, 0, ())
+        return Outcome(result, detail, "", (), time.monotonic() - self._started, 0, ())
 
 
-WHOLE: dict[tuple[str, str], Outcome] = {}
-"""What came of each whole file."""
-
-
-def judged(case: Case, outcome: Outcome) -> Outcome:
+def judged(case: Case, outcome: Outcome, whole_files: Mapping[tuple[str, str], Outcome]) -> Outcome:
     """`silent` where the damage had to show, changed what was read, and nothing was said."""
     if outcome.result != "read" or not case.must_show:
         return outcome
-    whole = WHOLE[case.seed.kind, case.seed.name]
+    whole = whole_files[case.seed.kind, case.seed.name]
     if outcome.digest == whole.digest or set(outcome.reported) - set(whole.reported):
         return outcome
     return replace(outcome, result="silent", detail="read as if it were whole")
@@ -301,7 +299,7 @@ def _outcomes(
                 assert case is not None
                 if outcome.result == "hang":
                     outcome = _again(reader, case, seen)
-                yield case, judged(case, outcome)
+                yield case, judged(case, outcome, reader.whole)
     finally:
         for reader in readers:
             reader.stop()

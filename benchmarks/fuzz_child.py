@@ -11,7 +11,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -19,6 +19,7 @@ from types import CodeType, FrameType
 from typing import Any
 
 from benchmarks.fuzz_pickles import MARKER
+from benchmarks.fuzz_readers import READERS, Read
 from instdrive_core.errors import InstDriveError
 
 ALLOWANCE = 200 << 20
@@ -117,10 +118,8 @@ class OpenedOutside:
                 self.found = path
 
 
-def serve(requests: Connection, seen: Iterable[Line]) -> None:
+def serve(requests: Connection, seen: Iterable[Line], readers: Mapping[str, Callable[[Path], Read]] = READERS) -> None:
     """Read what is asked for, (kind, folder, entry, size), and send an `Outcome` each, until the pipe closes."""
-    from benchmarks.fuzz_readers import READERS
-
     logging.disable(logging.CRITICAL)
     warnings.simplefilter("error")
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -135,11 +134,11 @@ def serve(requests: Connection, seen: Iterable[Line]) -> None:
             return
         os.chdir(folder)
         outside.watch(folder, kind)
-        outcome = _watched(READERS[kind], Path(folder) / entry, size, tracer)
+        outcome = _watched(readers[kind], Path(folder) / entry, size, tracer)
         requests.send(replace(outcome, result="crash", detail=f"opened {outside.found}") if outside.found else outcome)
 
 
-def _watched(reader: Any, path: Path, size: int, tracer: LineTracer) -> Outcome:
+def _watched(reader: Callable[[Path], Read], path: Path, size: int, tracer: LineTracer) -> Outcome:
     gc.collect()
     gc.freeze()  # the next collection need not look at what stays
     limit = PER_BYTE * size + ALLOWANCE

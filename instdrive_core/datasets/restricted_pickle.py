@@ -108,6 +108,13 @@ def _content(path: Path) -> bytes:
     return content
 
 
+def _check_keys(keys: list[Any]) -> None:
+    """Tuples in tuples are hashed in C, without a limit of depth (the process dies) or of time."""
+    for key in keys:
+        if key is not None and type(key) not in (str, bytes, int, float, bool):
+            raise pickle.UnpicklingError(f"a {type(key).__name__} stands as a key")
+
+
 class _RecordingUnpickler(pickle._Unpickler):
     """Gives records instead of functions and classes.
 
@@ -117,6 +124,7 @@ class _RecordingUnpickler(pickle._Unpickler):
     dispatch: ClassVar[dict[int, Callable[[Any], None]]] = dict(pickle._Unpickler.dispatch)
     read: Callable[[int], bytes]
     append: Callable[[Any], None]
+    stack: list[Any]
 
     def __init__(self, path: Path, content: bytes) -> None:
         super().__init__(io.BytesIO(content))
@@ -130,6 +138,33 @@ class _RecordingUnpickler(pickle._Unpickler):
         self.append(bytearray(self.read(length)))
 
     dispatch[pickle.BYTEARRAY8[0]] = load_bytearray8
+
+    def load_setitem(self) -> None:
+        """As the base class, but for keys: see `_check_keys`."""
+        _check_keys(self.stack[-2:-1])
+        super().load_setitem()
+
+    dispatch[pickle.SETITEM[0]] = load_setitem
+
+    def load_setitems(self) -> None:
+        """As the base class, but for keys: see `_check_keys`."""
+        _check_keys(self.stack[::2])
+        super().load_setitems()
+
+    dispatch[pickle.SETITEMS[0]] = load_setitems
+
+    def load_dict(self) -> None:
+        """As the base class, but for keys: see `_check_keys`."""
+        _check_keys(self.stack[::2])
+        super().load_dict()
+
+    dispatch[pickle.DICT[0]] = load_dict
+
+    def load_set(self) -> None:
+        """No table holds a set, of which every element would be hashed."""
+        raise pickle.UnpicklingError("a set stands where no table has one")
+
+    dispatch[pickle.EMPTY_SET[0]] = dispatch[pickle.FROZENSET[0]] = dispatch[pickle.ADDITEMS[0]] = load_set
 
     def find_class(self, module_name: str, global_name: str) -> type[Recorded]:
         recorded = ALLOWED.get((module_name, global_name))

@@ -149,11 +149,23 @@ def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[nda
             raise DataError(path, problem, REMEDY)
         chunk = np.empty(len(part), header.dtype)
         for name, column in zip(names, values.T, strict=True):
-            chunk[name] = column
+            if header.dtype[name].kind in "iu":
+                _check_integers(column, name, header.dtype[name], path)
+            with np.errstate(over="ignore"):  # too large for float32 is infinite, which the linter reports
+                chunk[name] = column
         yield chunk
     if header.is_last and next(lines, None) is not None:
         problem = f"more lines follow the {header.count} splats that the header promises"
         raise DataError(path, problem, "The header's count is wrong; export the file again")
+
+
+def _check_integers(values: ndarray, name: str, dtype: np.dtype, path: Path) -> None:
+    """Text may promise whole numbers and hold others, which casting would make any number of."""
+    limits = np.iinfo(dtype)
+    wrong = np.flatnonzero(~((values >= limits.min) & (values <= limits.max) & (values == np.floor(values))))
+    if len(wrong):
+        problem = f"column {name!r} holds {values[wrong[0]]:g}, not a whole number of the type in the header"
+        raise DataError(path, problem, REMEDY)
 
 
 def _scene(
