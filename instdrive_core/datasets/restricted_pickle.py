@@ -115,13 +115,17 @@ def _check_keys(keys: list[Any]) -> None:
             raise pickle.UnpicklingError(f"a {type(key).__name__} stands as a key")
 
 
+_PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)
+"""What opcodes do in any pickle."""
+
+
 class _RecordingUnpickler(pickle._Unpickler):
     """Gives records instead of functions and classes.
 
     The Python implementation on purpose: in the C one, a forged memo index allocates memory without a limit.
     """
 
-    dispatch: ClassVar[dict[int, Callable[[Any], None]]] = dict(pickle._Unpickler.dispatch)
+    dispatch: ClassVar[dict[int, Callable[[Any], None]]] = dict(_PLAIN)
     read: Callable[[int], bytes]
     append: Callable[[Any], None]
     stack: list[Any]
@@ -142,21 +146,21 @@ class _RecordingUnpickler(pickle._Unpickler):
     def load_setitem(self) -> None:
         """As the base class, but for keys: see `_check_keys`."""
         _check_keys(self.stack[-2:-1])
-        super().load_setitem()
+        _PLAIN[pickle.SETITEM[0]](self)
 
     dispatch[pickle.SETITEM[0]] = load_setitem
 
     def load_setitems(self) -> None:
         """As the base class, but for keys: see `_check_keys`."""
         _check_keys(self.stack[::2])
-        super().load_setitems()
+        _PLAIN[pickle.SETITEMS[0]](self)
 
     dispatch[pickle.SETITEMS[0]] = load_setitems
 
     def load_dict(self) -> None:
         """As the base class, but for keys: see `_check_keys`."""
         _check_keys(self.stack[::2])
-        super().load_dict()
+        _PLAIN[pickle.DICT[0]](self)
 
     dispatch[pickle.DICT[0]] = load_dict
 
