@@ -1,6 +1,7 @@
 """Make the sample scene that comes with the editor from a trained run: `python -m benchmarks.sample_scene RUN`.
 
-Faint Gaussians, view-dependent colour and features are dropped and arrays stored in half precision, to stay below 5 MB.
+To stay below 5 MB the Gaussians that its photos show least of, view-dependent colour and features are dropped, and arrays
+stored in half precision.
 """
 
 from __future__ import annotations
@@ -12,22 +13,26 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 from numpy import ndarray
 from tyro.conf import Positional, arg
 
 from instdrive_core.edits.bake import recounted
 from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
-from instdrive_core.scene.scene import Scene
+from instdrive_core.rasterize.blend_weights import blend_weights
+from instdrive_core.scene.scene import Scene, placed
 from instdrive_core.scene.sky import Sky
 
-MIN_OPACITY = 0.08
+COUNT = 104_000
+"""Gaussians that fit."""
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "back_camera")
 
 
 def reduced(scene: Scene) -> Scene:
     """What a newcomer needs: visible Gaussians with one colour each, instances, actors, sky, some cameras."""
-    kept = np.flatnonzero(scene.gaussians.opacities >= MIN_OPACITY)
+    shown = weight_shown(scene)
+    least = np.sort(shown)[-min(COUNT, len(scene))]
+    kept = np.flatnonzero((shown >= least) & (shown > 0))
     gaussians = scene.gaussians.select(kept)
     gaussians.sh_rest, gaussians.features = gaussians.sh_rest[:, :0], gaussians.features[:, :0]
     views = tuple(replace(view, photo="") for view in scene.views if view.name in CAMERAS)
@@ -41,6 +46,19 @@ def reduced(scene: Scene) -> Scene:
         views=views,
     )
     return recounted(smaller)
+
+
+def weight_shown(scene: Scene) -> Float64[ndarray, " n"]:
+    """How much each Gaussian carries of all photos' pixels."""
+    gaussians, total = scene.gaussians, np.zeros(len(scene))
+    for view in scene.views:
+        poses, present = scene.at(view.time)
+        means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
+        opacities = np.where(present[scene.nodes] > 0, gaussians.opacities, np.float32(0))
+        pixels = np.arange(view.camera.width * view.camera.height)
+        weights = blend_weights(means, quats, gaussians.log_scales, opacities, view.camera, pixels)
+        total += np.bincount(weights.rows, weights.weights, len(scene))
+    return total
 
 
 def halved(faces: Float32[ndarray, "6 r r 3"]) -> Float32[ndarray, "6 h h 3"]:

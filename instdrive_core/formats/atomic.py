@@ -45,6 +45,7 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_beside(path.with_name(temporary_for or path.name)) as temporary:
+            mode = temporary.path.stat().st_mode
             yield temporary.path
             with temporary.path.open("rb+") as file:
                 os.fsync(file.fileno())
@@ -52,7 +53,8 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
             if check is not None:
                 check(temporary.path, path)
             if path.exists():
-                temporary.path.chmod(stat.S_IMODE(path.stat().st_mode))
+                mode = path.stat().st_mode
+            temporary.path.chmod(stat.S_IMODE(mode))  # libraries that write by name may have made it private
             temporary.replace(path)
             sync_folder(path.parent)
     except OSError as error:

@@ -87,3 +87,12 @@ def test_a_killed_writer_leaves_a_whole_file(tmp_path):
         content = path.read_bytes()
         assert len(content) == 3_000_000
         assert content == content[:1] * 3_000_000
+
+
+def test_a_library_that_makes_its_files_private_does_not_make_ours(tmp_path):
+    plain, replaced = tmp_path / "plain", tmp_path / "replaced"
+    plain.write_bytes(b"")
+    with atomic_path(replaced) as temporary:
+        temporary.write_bytes(b"content")
+        temporary.chmod(0o600)
+    assert replaced.stat().st_mode == plain.stat().st_mode
