@@ -33,13 +33,13 @@ class Labels:
         if self._apply(MergeInstances, others, target):
             self._messages.info(f"{table[target].name} now has {table[target].count:,} splats")
 
-    def split(self, instance: int, gap: float) -> None:
-        """Make the parts of an instance that are more than about `gap` metres apart instances of their own."""
+    def split(self, split: SplitInstance) -> None:
+        """Make parts of an instance that are apart instances of their own: at once, where the edit is prepared."""
         document = self._document()
         before = len(document.scene.table) if document else 0
-        if document is not None and self._apply(SplitInstance, instance, gap):
+        if document is not None and self._apply(lambda: split):
             count = len(document.scene.table) - before
-            self._messages.info(f"{count} new instance{'s' if count != 1 else ''} from {_name(document, instance)}")
+            self._messages.info(f"{count} new instance{'s' if count != 1 else ''} from {_name(document, split.id)}")
 
     def reassign(self, into: int | None) -> None:
         """Give the selected splats to an instance, to a new one (None), or to none (0)."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import UInt32
+from jaxtyping import Float32, Int64, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.base import checked_ids
@@ -21,6 +21,26 @@ from instdrive_core.instances.rejoining import RejoinConfig
 DEFAULT_GAP = 1.0
 
 
+@dataclass(frozen=True)
+class Parts:
+    """What an instance falls into, and what that was found from."""
+
+    rows: Int64[ndarray, " n"]
+    means: Float32[ndarray, "n 3"]
+    numbers: UInt32[ndarray, " n"]
+    """1 for the largest part, then falling; 0 for what is too faint to be one (it stays with the instance)."""
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """How many splats each part would have, the one that keeps the ID first."""
+        faint, *sizes = np.bincount(self.numbers, minlength=2).tolist()
+        return (sizes[0] + faint, *sizes[1:])
+
+    def hold_for(self, rows: ndarray, means: ndarray) -> bool:
+        """Whether these are the splats that they were found from, where they were."""
+        return np.array_equal(rows, self.rows) and np.array_equal(means, self.means)
+
+
 @dataclass
 class SplitInstance(RelabelEdit):
     """The largest spatial part of an instance keeps its ID, the others become instances of their own."""
@@ -30,6 +50,7 @@ class SplitInstance(RelabelEdit):
     gap: float = DEFAULT_GAP
     """Metres: parts farther apart are different things, dense ones already at three times their own spacing; the
     extents of the splats come on top."""
+    _found: Parts | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checked_ids((self.id,))
@@ -42,11 +63,20 @@ class SplitInstance(RelabelEdit):
         """``Split instance 17``."""
         return f"Split instance {self.id}"
 
+    def prepare(self, document: Document) -> tuple[int, ...]:
+        """Look for the parts, which may take a second: `do` on an equal document is then quick. Returns their sizes.
+
+        Give a frozen copy to do this on another thread. Raises EditError for an unknown instance.
+        """
+        self._found = parts_of(document, self.id, self.gap, self._found)
+        return self._found.sizes
+
     def relabelings(self, document: Document) -> list[Relabeling]:
         """The second largest part and those after it, each to a new instance."""
         source = known_instance(document, self.id)
-        rows = editable(document, (self.id,))
-        parts = _parts(document, rows, self.gap)
+        self.prepare(document)
+        assert self._found is not None
+        rows, parts = self._found.rows, self._found.numbers
         count = int(parts.max(initial=0))
         if count < 2:
             raise EditError(f"instance {self.id} hangs together at gaps of {self.gap:g} m; try a smaller gap")
@@ -54,25 +84,15 @@ class SplitInstance(RelabelEdit):
         return [Relabeling(*pair) for pair in zip(pieces, new_instances(document, [source] * len(pieces)), strict=True)]
 
 
-def split_sizes(document: Document, instance_id: int, gap: float) -> tuple[int, ...]:
-    """How many splats each part would have, the one that keeps the ID first. Raises EditError for an unknown ID."""
+def parts_of(document: Document, instance_id: int, gap: float, known: Parts | None = None) -> Parts:
+    """The parts of an instance, `known` where they still hold. Raises EditError for an unknown ID."""
     rows = editable(document, (instance_id,))
-    parts = _parts(document, rows, gap)
-    faint, *sizes = np.bincount(parts, minlength=2).tolist()
-    return (sizes[0] + faint, *sizes[1:])
-
-
-def _parts(document: Document, rows: ndarray, gap: float) -> UInt32[ndarray, " n"]:
-    """1 for the largest part, then falling; 0 for what is too faint to be one (it stays with the instance)."""
+    means = document.means_of(rows)
+    if known is not None and known.hold_for(rows, means):
+        return known
     # The user asks for parts: nothing is joined again across gaps, and an actor is no longer taken to be whole.
     config = ComponentConfig(max_gap=gap, sparse_limit=gap, rejoin=RejoinConfig(max_gap=0.0, gap_times_support=0.0))
-    gaussians = document.scene.gaussians
-    one = np.zeros(len(rows), np.uint32)
-    return split_components(
-        document.means_of(rows),
-        np.exp(gaussians.log_scales[rows]),
-        one.astype(np.uint16),
-        one,
-        gaussians.select(rows).opacities,
-        config,
-    )
+    gaussians, one = document.scene.gaussians, np.zeros(len(rows), np.uint32)
+    scales, opacities = np.exp(gaussians.log_scales[rows]), gaussians.select(rows).opacities
+    numbers = split_components(means, scales, one.astype(np.uint16), one, opacities, config)
+    return Parts(rows, means, numbers)

@@ -11,7 +11,7 @@ from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
-from instdrive_core.edits.split import split_sizes
+from instdrive_core.edits.split import SplitInstance
 
 CARS = (FIRST_CAR, FIRST_CAR + 1)
 
@@ -70,16 +70,16 @@ def test_things_that_move_differently_are_not_merged(session, street):
 def test_split_gives_the_sizes_it_announced(session, street):
     session.labels.merge(CARS)
     into = FIRST_CAR
-    sizes = split_sizes(street, into, 1.0)
+    sizes = SplitInstance(into, 1.0).prepare(street)
     assert len(sizes) == 2
     before = picture(street)
-    session.labels.split(into, 1.0)
+    session.labels.split(SplitInstance(into, 1.0))
     new = street.first_free_id - 1
     assert (street.scene.table[into].count, street.scene.table[new].count) == sizes
     assert street.scene.table[new].class_name == "Car"
     assert "1 new instance" in session.messages.log[-1].text
     undone_and_redone(street, before)
-    session.labels.split(into, 1.0)
+    session.labels.split(SplitInstance(into, 1.0))
     assert "smaller gap" in errors(session)[-1]
 
 
@@ -131,7 +131,7 @@ def test_the_class_of_several_is_one_step(session, street):
 def test_repairs_are_replayed_from_their_parameters(session, street):
     fresh_street = Document(procedural_street())
     session.labels.merge(CARS)
-    session.labels.split(FIRST_CAR, 1.0)
+    session.labels.split(SplitInstance(FIRST_CAR, 1.0))
     session.labels.set_class((30, 31), "Bush")
     session.select((30,))
     session.labels.reassign(31)

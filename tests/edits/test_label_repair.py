@@ -4,15 +4,20 @@ import numpy as np
 import pytest
 from random_scene import random_gaussians, random_scene
 
+from instdrive_core.edits import split
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.instances import MergeInstances, RenameInstance
+from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import SelectInstances
+from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.edits.split import SplitInstance
 from instdrive_core.edits.visibility import LockInstances
 from instdrive_core.errors import EditError
+from instdrive_core.instances.components import split_components
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.scene import Scene
@@ -80,6 +85,28 @@ def test_the_gap_decides_for_sparse_parts():
     for gap in (0.0, float("nan"), float("inf"), -1.0):
         with pytest.raises(EditError, match="gap"):
             SplitInstance(1, gap)
+
+
+def test_parts_found_on_a_copy_are_used_only_while_they_hold(monkeypatch):
+    looked, document = [], Document(three_clumps())
+
+    def components(*arrays):
+        looked.append(len(arrays[0]))
+        return split_components(*arrays)
+
+    monkeypatch.setattr(split, "split_components", components)
+    edit = SplitInstance(1)
+    assert edit.prepare(frozen_copy(document)) == (60, 40, 20)
+    document.apply(edit)
+    document.undo()
+    document.redo()
+    assert looked == [120], "neither doing nor redoing looks again"
+    assert document.scene.table[4].count == 20
+    document.undo()
+    document.apply(MoveInstances((1,), (5.0, 0.0, 0.0)))
+    document.apply(edit)
+    assert looked == [120, 120], "what was moved is looked at again"
+    assert edits_from_lines(edits_to_lines([edit])) == [edit]
 
 
 def test_ids_are_never_used_again():

@@ -6,7 +6,8 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.ui import Ui, dim_text, scaled_size
-from instdrive_core.edits.split import DEFAULT_GAP, split_sizes
+from instdrive_core.edits.frozen_copy import frozen_copy
+from instdrive_core.edits.split import DEFAULT_GAP, SplitInstance
 
 TITLE = "Split by component"
 SHOWN = 6
@@ -20,7 +21,9 @@ class SplitDialog:
 
     def __init__(self) -> None:
         self._instance, self._gap = 0, DEFAULT_GAP
+        self._split = SplitInstance(1)
         self._sizes: tuple[int, ...] | None = None
+        """Of the parts that `_split` makes; None while they are looked for."""
 
     def ask(self, ui: Ui, name: str) -> None:
         """Open it for the first instance asked about."""
@@ -51,19 +54,21 @@ class SplitDialog:
         imgui.text(_told(self._sizes))
         imgui.pop_text_wrap_pos()
         if confirmed(ui, "Split", False, self._sizes is not None and len(self._sizes) > 1):
-            ui.session.labels.split(self._instance, self._gap)
+            ui.session.labels.split(self._split)
         imgui.end_popup()
 
     def _try(self, ui: Ui) -> None:
-        document, instance, gap = ui.session.document, self._instance, self._gap
+        document = ui.session.document
         assert document is not None
+        split = self._split = SplitInstance(self._instance, self._gap)
         self._sizes = None
 
-        def show(result: tuple[int, ...]) -> None:
-            if (instance, gap) == (self._instance, self._gap):
-                self._sizes = result
+        def show(sizes: tuple[int, ...]) -> None:
+            if split is self._split:
+                self._sizes = sizes
 
-        ui.session.jobs.submit("Looking for parts", lambda: split_sizes(document, instance, gap), show, modal=False)
+        frozen = frozen_copy(document)
+        ui.session.jobs.submit("Looking for parts", lambda: split.prepare(frozen), show, modal=False)
 
 
 def _told(sizes: tuple[int, ...] | None) -> str:
