@@ -13,12 +13,13 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from instdrive_core.edits.append import Addition, AppendEdit
+from instdrive_core.edits.base import checked_switch
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.exemplars import source_cells
 from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.frozen_copy import fingerprint
 from instdrive_core.edits.ground_grid import GroundGrid
-from instdrive_core.edits.holes import GROUND_BAND, HALF_LENGTH, HALF_WIDTH, GroundMap, Hole, known_ground
+from instdrive_core.edits.holes import GROUND_BAND, HALF_LENGTH, HALF_WIDTH, GroundMap, Hole, known_ground, shaded
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, new_instances
 from instdrive_core.edits.placement import Vector, checked_numbers, checked_vector
 from instdrive_core.edits.row_index import RowIndex
@@ -73,6 +74,8 @@ class FillHole(AppendEdit):
     """Of the new instance."""
     seed: int = 0
     """Draws among pieces of ground that fit as well."""
+    lit: bool = False
+    """Whether the hole lies in the sun, so that ground in the shadow of other things is not copied."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
     _filling: Filling | None = field(default=None, init=False, repr=False, compare=False)
@@ -90,6 +93,7 @@ class FillHole(AppendEdit):
             raise EditError(f"size {self.size!r} of a cell is not 0.01 to 10 metres")
         if not isinstance(self.name, str) or not self.name.isprintable() or not 0 < len(self.name) <= MAX_NAME_LENGTH:
             raise EditError(f"name {self.name!r} is not a line of 1 to {MAX_NAME_LENGTH} characters")
+        checked_switch(self.lit, "lit")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**32:
             raise EditError(f"seed {self.seed!r} is not a whole number from 0 to {2**32 - 1}")
 
@@ -179,8 +183,10 @@ class FillHole(AppendEdit):
         hole[tuple(inside.T)] = True
         place = grid.on_ground(grid.centers((middle - start)[None]))[0]
         near = neighborhood(document, place)
-        known = known_ground(document, grid, near)
-        return planned_filling(grid, near, hole, known, np.random.default_rng(self.seed))
+        ground, known = known_ground(document, grid, near)
+        if self.lit:
+            known &= ~shaded(ground, known)
+        return planned_filling(near, hole, ground, known, np.random.default_rng(self.seed))
 
 
 @dataclass(frozen=True)
@@ -218,21 +224,21 @@ class Filling:
 
 
 def planned_filling(
-    grid: GroundGrid,
     near: Neighborhood,
     hole: Bool[ndarray, "a b"],
-    known: tuple[GroundMap, Bool[ndarray, "a b"]],
+    ground: GroundMap,
+    known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
 ) -> Filling:
-    """Which splats go where. Raises EditError where there is no ground to copy."""
-    ground, good = known
+    """Which splats go where: only `known` cells are copied. Raises EditError where there are none."""
+    grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    sources = source_cells(values, good, hole, rng)
+    sources = source_cells(values, known, hole, rng)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     cells = np.argwhere(hole)
     origins = sources[tuple(cells.T)]
-    level = _road_level(ground, good)
+    level = _road_level(ground, known)
     lift = level[tuple(cells.T)] - level[tuple(origins.T)]
     rows, targets = _splats_of(grid, near, ground, origins)
     shifts = np.zeros((len(rows), 3))
@@ -307,4 +313,4 @@ def fill_of(hole: Hole, name: str, seed: int = 0) -> FillHole:
     """The edit that fills a hole and lights the shadow."""
     grid = hole.grid
     cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
-    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed)
+    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit=len(hole.shadow) > 0)

@@ -57,6 +57,8 @@ SHADOW_SHARE = 0.65
 """Ground darker than this share of lit ground is in shadow."""
 LIT_QUANTILE = 0.7
 """Of the brightness of ground along the lane: what is taken for lit."""
+DARKEST_LIT = 0.8
+"""Ground in the sun along any line is at least this share as bright as elsewhere."""
 MIN_SHADOW = 0.4
 """Square metres: smaller dark places are stains."""
 MIN_LIT = 50
@@ -160,8 +162,7 @@ def _cast_shadow(
     seen = _solid(ground) & ~ground.obstructed & ~hole
     if np.count_nonzero(clean) < MIN_LIT or not footprint.any():
         return np.zeros_like(hole)
-    brightness = ground.color.mean(axis=2)
-    dark = seen & (brightness < SHADOW_SHARE * _lit_brightness(brightness, clean))
+    dark = seen & shaded(ground, clean)
     parts = np.zeros(hole.shape, np.int32)
     ndimage.label(dark, np.ones((3, 3)), parts)
     touching = np.unique(parts[dark & _grown(footprint | hole, 1.5 * CELL)])
@@ -176,14 +177,18 @@ def _cast_shadow(
     return (_grown(shadow, CELL) & seen & near) if shadow.any() else shadow
 
 
-def _lit_brightness(brightness: Float64[ndarray, "a b"], clean: Bool[ndarray, "a b"]) -> Float64[ndarray, " b"]:
-    """Of ground in the sun, for each line along the lane: marks and pavements have their own."""
-    values = np.where(clean, brightness, np.nan)
+def shaded(ground: GroundMap, clean: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+    """Cells much darker than ground in the sun. Each line along the lane has its own: marks and pavements are brighter;
+    yet a line is not taken to be dark because most of it is in shadow. `clean` ground is what is compared with."""
+    brightness = ground.color.mean(axis=2)
+    if not clean.any():
+        return np.zeros_like(clean)
     everywhere = np.quantile(brightness[clean], LIT_QUANTILE)
-    enough = clean.sum(axis=0) >= MIN_LIT // 2
     lit = np.full(clean.shape[1], everywhere)
-    lit[enough] = np.nanquantile(values[:, enough], LIT_QUANTILE, axis=0)
-    return lit
+    enough = clean.sum(axis=0) >= MIN_LIT // 2
+    lines = np.where(clean, brightness, np.nan)[:, enough]
+    lit[enough] = np.maximum(np.nanquantile(lines, LIT_QUANTILE, axis=0), DARKEST_LIT * everywhere)
+    return brightness < SHADOW_SHARE * lit
 
 
 def grid_around(found: Surroundings) -> GroundGrid | None:
