@@ -11,6 +11,7 @@ from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.split import SplitInstance
+from instdrive_core.wording import counted
 
 Ids = tuple[int, ...]
 
@@ -31,7 +32,7 @@ class Labels:
         target = into if into is not None else max(ids, key=lambda i: (table[i].count, -i))
         others = tuple(i for i in ids if i != target)
         if self._apply(MergeInstances, others, target):
-            self._messages.info(f"{table[target].name} now has {table[target].count:,} splats")
+            self._messages.info(f"{table[target].name} now has {counted(table[target].count, 'splat')}")
 
     def split(self, split: SplitInstance) -> None:
         """Make parts of an instance that are apart instances of their own: at once, where the edit is prepared."""
@@ -39,7 +40,7 @@ class Labels:
         before = len(document.scene.table) if document else 0
         if document is not None and self._apply(lambda: split):
             count = len(document.scene.table) - before
-            self._messages.info(f"{count} new instance{'s' if count != 1 else ''} from {_name(document, split.id)}")
+            self._messages.info(f"{counted(count, 'new instance')} from {_name(document, split.id)}")
 
     def reassign(self, into: int | None) -> None:
         """Give the selected splats to an instance, to a new one (None), or to none (0)."""
@@ -66,7 +67,7 @@ class Labels:
             done = self._apply(CompoundEdit, edits, f"Absorb floaters of {len(ids)} instances")
         if done:
             count = sum(document.scene.table[i].count for i in ids if i in document.scene.table) - before
-            self._messages.info(f"{count:,} floaters absorbed" if count > 0 else "No floaters were found")
+            self._messages.info(f"{counted(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
 
     def rename(self, instance: int, name: str) -> None:
         """Give an instance another name."""

@@ -34,6 +34,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.scene.lint import HARMFUL, Finding
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import counted
 
 
 class EditorSession:
@@ -99,7 +100,8 @@ class EditorSession:
         self.references.forget()
         self.navigation.enter(document)
         name = path.name if path else "the scene"
-        self.messages.info(f"Opened {name}: {len(scene):,} splats, {len(scene.table):,} instances")
+        splats, instances = counted(len(scene), "splat"), counted(len(scene.table), "instance")
+        self.messages.info(f"Opened {name}: {splats}, {instances}")
 
     @property
     def is_unsaved(self) -> bool:

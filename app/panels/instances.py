@@ -11,6 +11,7 @@ from instdrive_app.panels.instance_rows import InstanceRows, Query
 from instdrive_app.panels.ui import Ui, icon, scaled, scaled_size
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
 from instdrive_core.edits.document import Document
+from instdrive_core.wording import counted
 
 UNKNOWN = "unknown"
 """How the class that is none is called."""
@@ -131,7 +132,7 @@ class InstancesPanel:
                 self._select_shown,
             )
         if solo:
-            what = "1 instance" if len(solo) == 1 else f"{len(solo)} instances"
+            what = counted(len(solo), "instance")
             self._notice(
                 ui, f"Only {what} shown", "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave()
             )

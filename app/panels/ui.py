@@ -153,11 +153,6 @@ def _draw_icon(draw: imgui.ImDrawList, at: ImVec2, symbol: str, enabled: bool) -
     draw.add_text(place, packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6), glyph)
 
 
-def counted(count: int, noun: str) -> str:
-    """``1 splat``, ``2,000 splats``."""
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
-
-
 def fitted_text(text: str, width: float) -> str:
     """`text`, cut with an ellipsis where it is wider than `width` pixels."""
     if imgui.calc_text_size(text).x <= width:

@@ -11,6 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import counted
 
 FindingKind = Literal[
     "not_finite", "zero_quaternion", "giant_scale", "far_outlier", "never_shown", "duplicate", "empty_sh"
@@ -58,6 +59,9 @@ class _Extent:
     """Metres that hold `CORE_SHARE` of them; above 0."""
 
 
+_PLURALS = {"has": "have", "holds": "hold", "is": "are", "lies": "lie", "repeats": "repeat"}
+
+
 def linted(scene: Scene) -> tuple[Finding, ...]:
     """Everything odd about a scene, the most harmful first; nothing is changed.
 
@@ -78,9 +82,13 @@ def linted(scene: Scene) -> tuple[Finding, ...]:
     return tuple(finding for finding in findings if finding is not None)
 
 
-def _finding(kind: FindingKind, wrong: Bool[ndarray, " n"], what: str, remedy: str) -> Finding | None:
+def _finding(kind: FindingKind, wrong: Bool[ndarray, " n"], verb: str, what: str, remedy: str) -> Finding | None:
+    """`verb` is that of one splat; several have another form of it."""
     rows = np.flatnonzero(wrong)
-    return Finding(kind, f"{len(rows):,} splats {what}", len(rows), rows, remedy) if len(rows) else None
+    if not len(rows):
+        return None
+    form = verb if len(rows) == 1 else _PLURALS[verb]
+    return Finding(kind, f"{counted(len(rows), 'splat')} {form} {what}", len(rows), rows, remedy)
 
 
 def _not_finite(scene: Scene) -> Finding | None:
@@ -90,8 +98,9 @@ def _not_finite(scene: Scene) -> Finding | None:
         if broken.any():
             parts.append(f"{name} of {np.count_nonzero(broken):,}")
             wrong |= broken
-    what = f"hold values that are not finite ({', '.join(parts)})"
-    return _finding("not_finite", wrong, what, "Delete them; most viewers draw nothing or fail where one is in view")
+    what = f"values that are not finite ({', '.join(parts)})"
+    remedy = "Best deleted: most viewers draw nothing or fail where one is in view"
+    return _finding("not_finite", wrong, "holds", what, remedy)
 
 
 def _rows_not_finite(values: ndarray) -> Bool[ndarray, " n"]:
@@ -113,9 +122,9 @@ def _flat(values: ndarray) -> ndarray:
 def _zero_quaternions(scene: Scene) -> Finding | None:
     quats = scene.gaussians.quats
     squares = np.einsum("ni,ni->n", quats, quats)
-    what = "have a rotation of length 0"
-    remedy = "Set them to 1 0 0 0, or delete them; programs that normalise them get NaN"
-    return _finding("zero_quaternion", squares < SHORTEST_QUATERNION**2, what, remedy)
+    what = "a rotation of length 0"
+    remedy = "Best deleted, or set to 1 0 0 0: programs that normalise rotations get NaN"
+    return _finding("zero_quaternion", squares < SHORTEST_QUATERNION**2, "has", what, remedy)
 
 
 def _extent(scene: Scene) -> _Extent | None:
@@ -136,8 +145,9 @@ def _giant_scales(scene: Scene, extent: _Extent | None) -> Finding | None:
         return None
     longest = scene.gaussians.log_scales.max(axis=1)
     wrong = np.isfinite(longest) & (longest > np.log(extent.radius))
-    what = f"are larger than the scene (standard deviation above {extent.radius:.3g} m)"
-    return _finding("giant_scale", wrong, what, "Delete them if they veil the view; sky belongs into a sky map")
+    what = f"larger than the scene (standard deviation above {extent.radius:.3g} m)"
+    remedy = "Best deleted where the view is veiled; sky belongs into a sky map"
+    return _finding("giant_scale", wrong, "is", what, remedy)
 
 
 def _far_outliers(scene: Scene, extent: _Extent | None) -> Finding | None:
@@ -146,15 +156,16 @@ def _far_outliers(scene: Scene, extent: _Extent | None) -> Finding | None:
     limit = FAR_RADII * extent.radius
     wrong = np.zeros(len(scene), bool)
     wrong[extent.rows] = extent.distances > limit
-    what = f"lie more than {limit:.3g} m from the middle; {CORE_SHARE:.0%} lie within {extent.radius:.3g} m"
-    return _finding("far_outlier", wrong, what, "Delete them; they spoil framing, bounds and quantised formats")
+    what = f"more than {limit:.3g} m from the middle; {CORE_SHARE:.0%} of all are within {extent.radius:.3g} m"
+    return _finding("far_outlier", wrong, "lies", what, "Best deleted: framing, bounds and quantised formats suffer")
 
 
 def _never_shown(scene: Scene) -> Finding | None:
     # logit(1/255): comparing logits spares a million exponentials.
     limit = np.float32(np.log(VISIBLE_OPACITY / (1 - VISIBLE_OPACITY)))
     wrong = scene.gaussians.opacity_logits < limit
-    return _finding("never_shown", wrong, "have an opacity below 1/255 and never show", "Delete them to save memory")
+    what = "an opacity below 1/255, too faint to show"
+    return _finding("never_shown", wrong, "has", what, "Deleting saves memory")
 
 
 def _duplicates(scene: Scene) -> Finding | None:
@@ -176,7 +187,9 @@ def _duplicates(scene: Scene) -> Finding | None:
         same &= (part[later] == part[earlier]).all(axis=1)
     wrong = np.zeros(len(scene), bool)
     wrong[later[same]] = True
-    return _finding("duplicate", wrong, "repeat an earlier one exactly", "Delete them; the picture gets too opaque")
+    return _finding(
+        "duplicate", wrong, "repeats", "an earlier one exactly", "Best deleted: the picture gets too opaque"
+    )
 
 
 def _hashes(parts: list[ndarray]) -> UInt64[ndarray, " n"]:

@@ -120,9 +120,9 @@ class Tour:
                 "3 splats hold values that are not finite (means of 2, log_scales of 3)",
                 3,
                 np.arange(3),
-                "Delete them; most viewers draw nothing or fail where one is in view",
+                "Best deleted: most viewers draw nothing or fail where one is in view",
             ),
-            Finding("far_outlier", "1 splat is far away", 1, np.arange(1), "Delete it"),
+            Finding("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
         )
         for name in filter(lambda name: self._wanted(f"dialog {name}"), DIALOGS):
             session.asked_about, session.renamed = ids[:1], ids[0] if name == "rename" else 0

@@ -116,7 +116,7 @@ def test_info_of_damaged_and_empty_scenes(tmp_path, capsys):
     save_scene(tmp_path / "a.ply", scene)
     assert main(["info", str(tmp_path / "a.ply")]) == 0
     text = capsys.readouterr().out
-    assert "2 splats hold values that are not finite (means of 1, log_scales of 1) (rows 3, 4). Delete" in text
+    assert "2 splats hold values that are not finite (means of 1, log_scales of 1) (rows 3, 4). Best deleted" in text
     save_scene(tmp_path / "b.ply", random_scene(count=0, actors=0))
     assert main(["info", str(tmp_path / "b.ply")]) == 0
 

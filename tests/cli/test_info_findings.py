@@ -31,8 +31,8 @@ def test_findings_name_rows_and_remedy_and_are_no_failure(tmp_path, capsys):
     save_scene(tmp_path / "a.ply", scene_from_gaussians(gaussians))
     assert main(["info", str(tmp_path / "a.ply")]) == 0
     text = capsys.readouterr().out
-    assert "4 splats have a rotation of length 0 (rows 5, 6, 7, …). Set them" in text
-    assert "(rows 9). Delete them" in text
+    assert "4 splats have a rotation of length 0 (rows 5, 6, 7, …). Best deleted" in text
+    assert "(rows 9). Best deleted" in text
 
 
 @pytest.mark.parametrize("damage", ["cut", "sh", "empty"])

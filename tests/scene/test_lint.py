@@ -150,3 +150,10 @@ def test_a_million_splats_take_less_than_a_second():
         linted(scene)
         times.append(time.process_time() - start)
     assert min(times) < 1
+
+
+def test_one_splat_is_told_of_in_the_singular():
+    for count, told in ((1, "1 splat has a rotation of length 0"), (2, "2 splats have a rotation of length 0")):
+        scene = sound_scene()
+        scene.gaussians.quats[:count] = 0
+        assert only_finding(scene).what == told

@@ -8,6 +8,7 @@ from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.instance_rows import InstanceRows, Query
 from instdrive_app.panels.ui import Ui, dim_text, icon, scaled_size, swatch
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import counted
 
 TITLE = "Reassign the selected splats"
 NEW, NONE = -1, 0
@@ -36,7 +37,7 @@ class ReassignDialog:
         centered(scaled_size(380, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        dim_text(f"{self._count:,} splats become part of")
+        dim_text(f"{counted(self._count, 'splat')} will be part of")
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)

@@ -6,6 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.ui import Rectangle, Ui, scaled, swatch
 from instdrive_app.theme import BACKGROUND, DIM, rgba
+from instdrive_core.wording import counted
 
 
 class HoverLabel:
@@ -24,7 +25,7 @@ class HoverLabel:
         facts.append(f"#{instance.id}")
         if document.scene.code_bits:
             facts.append(f"code {instance.codeword}")
-        facts.append(f"{document.instance_flags(instance.id).drawn:,} splats")
+        facts.append(counted(document.instance_flags(instance.id).drawn, "splat"))
         text = "  ·  ".join(facts)
         line, gap = imgui.get_text_line_height_with_spacing(), scaled(18)
         width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(instance.name).x * 1.1 + 2 * line) + scaled(24)

@@ -1,0 +1,8 @@
+"""Numbers and their nouns in texts for the user."""
+
+from __future__ import annotations
+
+
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """``1 splat``, ``2,000 splats``; `plural` where it is not the noun with an s."""
+    return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
