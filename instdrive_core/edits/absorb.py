@@ -10,7 +10,7 @@ from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.edits.base import checked_ids
-from instdrive_core.edits.bodies import body_of_rows, is_compact
+from instdrive_core.edits.bodies import body_of_rows, is_compact, of_main_node
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.frozen_copy import fingerprint
@@ -92,7 +92,7 @@ def floaters_of(document: Document, instance_id: int) -> ndarray:
     flags = document.state.flags
     members = document.rows_of((instance_id,))
     alive = members[(flags[members] & Flag.DELETED) == 0]
-    members = alive if len(alive) else members
+    members = of_main_node(document, alive if len(alive) else members)
     if body_of_rows(document, instance_id, members) is None:
         raise EditError(
             f"instance {instance_id} is no compact body (at most {DEFAULT_CONFIG.max_length:g} m long, at least "
@@ -106,7 +106,7 @@ def floaters_around(document: Document, instance_id: int, members: Int64[ndarray
 
     What joins a body may make it larger, so that more lies inside: looked for until nothing is left, a few times.
     """
-    found = np.zeros(0, np.int64)
+    members, found = of_main_node(document, members), np.zeros(0, np.int64)
     for _ in range(_ROUNDS):
         joined = _strays(document, instance_id, np.concatenate([members, found]))
         if not len(joined):

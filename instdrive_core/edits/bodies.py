@@ -18,6 +18,12 @@ def solid_points(document: Document, members: Int64[ndarray, " m"]) -> Float64[n
     return document.means_of(solid).astype(np.float64)
 
 
+def of_main_node(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
+    """Those of `rows` that lie in the node that most of them lie in: trained instances may have strays in another."""
+    nodes = document.scene.nodes[rows]
+    return rows[nodes == np.bincount(nodes).argmax()] if len(rows) else rows
+
+
 def body_of_rows(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Body | None:
     """The body that rows of one node span; None where they are too large, too flat or too few for one."""
     points = solid_points(document, members)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt32
 from numpy import ndarray
 
-from instdrive_core.edits.bodies import body_of_rows, is_compact, solid_points
+from instdrive_core.edits.bodies import body_of_rows, is_compact, of_main_node, solid_points
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.placement import lane_at
 from instdrive_core.errors import EditError
@@ -120,7 +120,8 @@ def neighborhood(
 
 
 def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Standing | None:
-    body = body_of_rows(document, instance_id, members) if len(members) else None
+    members = of_main_node(document, members)
+    body = body_of_rows(document, instance_id, members)
     if body is None:
         return None
     node = int(document.scene.nodes[members[0]])

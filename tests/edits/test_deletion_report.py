@@ -17,6 +17,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.track import Track
 
 
 def under_car(hole):
@@ -162,3 +163,19 @@ def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(st
     house = np.flatnonzero(ground & (x > 0.2) & (np.abs(y) < 9))
     scene.gaussians.sh_dc[house] = dc_from_color(np.full((len(house), 3), 0.13))
     assert deletion_report(Document(scene), (CAR,), 0.0).hole.shadow_area == 0
+
+
+def test_an_actor_with_strays_in_the_background_is_an_actor():
+    """Its body is made of its own node's splats, and where it drove was seen before and after."""
+    scene = deepcopy(parked_street().empty)
+    rows = np.flatnonzero(scene.instance_ids == OTHER_CAR)
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, 3] = CAR_CENTER + np.array([[0.0, -20, 0], [0.0, 0, 0], [0.0, 20, 0]])
+    scene.actors = (Track("driver", "Car", CAR_SIZE, np.array([0.0, 0.6, 1.2]), poses, moving=True),)
+    scene.gaussians.means[rows] -= (CAR_CENTER + np.array([0.0, 6.5, 0.13])).astype(np.float32)
+    scene.nodes[rows[100:]] = 1
+    document = Document(scene)
+    document.apply(DeleteInstances((OTHER_CAR,)))
+    report = deletion_report(document, (OTHER_CAR,), 0.6)
+    assert report.hole_area == 0
+    assert len(deletion_survey(document, (OTHER_CAR,), 0.6).around.deleted[0].points) == len(rows) - 100
