@@ -77,7 +77,7 @@ class InspectorPanel:
         imgui.pop_style_color()
         imgui.pop_font()
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Click to rename")
+            imgui.set_tooltip(f"{instance.name}\nClick to rename")
         if name:
             ui.session.labels.rename(instance.id, name)
         imgui.same_line(0, scaled(8))

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from imgui_bundle import imgui
 
 from instdrive_app.log_file import log_path
-from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered
+from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
 from instdrive_app.panels.ui import Ui, dim_text, icon, scaled, scaled_size
 
 TITLE = "InstDrive"
@@ -51,6 +51,6 @@ class AboutDialog:
         imgui.same_line(imgui.get_window_width() - scaled(BUTTON_WIDTH) - imgui.get_style().window_padding.x)
         closed = imgui.button("Close", scaled_size(BUTTON_WIDTH, 0))
         ui.mark("dialog.cancel")
-        if closed or imgui.is_key_pressed(imgui.Key.escape) or imgui.is_key_pressed(imgui.Key.enter):
+        if closed or imgui.is_key_pressed(imgui.Key.escape) or enter_pressed():
             imgui.close_current_popup()
         imgui.end_popup()

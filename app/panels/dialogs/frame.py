@@ -25,8 +25,19 @@ def centered(size: ImVec2, always: bool = False) -> None:
     imgui.set_next_window_size(ImVec2(min(size.x, most.x), min(size.y, most.y)))
 
 
+def enter_pressed() -> bool:
+    """Whether Enter was pressed in a dialog that was open before, and not while text is typed."""
+    keys = (imgui.Key.enter, imgui.Key.keypad_enter)
+    typed = imgui.get_io().want_text_input or imgui.is_window_appearing()
+    return not typed and any(imgui.is_key_pressed(key, False) for key in keys)
+
+
 def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
-    """The two buttons at the end of a dialog; closes it where one is pressed, or Escape."""
+    """The two buttons at the end of a dialog; closes it where one is pressed, or Escape, or Enter.
+
+    `entered` tells that Enter ended a line of text; elsewhere it is taken here.
+    """
+    entered |= enter_pressed()
     imgui.spacing()
     width, style = scaled(BUTTON_WIDTH), imgui.get_style()
     imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - style.item_spacing.x - style.window_padding.x)

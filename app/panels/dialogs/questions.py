@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered
+from instdrive_app.panels.dialogs.frame import centered, enter_pressed
 from instdrive_app.panels.ui import Ui
 from instdrive_app.theme import ACCENT, BACKGROUND, rgba
 
@@ -37,7 +37,7 @@ def question(ui: Ui, title: str, text: str, answers: Answers) -> None:
         ui.mark(f"question.{name}")
         if proposed:
             imgui.pop_style_color(2)
-        pressed |= proposed and imgui.is_key_pressed(imgui.Key.enter) and not imgui.is_window_appearing()
+        pressed |= proposed and enter_pressed()
         pressed |= name == names[0] and imgui.is_key_pressed(imgui.Key.escape)
         if pressed:
             imgui.close_current_popup()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered
+from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
 from instdrive_app.panels.menus import full_title, shortcut_title
 from instdrive_app.panels.ui import Ui, dim_text, scaled
 
@@ -62,7 +62,7 @@ class ShortcutSheet:
         imgui.set_cursor_pos_x(imgui.get_window_width() - width - padding)
         closed = imgui.button("Close", ImVec2(width, 0))
         ui.mark("dialog.cancel")
-        if closed or imgui.is_key_pressed(imgui.Key.escape):
+        if closed or enter_pressed() or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()
         imgui.end_popup()
 
