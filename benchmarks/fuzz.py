@@ -12,8 +12,9 @@ further (coverage-guided). What is counted:
   zero, and the linter said nothing; or the damage was one that every reader must notice, other values came out than
   from the whole file, and nothing was said: the file was cut off, the header of a .ply or .spz promises another count,
   or a bit is wrong in what a checksum guards (zip, gzip, ZSTD, the arrays of a scene folder). A value that is wrong but
-  usable, in a part without checksum, cannot be noticed by anybody. Two cuts are none: a .splat cut between two splats
-  is a whole .splat, and a journal is meant to be read up to the line that was torn.
+  usable, in a part without checksum, cannot be noticed by anybody. Three cuts are none: a .splat cut between two
+  splats is a whole .splat, a list of edits cut between two lines a whole list, and a journal is meant to be read up to
+  the line that was torn.
 """
 
 from __future__ import annotations
@@ -141,6 +142,8 @@ class Corpus:
 def _is_whole_after_all(kind: str, name: str, damage: Damage) -> bool:
     if kind == "splat":
         return len(damage.data) % 32 == 0
+    if kind == "edits":
+        return damage.data[-1:] in (b"", b"\n", b"}")
     return name.endswith("journal.jsonl")
 
 

@@ -23,6 +23,38 @@ class DataError(InstDriveError):
         self.path, self.problem, self.remedy = Path(path), problem, remedy
 
 
+class SceneTooLargeError(DataError):
+    """A scene needs more memory than there is; nothing of it was loaded.
+
+    Args:
+        path: the scene.
+        count: its splats.
+        needed: bytes to open it whole.
+        available: bytes that there are.
+        keep_every: the smallest k for which every k-th splat fits; None where no share of it does.
+    """
+
+    def __init__(self, path: str | Path, count: int, needed: float, available: float, keep_every: int | None) -> None:
+        self.count, self.needed, self.available, self.keep_every = count, needed, available, keep_every
+        problem = f"it has {count:,} splats and needs {gigabytes(needed)}, {gigabytes(available)} are free"
+        every = "" if keep_every is None else f"open every {ordinal(keep_every)} splat (--keep-every {keep_every}), or "
+        remedy = f"{every}close other programs, or use a machine with more memory"
+        super().__init__(path, problem, remedy[0].upper() + remedy[1:])
+
+
+def gigabytes(size: float) -> str:
+    """Bytes as a person says them, e.g. ``48 GB`` or ``0.3 GB``."""
+    return (
+        f"{size / 1e9:.0f} GB" if size >= 9.95e9 else f"{size / 1e9:.1f} GB" if size >= 5e7 else f"{size / 1e6:.1f} MB"
+    )
+
+
+def ordinal(number: int) -> str:
+    """``2nd``, ``3rd``, ``11th``."""
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
+
+
 class UntrustedDataError(DataError):
     """A file asks for something that only a hostile file would ask for; nothing of it was executed."""
 

@@ -26,7 +26,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, Sweep, center_of, is_held_out
 from instdrive_core.datasets.json_file import field, number, numbers, read_json
 from instdrive_core.datasets.pandaset_cuboids import load_tracks
-from instdrive_core.datasets.pandaset_lidar import load_sweep
+from instdrive_core.datasets.pandaset_lidar import FARTHEST, load_sweep
 from instdrive_core.datasets.photos import load_photo, photo_size
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -191,6 +191,9 @@ def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
     pose[:3, 3] = [
         number(file, field(file, position, key, f"[{index}].position."), f"[{index}].position.{key}") for key in "xyz"
     ]
+    if np.abs(pose[:3, 3]).max() >= FARTHEST:
+        problem = f"[{index}].position is {pose[:3, 3].tolist()}, farther than {FARTHEST:g} m"
+        raise DataError(file, problem, "Get the file again")
     return pose
 
 

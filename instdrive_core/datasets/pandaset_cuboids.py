@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.pandaset_lidar import numbered_pickle
+from instdrive_core.datasets.pandaset_lidar import FARTHEST, numbered_pickle
 from instdrive_core.datasets.restricted_pickle import read_pickle
 from instdrive_core.errors import DataError
 from instdrive_core.scene.track import Track
@@ -67,8 +67,10 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
         raise DataError(
             file, f"a cuboid's position, size or yaw is no number ({error})", "Get the file again"
         ) from error
-    if not np.isfinite(values).all() or (values[:, 3:6] <= 0).any():
-        row = int(np.flatnonzero(~np.isfinite(values).all(axis=1) | (values[:, 3:6] <= 0).any(axis=1))[0])
+    # Written so that NaN fails too.
+    wrong = ~(np.abs(values) < FARTHEST).all(axis=1) | (values[:, 3:6] <= 0).any(axis=1)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
         raise DataError(file, f"row {row} has no usable position, size or yaw: {values[row]}", "Get the file again")
     sensors = table.get("cuboids.sensor_id", np.full(count, -1))
     siblings = table.get("cuboids.sibling_id", np.full(count, "-", object))

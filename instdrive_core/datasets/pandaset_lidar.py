@@ -16,6 +16,9 @@ from instdrive_core.errors import DataError
 
 logger = logging.getLogger(__name__)
 
+FARTHEST = 1e9
+"""Metres; no coordinate of a drive is larger."""
+
 
 def numbered_pickle(folder: Path, index: int) -> Path | None:
     """``NN.pkl.gz`` or ``NN.pkl`` of a folder; None where there is neither."""
@@ -34,6 +37,8 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPo
     table = read_pickle(file)
     columns = [_numeric_column(file, table, name) for name in ("x", "y", "z", "i")]
     sensor = table.get("d", np.zeros(len(columns[0]))).astype(np.uint8)
+    if max(np.abs(column).max(initial=0) for column in columns[:3]) >= FARTHEST:
+        raise DataError(file, f"a point lies farther than {FARTHEST:g} m", "Get the file again")
     points = np.stack(columns[:3], axis=1) - origin
     return SweepPoints(
         points=points.astype(np.float32),

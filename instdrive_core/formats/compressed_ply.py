@@ -50,6 +50,7 @@ from instdrive_core.formats.packed_words import (
 )
 from instdrive_core.formats.ply_comments import comments_for, parsed_comments
 from instdrive_core.formats.spatial_order import spatial_order
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
 from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.instances.table import InstanceTable
 from instdrive_core.maths.activations import logit, sigmoid
@@ -63,22 +64,26 @@ BLOCK_ROWS = 32 * CHUNK
 LOG_SCALE_LIMIT = 20.0
 
 
-def read_compressed_ply(path: str | Path) -> Scene:
+def read_compressed_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .compressed.ply. Raises DataError where anything about it is wrong."""
     path = Path(path)
     with path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
         # Bounds that are no numbers give splats that are none, as a .ply of such values does.
         layout = read_compressed_layout(file, path, path.stat().st_size)
         count, rest = layout.vertices.count, layout.sh_count
-        shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (0,)]
-        gaussians = Gaussians(*(np.empty((count, *shape), np.float32) for shape in shapes))
+        gaussians = unfilled(path, count, rest, 0, options)
         bounds = _bounds_in(file, layout, path)
         for rows, vertices in _blocks(file, layout.vertices, path):
-            _decode(vertices, bounds, rows, gaussians)
+            source, target = options.places(rows.start, rows.stop)
+            chunks = np.arange(rows.start, rows.stop)[source] // CHUNK
+            _decode(vertices[source], bounds[chunks], target, gaussians)
         if layout.sh is not None:
             for rows, stored in _blocks(file, layout.sh, path):
+                source, target = options.places(rows.start, rows.stop)
                 for index in range(3 * rest):
-                    gaussians.sh_rest[rows, index % rest, index // rest] = sh_values(stored[f"f_rest_{index}"])
+                    gaussians.sh_rest[target, index % rest, index // rest] = sh_values(
+                        stored[f"f_rest_{index}"][source]
+                    )
     return replace(scene_from_gaussians(gaussians), origin=parsed_comments(layout.comments, path).origin)
 
 
@@ -132,6 +137,7 @@ def _blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, n
 
 
 def _decode(vertices: ndarray, bounds: ndarray, rows: slice, gaussians: Gaussians) -> None:
+    """Fill `rows` from words and the bounds of each one's chunk."""
     native = {name: vertices[name].astype(np.uint32) for name in PACKED}
     colors = unpacked_units(native["packed_color"], COLOR_BITS)
     units = [
@@ -139,7 +145,7 @@ def _decode(vertices: ndarray, bounds: ndarray, rows: slice, gaussians: Gaussian
         unpacked_units(native["packed_scale"], VECTOR_BITS),
         colors[:, :3],
     ]
-    mine = bounds[np.arange(rows.start, rows.stop) // CHUNK].reshape(-1, 3, 2, 3)
+    mine = bounds.reshape(-1, 3, 2, 3)
     means, log_scales, shown = (
         low * (1 - unit) + high * unit for unit, (low, high) in zip(units, mine.transpose(1, 2, 0, 3), strict=True)
     )

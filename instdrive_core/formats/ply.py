@@ -28,10 +28,11 @@ from instdrive_core.formats.ply_columns import (
 )
 from instdrive_core.formats.ply_comments import comments_for, parsed_comments
 from instdrive_core.formats.ply_header import REMEDY, PlyHeader, read_header
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
 from instdrive_core.formats.writable import check_static
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.progress import report
-from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.gaussians import Gaussians, empty_gaussians
 from instdrive_core.scene.scene import Scene
 
 CHUNK_ROWS = 8192
@@ -48,30 +49,30 @@ _TYPE_NAMES = {
 }
 
 
-def read_ply(path: str | Path) -> Scene:
+def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .ply of 3D Gaussians: ASCII, binary or packed. Raises DataError where anything about it is wrong."""
     path = Path(path)
     with path.open("rb") as file:
         header = read_header(file, path, path.stat().st_size)
         names = header.dtype.names or ()
         if set(PACKED) <= set(names):
-            return read_compressed_ply(path)
+            return read_compressed_ply(path, options)
         rest, features = check_columns(names, path)
-        gaussians = _unfilled(header.count, rest, features)
-        ids = {name: np.zeros(header.count, np.uint32) for name in ID_LIMITS}
+        extra_bytes = sum(header.dtype[name].itemsize for name in _unknown(names, rest, features))
+        gaussians = unfilled(path, header.count, rest, features, options, extra=extra_bytes)
+        count = len(gaussians)
+        ids = {name: np.zeros(count, np.uint32) for name in ID_LIMITS}
         known = column_views(gaussians) | feature_views(gaussians) | ids
-        extra = {
-            name: np.empty(header.count, header.dtype[name].newbyteorder("=")) for name in names if name not in known
-        }
+        extra = {name: np.empty(count, header.dtype[name].newbyteorder("=")) for name in names if name not in known}
         targets = known | extra
         start = 0
         for chunk in _chunks(file, header, path):
-            stop = start + len(chunk)
+            source, target = options.places(start, start + len(chunk))
             for name in names:
                 if name in ids:
                     check_whole_numbers(chunk[name], name, path)
-                targets[name][start:stop] = chunk[name]
-            start = stop
+                targets[name][target] = chunk[name][source]
+            start += len(chunk)
             report(start / header.count)
     return _scene(gaussians, ids, extra, header, path)
 
@@ -113,9 +114,10 @@ def _header(scene: Scene, dtype: np.dtype) -> bytes:
     return "\n".join([*lines, "end_header", ""]).encode()
 
 
-def _unfilled(count: int, rest: int, features: int) -> Gaussians:
-    shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
-    return Gaussians(*(np.empty((count, *shape), np.float32) for shape in shapes))
+def _unknown(names: tuple[str, ...], rest: int, features: int) -> set[str]:
+    """Columns that are kept as they are."""
+    one = empty_gaussians(rest, features)
+    return set(names) - column_views(one).keys() - feature_views(one).keys() - ID_LIMITS.keys()
 
 
 def _chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
@@ -181,7 +183,7 @@ def _scene(
         gaussians=gaussians,
         instance_ids=instance_ids,
         codewords=codewords,
-        nodes=np.zeros(header.count, np.uint16),
+        nodes=np.zeros(len(gaussians), np.uint16),
         table=table,
         origin=notes.origin,
         code_bits=notes.code_bits,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
-from instdrive_core.errors import DataError
+from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.compressed_ply import read_compressed_ply, write_compressed_ply
 from instdrive_core.formats.ply import read_ply, write_ply
 from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
@@ -15,9 +16,16 @@ from instdrive_core.formats.sog import META, read_sog
 from instdrive_core.formats.sog_levels import is_sog_folder, read_sog_folder
 from instdrive_core.formats.splat import read_splat, write_splat
 from instdrive_core.formats.spz import read_spz, write_spz
+from instdrive_core.formats.unfilled import TO_READ, WHOLE, ReadOptions, grown
 from instdrive_core.scene.scene import Scene
 
 SIBR = ".sibr.ply"
+
+
+class SceneReader(Protocol):
+    """Opens a file, or every k-th splat of it."""
+
+    def __call__(self, path: Path, /, *, options: ReadOptions = WHOLE) -> Scene: ...
 
 
 @dataclass(frozen=True)
@@ -27,7 +35,7 @@ class Format:
     title: str
     suffix: str
     """Lower case, with its dot, or the whole name; empty for folders."""
-    read: Callable[[Path], Scene]
+    read: SceneReader
     write: Callable[[Path, Scene], None] | None
     """None where the format is only read."""
 
@@ -44,17 +52,35 @@ FORMATS = (
 )
 
 
-def open_scene(path: str | Path) -> Scene:
-    """Open a scene file, or a run folder that holds a scene. Raises DataError where it is none, or damaged."""
-    path = Path(path)
+def open_scene(path: str | Path, keep_every: int = 1, room: float = TO_READ) -> Scene:
+    """Open a scene file, or a run folder that holds a scene.
+
+    Args:
+        path: file or folder.
+        keep_every: k opens every k-th splat only, made larger so that together they cover what all did; memory is
+            taken for these.
+        room: the memory that there must be, as a multiple of the scene's arrays.
+
+    Raises DataError where it is no scene, or damaged; SceneTooLargeError where it does not fit into memory.
+    """
+    if keep_every < 1:
+        raise OptionError(f"every {keep_every}th splat cannot be opened; give a whole number from 1")
+    options = ReadOptions(keep_every, room)
+    scene = _read(Path(path), options)
+    if keep_every > 1:
+        grown(scene.gaussians.log_scales, keep_every)
+    return scene
+
+
+def _read(path: Path, options: ReadOptions) -> Scene:
     if not path.exists():
         raise DataError(path, "there is no such file or folder", "Check the path")
     if path.name == MANIFEST:
         path = path.parent
     try:
         if path.is_dir():
-            return _open_folder(path)
-        return _format_of(path).read(path)
+            return _open_folder(path, options)
+        return _format_of(path).read(path, options=options)
     except OSError as error:
         raise DataError(
             path, f"the file cannot be read ({error.strerror or error})", "Check its permissions"
@@ -89,11 +115,11 @@ def format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[P
     return fmt, fmt.write
 
 
-def _open_folder(folder: Path) -> Scene:
+def _open_folder(folder: Path, options: ReadOptions) -> Scene:
     if (folder / MANIFEST).is_file():
-        return _folder_format().read(folder)
+        return _folder_format().read(folder, options=options)
     if is_sog_folder(folder):
-        return read_sog_folder(folder)
+        return read_sog_folder(folder, options=options)
     problem = f"the folder holds no {MANIFEST}"
     raise DataError(folder, problem, "Open a run folder that training has written a scene to, or a scene file")
 

@@ -7,21 +7,23 @@ files (a run's checkpoints and logs).
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import save_file
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_path, write_bytes
+from instdrive_core.formats.scene_arrays import digest_of, read_arrays
 from instdrive_core.formats.scene_manifest import manifest_of, scene_from_parts
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions
 from instdrive_core.scene.scene import Scene
 
 MANIFEST = "scene.json"
@@ -44,7 +46,7 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
     arrays = {name: np.ascontiguousarray(array) for name, array in _arrays_of(scene).items()}
     if half:
         arrays = {name: _halved(name, array) for name, array in arrays.items()}
-    name = f"scene.{_digest(arrays)}.safetensors"
+    name = f"scene.{digest_of(arrays)}.safetensors"
     is_new = not (folder / name).exists()
     try:
         with atomic_path(folder / name, temporary_for="scene.safetensors") as temporary:
@@ -66,22 +68,32 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
             old.unlink(missing_ok=True)
 
 
-def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST) -> Scene:
+def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options: ReadOptions = WHOLE) -> Scene:
     """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged.
 
     A manifest that is about to become the folder's can be read under the name that it has until then.
     """
     folder = Path(folder)
-    manifest, arrays = _read_parts(folder, manifest_name)
-    if f"scene.{_digest(arrays)}.safetensors" != manifest["arrays"]:
+    manifest, arrays, digest = _read_parts(folder, manifest_name, options)
+    if f"scene.{digest}.safetensors" != manifest["arrays"]:
         problem = "the arrays are not those that were saved: their SHA-256 is not the one in the file's name"
         raise DataError(folder / manifest["arrays"], problem, "Copy the folder again, or restore it")
     try:
         for view in manifest["views"]:
             view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
-        return scene_from_parts(manifest, arrays)
+        scene = scene_from_parts(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise _damaged(folder / manifest_name, error) from error
+    if options.keep_every > 1:
+        _count_again(scene)
+    return scene
+
+
+def _count_again(scene: Scene) -> None:
+    ids, counts = np.unique(scene.instance_ids, return_counts=True)
+    found = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+    for instance in list(scene.table):
+        scene.table.set(replace(instance, count=found.get(instance.id, 0)))
 
 
 def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
@@ -113,14 +125,6 @@ def _halved(name: str, array: ndarray) -> ndarray:
     return array.astype(np.float16) if array.dtype == np.float32 and name not in _EXACT else array
 
 
-def _digest(arrays: dict[str, ndarray]) -> str:
-    digest = hashlib.sha256()
-    for name, array in sorted(arrays.items()):
-        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(array.reshape(-1).view(np.uint8).data)
-    return digest.hexdigest()[:16]
-
-
 def _stored_photo(photo: str, folder: Path) -> str:
     """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
     if not photo:
@@ -146,13 +150,15 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     return manifest
 
 
-def _read_parts(folder: Path, manifest_name: str) -> tuple[dict[str, Any], dict[str, ndarray]]:
-    """Manifest and arrays of one save, though another program may be saving and removing what the manifest named."""
+def _read_parts(
+    folder: Path, manifest_name: str, options: ReadOptions
+) -> tuple[dict[str, Any], dict[str, ndarray], str]:
+    """Manifest, arrays and their digest, of one save: another program may be saving and removing what was named."""
     for attempt in range(_ATTEMPTS):
         manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]
         try:
-            return manifest, load_file(path)
+            return manifest, *read_arrays(path, options)
         except FileNotFoundError as error:
             if attempt == _ATTEMPTS - 1:
                 raise _damaged(path, error) from error

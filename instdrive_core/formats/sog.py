@@ -24,6 +24,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.sog_meta import PALETTE_LIMIT, Palette, SogMeta, parsed_meta
 from instdrive_core.formats.sog_store import REMEDY, Store, opened_archive
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, check_room, row_bytes, unfilled
 from instdrive_core.maths.rotations import normalized
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.progress import report
@@ -34,34 +35,37 @@ META = "meta.json"
 PALETTE_COLUMNS = 64
 """Palette entries in one row of their image."""
 BLOCK_ROWS = 16384
+PASSING = 24
+"""Bytes per splat of images that are in memory together, as the file has them and in colours of 8 bits."""
 _FIRST_TAG = 252
 """Alpha of a rotation's pixel: this where w is left out, then x, y, z."""
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
-def read_sog(path: str | Path) -> Scene:
+def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .sog archive. Raises DataError where anything about it is wrong, also where names lead out of it."""
     with opened_archive(Path(path)) as store:
-        return scene_from_gaussians(read_gaussians(store))
+        return scene_from_gaussians(read_gaussians(store, META, options))
 
 
-def read_gaussians(store: Store, name: str = META) -> Gaussians:
+def read_gaussians(store: Store, name: str = META, options: ReadOptions = WHOLE) -> Gaussians:
     """The Gaussians of one meta.json, whose images lie where it does. Raises DataError."""
     meta = parsed_meta(store.json(name), store.path)
     check_plausible_count(store.path, meta.count, store.size)
-    lookup = _palette_lookup(meta, store)
+    known = meta.palette.rest if meta.palette is not None and meta.palette.rest else 0
+    check_room(store.path, meta.count, row_bytes(known, 0), options, PASSING)
+    lookup = _palette_lookup(meta, store, options)
     rest = 0 if lookup is None else lookup[0].shape[1]
-    shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (0,)]
-    gaussians = Gaussians(*(np.empty((meta.count, *shape), np.float32) for shape in shapes))
+    gaussians = unfilled(store.path, meta.count, rest, 0, options, passing=PASSING)
     report(0.2)
-    _fill_means(meta, store, gaussians)
+    _fill_means(meta, store, gaussians, options)
     report(0.5)
-    tags = _splat_pixels(store, meta.quats_file, meta.count)
-    for rows in _row_blocks(meta.count):
+    tags = _splat_pixels(store, meta.quats_file, meta.count, options)
+    for rows in _row_blocks(len(gaussians)):
         gaussians.quats[rows] = _decoded_rotations(tags[rows], rows.start, store.path)
     report(0.7)
-    scales = _splat_pixels(store, meta.scales_file, meta.count)
-    colors = _splat_pixels(store, meta.sh0_file, meta.count)
+    scales = _splat_pixels(store, meta.scales_file, meta.count, options)
+    colors = _splat_pixels(store, meta.sh0_file, meta.count, options)
     for channel in range(3):
         gaussians.log_scales[:, channel] = meta.log_scales[channel][scales[:, channel]]
         gaussians.sh_dc[:, channel] = meta.sh_dc[channel][colors[:, channel]]
@@ -72,14 +76,15 @@ def read_gaussians(store: Store, name: str = META) -> Gaussians:
     return gaussians
 
 
-def _splat_pixels(store: Store, name: object, count: int) -> UInt8[ndarray, "n 4"]:
-    """The first `count` pixels; images are rounded up to rows, and by some programs to powers of two."""
-    return store.pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
+def _splat_pixels(store: Store, name: object, count: int, options: ReadOptions) -> UInt8[ndarray, "m 4"]:
+    """The kept ones of the first `count` pixels; images are rounded up to rows, or even to powers of two."""
+    pixels = store.pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
+    return pixels[:: options.keep_every].copy() if options.keep_every > 1 else pixels
 
 
-def _fill_means(meta: SogMeta, store: Store, gaussians: Gaussians) -> None:
-    low, high = (_splat_pixels(store, name, meta.count) for name in meta.means_files)
-    for rows in _row_blocks(meta.count):
+def _fill_means(meta: SogMeta, store: Store, gaussians: Gaussians, options: ReadOptions) -> None:
+    low, high = (_splat_pixels(store, name, meta.count, options) for name in meta.means_files)
+    for rows in _row_blocks(len(gaussians)):
         steps = low[rows, :3] + high[rows, :3] * 256.0
         logarithms = meta.lowest + (meta.highest - meta.lowest) * (steps / 65535)
         gaussians.means[rows] = np.sign(logarithms) * np.expm1(np.abs(logarithms))
@@ -99,12 +104,12 @@ def _decoded_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) ->
     return normalized(units).astype(np.float32)
 
 
-def _palette_lookup(meta: SogMeta, store: Store) -> tuple[ndarray, ndarray] | None:
+def _palette_lookup(meta: SogMeta, store: Store, options: ReadOptions) -> tuple[ndarray, ndarray] | None:
     """SH of each palette entry (p, k, 3) and each splat's entry (n,)."""
     if meta.palette is None:
         return None
     entries = _palette_entries(meta.palette, store)
-    pixels = _splat_pixels(store, meta.palette.labels, meta.count)
+    pixels = _splat_pixels(store, meta.palette.labels, meta.count, options)
     labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
     wrong = np.flatnonzero(labels >= len(entries))
     if len(wrong):

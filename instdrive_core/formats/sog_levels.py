@@ -18,7 +18,9 @@ import numpy as np
 from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.sog import META, read_gaussians
+from instdrive_core.formats.sog_meta import parsed_meta
 from instdrive_core.formats.sog_store import REMEDY, FolderStore, checked_name
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, check_room, row_bytes
 from instdrive_core.scene.gaussians import Gaussians, concatenated
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -39,28 +41,29 @@ def is_sog_folder(folder: Path) -> bool:
     return (folder / META).is_file() or (folder / LOD_META).is_file() or bool(_chunk_folders(folder))
 
 
-def read_sog_folder(path: str | Path, level: int = 0) -> Scene:
+def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHOLE) -> Scene:
     """Open a folder, its meta.json or its lod-meta.json.
 
     Args:
         path: the folder or file.
         level: 0 for the finest level of detail; where a place has none as fine as asked for, its finest.
+        options: which rows are kept; of a scene of many files, those of each.
 
     Raises DataError where anything about the scene is wrong, also where names lead out of the folder.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
     if path.name == LOD_META or (path.is_dir() and (folder / LOD_META).is_file()):
-        return scene_from_gaussians(_read_streamed(folder, level))
+        return scene_from_gaussians(_read_streamed(folder, level, options))
     if path.is_file() or (folder / META).is_file():
-        return scene_from_gaussians(read_gaussians(FolderStore(folder), META if path.is_dir() else path.name))
+        return scene_from_gaussians(read_gaussians(FolderStore(folder), META if path.is_dir() else path.name, options))
     chunks = _chunk_folders(folder)
     if not chunks:
         problem = f"the folder holds no {META}, {LOD_META} or folders called LEVEL_CHUNK"
         raise DataError(folder, problem, REMEDY)
     chosen = _level_at_least(level, {number for number, _ in chunks})
     sources = [(chunks[key], META) for key in sorted(chunks) if key[0] == chosen]
-    return scene_from_gaussians(_joined(list(_opened(sources, folder))))
+    return scene_from_gaussians(_joined([_thinned(chunk, options) for chunk in _opened(sources, folder, options)]))
 
 
 def _chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
@@ -74,7 +77,7 @@ def _level_at_least(level: int, levels: set[int]) -> int:
     return min((number for number in levels if number >= level), default=max(levels))
 
 
-def _read_streamed(folder: Path, level: int) -> Gaussians:
+def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Gaussians:
     content = FolderStore(folder).json(LOD_META)
     names = content.get("filenames")
     if not isinstance(names, list):
@@ -89,9 +92,13 @@ def _read_streamed(folder: Path, level: int) -> Gaussians:
     used = [names[number] for number in parts]
     if content.get("environment") is not None:
         used.append(content["environment"])
-    chunks = _opened([_source(folder, name) for name in used], folder)
-    kept = [_rows_of(chunk, shown, folder) for shown, chunk in zip(parts.values(), chunks, strict=False)]
-    return _joined([*kept, *chunks])
+    chunks = _opened([_source(folder, name) for name in used], folder, options)
+    kept = [_thinned(_rows_of(chunk, shown, folder), options) for shown, chunk in zip(parts.values(), chunks)]  # noqa: B905
+    return _joined([*kept, *(_thinned(chunk, options) for chunk in chunks)])
+
+
+def _thinned(chunk: Gaussians, options: ReadOptions) -> Gaussians:
+    return chunk.select(slice(None, None, options.keep_every)) if options.keep_every > 1 else chunk
 
 
 def _source(folder: Path, name: Any) -> tuple[Path, str]:
@@ -101,10 +108,14 @@ def _source(folder: Path, name: Any) -> tuple[Path, str]:
     return folder / parts.parent, parts.name
 
 
-def _opened(sources: list[tuple[Path, str]], folder: Path) -> Iterator[Gaussians]:
-    """Each chunk in turn, while all of them together can be believed."""
+def _opened(sources: list[tuple[Path, str]], folder: Path, options: ReadOptions) -> Iterator[Gaussians]:
+    """Each chunk in turn, whole, while all of them together can be believed and fit into memory."""
     if len(set(sources)) < len(sources):
         raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
+    metas = [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
+    rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
+    # Chunks are joined by a copy.
+    check_room(folder, sum(meta.count for meta in metas), 2 * row_bytes(rest, 0), options)
     count = size = 0
     for place, name in sources:
         store = FolderStore(place)

@@ -24,6 +24,7 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_file
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
 from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.rotations import normalized
@@ -40,13 +41,13 @@ LOG_SCALE_LIMITS = (-87.0, 88.0)
 _OTHER_FILES = {b"ply": ".ply", b"\x1f\x8b": ".spz or .gz", b"PK\x03\x04": ".sog or .zip", b"{": ".json"}
 
 
-def read_splat(path: str | Path) -> Scene:
+def read_splat(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .splat. Raises DataError where its length or a scale cannot be right."""
     path = Path(path)
     with path.open("rb") as file:
         count = _checked_count(path, path.stat().st_size, file.read(4))
         file.seek(0)
-        gaussians = _unfilled(count)
+        gaussians = unfilled(path, count, 0, 0, options)
         for start in range(0, count, BLOCK_ROWS):
             wanted = min(BLOCK_ROWS, count - start)
             records = np.fromfile(file, RECORD, wanted)
@@ -54,7 +55,7 @@ def read_splat(path: str | Path) -> Scene:
                 problem = f"the file ends after {start + len(records)} of {count} splats"
                 raise DataError(path, problem, "It changed while it was read; open it again")
             with np.errstate(invalid="ignore"):  # not a number in, not a number out
-                _decode(records, gaussians, start, path)
+                _decode(records, gaussians, start, options, path)
             report(start / count)
     return scene_from_gaussians(gaussians)
 
@@ -86,19 +87,15 @@ def _checked_count(path: Path, size: int, beginning: bytes) -> int:
     return size // RECORD.itemsize
 
 
-def _unfilled(count: int) -> Gaussians:
-    shapes = [(3,), (4,), (3,), (), (3,), (0, 3), (0,)]
-    return Gaussians(*(np.empty((count, *shape), np.float32) for shape in shapes))
-
-
-def _decode(records: ndarray, gaussians: Gaussians, start: int, path: Path) -> None:
-    rows = slice(start, start + len(records))
+def _decode(records: ndarray, gaussians: Gaussians, start: int, options: ReadOptions, path: Path) -> None:
     scales = records["scale"].astype(np.float64)
     negative = np.argwhere(scales < 0)
     if len(negative):
         row, axis = negative[0]
         problem = f"scale {axis} of splat {start + row} is {scales[row, axis]:g}, below 0"
         raise DataError(path, problem, "The file is damaged or no .splat; copy or export it again")
+    source, rows = options.places(start, start + len(records))
+    records, scales = records[source], scales[source]
     with np.errstate(divide="ignore"):  # a flat splat's scale of 0 is -inf as a logarithm, as in a .ply
         gaussians.log_scales[rows] = np.log(scales)
     color = records["color"] / 255.0

@@ -30,6 +30,7 @@ from instdrive_core.formats.atomic import atomic_file
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.spz_axes import RUB, axes_named_by, flips_from
 from instdrive_core.formats.spz_container import EXTENSIONS, SpzHeader, read_container, write_container
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
 from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
@@ -53,14 +54,16 @@ _CHECKED = {  # attribute → field, and whether an infinite value is cut off ra
 }
 
 
-def read_spz(path: str | Path) -> Scene:
+def read_spz(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .spz of any version. Raises DataError where anything about it is wrong."""
     path = Path(path)
     with path.open("rb") as file:
         header, blocks = read_container(file, path, path.stat().st_size)
         if header.sh_degree > 3:
             logger.warning("%s: SH of degree %d is read as degree 3", path, header.sh_degree)
-        gaussians = _unfilled(header.count, REST_COUNTS[min(header.sh_degree, 3)])
+        # One attribute at a time is unpacked whole.
+        widest = max(header.widths.values())
+        gaussians = unfilled(path, header.count, REST_COUNTS[min(header.sh_degree, 3)], 0, options, passing=widest)
         system = RUB
         for number, (name, data) in enumerate(blocks):
             report(number / len(header.widths))
@@ -68,7 +71,8 @@ def read_spz(path: str | Path) -> Scene:
                 system = axes_named_by(data.tobytes(), path)
                 continue
             for rows in _row_blocks(header.count):
-                _decode(name, data[rows], gaussians, rows, header)
+                source, target = options.places(rows.start, rows.stop)
+                _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
     flips_from(system).apply(gaussians)
     return scene_from_gaussians(gaussians)
 
@@ -102,11 +106,6 @@ def write_spz(
         file.seek(0, 2)
         # What this reader would not believe is not written either.
         check_plausible_count(path, len(scene), file.tell())
-
-
-def _unfilled(count: int, rest: int) -> Gaussians:
-    shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (0,)]
-    return Gaussians(*(np.empty((count, *shape), np.float32) for shape in shapes))
 
 
 def _row_blocks(count: int) -> Iterator[slice]:

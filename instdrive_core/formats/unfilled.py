@@ -1,0 +1,104 @@
+"""The one place where readers take memory for splats, once what they need was compared with what there is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from instdrive_core.available_memory import available_memory
+from instdrive_core.errors import SceneTooLargeError
+from instdrive_core.scene.gaussians import Gaussians
+
+TO_READ = 1.5
+"""Memory to open a scene and look at it, as a multiple of its arrays; measured: 1.35 of SH degree 3."""
+TO_EDIT = 4.0
+"""The same to edit and export it; measured: 3.96 for recolouring all of a scene of a million splats, moving some, and
+exporting it."""
+_FLOATS, _ID_BYTES = 14, 10
+"""Of a splat without SH: means, quaternion, scales, opacity, colour; instance ID, codeword, node."""
+_SMALL = 64e6
+"""Bytes that are not worth asking about."""
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """How much of a scene is read."""
+
+    keep_every: int = 1
+    """k: rows 0, k, 2k … are read, and memory is taken for these."""
+    room: float = TO_READ
+    """Memory that there must be, as a multiple of the arrays."""
+
+    def kept(self, count: int) -> int:
+        """How many of `count` rows are read."""
+        return -(-count // self.keep_every)
+
+    def places(self, start: int, stop: int) -> tuple[slice, slice]:
+        """Of rows from `start` to `stop` in the file: which of these are kept, and where they belong."""
+        first = -start % self.keep_every
+        return slice(first, None, self.keep_every), slice(self.kept(start), self.kept(stop))
+
+
+WHOLE = ReadOptions()
+
+
+def unfilled(
+    path: str | Path,
+    count: int,
+    rest: int,
+    features: int = 0,
+    options: ReadOptions = WHOLE,
+    *,
+    extra: int = 0,
+    passing: int = 0,
+) -> Gaussians:
+    """Gaussians to be filled, one for each row that is kept.
+
+    Args:
+        path: the file, for messages.
+        count: rows in the file.
+        rest: SH coefficients above the constant.
+        features: dimension of the features.
+        options: which rows are kept.
+        extra: bytes per row of further columns.
+        passing: bytes per row of the file that are needed while it is read, whichever rows are kept.
+
+    Raises SceneTooLargeError where there is not enough memory; none was taken then.
+    """
+    check_room(path, count, row_bytes(rest, features) + extra, options, passing)
+    shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
+    return Gaussians(*(np.empty((options.kept(count), *shape), np.float32) for shape in shapes))
+
+
+def row_bytes(rest: int, features: int) -> int:
+    """What a splat takes in an opened scene."""
+    return 4 * (_FLOATS + 3 * rest + features) + _ID_BYTES
+
+
+def check_room(path: str | Path, count: int, size: int, options: ReadOptions = WHOLE, passing: int = 0) -> None:
+    """Raises SceneTooLargeError where rows of `size` bytes do not fit; other arguments as in `unfilled`."""
+    while_read = float(passing * count)
+    needed = options.room * size * options.kept(count) + while_read
+    if needed <= _SMALL or needed <= (available := available_memory()):
+        return
+    whole, left = options.room * size * count, available - while_read
+    every = math.ceil(whole / left) if left > 0 else count
+    keep_every = every if every < count else None
+    raise SceneTooLargeError(path, count, whole + while_read, available, keep_every)
+
+
+def grown(log_scales: Float32[ndarray, "n 3"], keep_every: int) -> None:
+    """Make splats larger, in place, so that every k-th one covers what all of them did.
+
+    The two longer axes grow by √k each, so that the face of a splat that lies in a surface grows by k; the shortest
+    one, across the surface, stays.
+    """
+    shortest = np.argmin(log_scales, axis=1)[:, None]
+    kept = np.take_along_axis(log_scales, shortest, axis=1)
+    log_scales += np.float32(0.5 * math.log(keep_every))
+    np.put_along_axis(log_scales, shortest, kept, axis=1)
