@@ -13,7 +13,7 @@ from instdrive_app.opening import Opened, opened, recovered
 from instdrive_app.recents import RecentFiles
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
-from instdrive_core.errors import SceneChangedError
+from instdrive_core.errors import SceneChangedError, SceneTooLargeError
 from instdrive_core.project.recoverable import RecoverableSession, pending
 from instdrive_core.project.save import is_project, project_state, write_project
 from instdrive_core.user_folders import state_folder
@@ -31,6 +31,8 @@ class Files:
         """Written by `exporting.Exporting`."""
         self.changed_project: tuple[Path, str] | None = None
         """A project whose scene is no longer the one that was edited, and what is said about it: to be asked about."""
+        self.too_large: SceneTooLargeError | None = None
+        """A scene that does not fit into memory, of which a part does: to be asked about."""
         self.recents = RecentFiles(state_folder() / "recent.json")
         self._saved: tuple[Edit, ...] | None = ()
 
@@ -49,16 +51,25 @@ class Files:
         """Whether the document differs from its project, or from the scene while there is no project."""
         return changes_of(document) != self._saved
 
-    def open(self, path: Path, accept_changed: bool = False) -> None:
-        """Open a scene or a project; where its scene has changed, `changed_project` is set instead."""
+    def open(self, path: Path, accept_changed: bool = False, keep_every: int = 1) -> None:
+        """Open a scene or a project, or every k-th splat of a scene.
+
+        Where its scene has changed, `changed_project` is set instead; where only a part of it fits, `too_large`.
+        """
 
         def failed(error: BaseException) -> bool:
+            if isinstance(error, SceneTooLargeError) and error.keep_every is not None:
+                self.too_large = error
+                return True
             if not isinstance(error, SceneChangedError):
                 return False
             self.changed_project = (path, str(error))
             return True
 
-        self._jobs.submit(f"Opening {path.name}", lambda: opened(path, accept_changed), self._show, failed=failed)
+        def work() -> Opened:
+            return opened(path, accept_changed, keep_every)
+
+        self._jobs.submit(f"Opening {path.name}", work, self._show, failed=failed)
 
     def find_recoverable(self, ask: Callable[[], None]) -> None:
         """Look for what dead editors have left; `ask` is called where there is something."""

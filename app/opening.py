@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.edits.document import Document
+from instdrive_core.errors import ordinal
 from instdrive_core.progress import part_of_work, report
 from instdrive_core.project.open import open_document, open_project
 from instdrive_core.project.recoverable import RecoverableSession, Restored, restore
@@ -30,11 +31,12 @@ class Opened:
     """Where the document was recovered from a dead editor."""
 
 
-def opened(path: Path, accept_changed: bool = False) -> Opened:
+def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Opened:
     """Open a scene file, a run folder or a project, and look for odd splats.
 
-    `accept_changed` opens a project also where its scene is no longer the one that was edited.
-    Raises DataError; SceneChangedError where the scene of a project has changed.
+    `accept_changed` opens a project also where its scene is no longer the one that was edited, `keep_every` = k every
+    k-th splat of a scene. Raises DataError; SceneChangedError where the scene of a project has changed,
+    SceneTooLargeError where it does not fit into memory.
     """
     notes: tuple[str, ...] = ()
     with part_of_work(0.0, 0.9):
@@ -42,7 +44,11 @@ def opened(path: Path, accept_changed: bool = False) -> Opened:
             project = open_project(path, accept_changed)
             document, view, notes = project.document, project.view, project.notes
         else:
-            document, view = open_document(path)
+            document, view = open_document(path, keep_every=keep_every)
+            if keep_every > 1:
+                notes = (
+                    f"Every {ordinal(keep_every)} splat was opened, each made larger: {len(document.scene):,} in all",
+                )
     document.counts()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
     findings = tuple(finding for finding in linted(document.scene) if len(finding.rows))

@@ -39,6 +39,7 @@ def apply(
     edits: Path | None = None,
     time: float | None = None,
     sibr: bool = False,
+    keep_every: int = 1,
 ) -> None:
     """Edit a scene without a window and export it.
 
@@ -56,8 +57,9 @@ def apply(
         edits: File with one edit as JSON per line, done before the others.
         time: Seconds into the drive at which a .ply shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
+        keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
     """
-    document, view = open_document(scene)
+    document, view = open_document(scene, keep_every=keep_every)
     shown = default_time(document.scene) if time is None else time
     steps = _edits(document.scene, delete, recolor, recolor_mode, rename, edits, more, shown)
     for edit in steps:

@@ -21,6 +21,7 @@ def convert(
     *,
     time: float | None = None,
     sibr: bool = False,
+    keep_every: int = 1,
 ) -> None:
     """Convert a scene into the format that the new name ends in.
 
@@ -29,11 +30,12 @@ def convert(
         out: File to write, e.g. street.compressed.ply, or a folder; docs/formats.md says what each format keeps.
         time: Seconds into the drive at which a file shows moving objects; default: the first photo's.
         sibr: Write the .ply for SIBR viewers: exact columns, SH degree 3, nothing else; so does the ending .sibr.ply.
+        keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
     """
     if is_project(out):
         remedy = f"`instdrive apply {scene} -o {out}` makes a project of a scene"
         raise DataError(out, "a project keeps edits and no splats, so nothing can be converted into one", remedy)
-    opened = open_edited(scene)
+    opened = open_edited(scene, keep_every)
     if out.suffix and not out.is_dir() and opened.actors:
         time = default_time(opened) if time is None else time
         print(f"moving objects are placed where they are at {time:g} s (--time)")

@@ -19,7 +19,9 @@ SHOWN_ROWS = 3
 """Splats named per finding."""
 
 
-def info(scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: Path | None = None) -> None:
+def info(
+    scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: Path | None = None, keep_every: int = 1
+) -> None:
     """Print what a scene file holds.
 
     What is odd about its splats is listed too. The exit status is 0 where the file opens and 2 where it does not.
@@ -28,10 +30,11 @@ def info(scene: tyro.conf.Positional[Path], *, instances: int = 20, histogram: P
         scene: Scene file, run folder, or project; of a project, what its edits made of the scene.
         instances: How many instances to list, the largest first.
         histogram: PNG file to write: how opacities, sizes, colours and places of the splats are spread.
+        keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
     """
     if histogram is not None and histogram.suffix.lower() != ".png":
         raise OptionError(f"--histogram {histogram} does not end in .png, the only format that is written")
-    opened = open_edited(scene)
+    opened = open_edited(scene, keep_every)
     for label, value in _facts(opened):
         print(f"{label + ':':<14}{value}")
     _print_findings(linted(opened))

@@ -21,8 +21,6 @@ TO_EDIT = 4.0
 exporting it."""
 _FLOATS, _ID_BYTES = 14, 10
 """Of a splat without SH: means, quaternion, scales, opacity, colour; instance ID, codeword, node."""
-_SMALL = 64e6
-"""Bytes that are not worth asking about."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,8 @@ def check_room(path: str | Path, count: int, size: int, options: ReadOptions = W
     """Raises SceneTooLargeError where rows of `size` bytes do not fit; other arguments as in `unfilled`."""
     while_read = float(passing * count)
     needed = options.room * size * options.kept(count) + while_read
-    if needed <= _SMALL or needed <= (available := available_memory()):
+    available = available_memory()
+    if needed <= available:
         return
     whole, left = options.room * size * count, available - while_read
     every = math.ceil(whole / left) if left > 0 else count

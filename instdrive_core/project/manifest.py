@@ -90,7 +90,8 @@ def manifest_from_json(text: bytes) -> Manifest:
 
 def recorded_to_json(source: RecordedSource) -> dict[str, Any]:
     """One scene of a manifest."""
-    return {"relative": source.relative, "absolute": source.absolute, **asdict(source.identity)}
+    entry = {"relative": source.relative, "absolute": source.absolute, **asdict(source.identity)}
+    return entry if source.keep_every == 1 else entry | {"keep_every": source.keep_every}
 
 
 def recorded_from_json(entry: Any) -> RecordedSource:
@@ -101,7 +102,10 @@ def recorded_from_json(entry: Any) -> RecordedSource:
     absolute = _text(entry, "absolute")
     if not absolute:
         raise ValueError("'absolute' is empty")
-    return RecordedSource(_text(entry, "relative"), absolute, FileIdentity(digest, _number(entry, "size")))
+    keep_every = _number(entry, "keep_every") if "keep_every" in entry else 1
+    if not 1 <= keep_every < 1 << 31:
+        raise ValueError(f"'keep_every' is {keep_every}")
+    return RecordedSource(_text(entry, "relative"), absolute, FileIdentity(digest, _number(entry, "size")), keep_every)
 
 
 def _text(entry: Any, name: str) -> str:

@@ -13,7 +13,7 @@ from safetensors.numpy import load
 
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.document import Document
-from instdrive_core.errors import DataError
+from instdrive_core.errors import DataError, OptionError, ordinal
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.project.archive import REMEDY, Archive, opened_archive
 from instdrive_core.project.bounded_json import parsed_json
@@ -41,21 +41,25 @@ class OpenedProject:
     """What is not as it was, in sentences for the user; edits left out among them."""
 
 
-def open_document(path: str | Path, accept_changed: bool = False) -> tuple[Document, dict[str, Any] | None]:
+def open_document(
+    path: str | Path, accept_changed: bool = False, keep_every: int = 1
+) -> tuple[Document, dict[str, Any] | None]:
     """Open a scene, or a project with its history; edits of the document can insert files.
 
     Args:
         path: scene file, scene or run folder, or project.
         accept_changed: as in `open_project`.
+        keep_every: as in `open_scene`; a project of such a document remembers it.
 
     Returns: the document, and the view kept in a project.
-    Raises DataError, also as `open_project` does.
+    Raises DataError, also as `open_project` does; SceneTooLargeError where there is not the memory to edit the scene.
     """
     path = Path(path)
     if is_project(path):
+        check_whole(path, keep_every)
         project = open_project(path, accept_changed)
         return project.document, project.view
-    scene, source = open_source(path)
+    scene, source = open_source(path, keep_every)
     document = Document(scene)
     document.open_scene = SceneSources(source)
     return document, None
@@ -88,10 +92,25 @@ def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProjec
     return OpenedProject(document, view, notes)
 
 
-def open_edited(path: str | Path) -> Scene:
-    """Open a scene, or the scene that the edits of a project make; tracks stay tracks. Raises DataError."""
+def open_edited(path: str | Path, keep_every: int = 1) -> Scene:
+    """Open a scene, or the scene that the edits of a project make; tracks stay tracks.
+
+    Raises DataError, SceneTooLargeError; other arguments as in `open_scene`.
+    """
     path = Path(path)
-    return baked(open_project(path).document) if is_project(path) else open_scene(path)
+    if not is_project(path):
+        return open_scene(path, keep_every)
+    check_whole(path, keep_every)
+    return baked(open_project(path).document)
+
+
+def check_whole(path: Path, keep_every: int) -> None:
+    """Raises OptionError where a part of a project is asked for."""
+    if keep_every != 1:
+        raise OptionError(
+            f"{path} cannot be opened in part, as its edits name splats; open every {ordinal(keep_every)} splat of the "
+            "scene itself and save that as another project"
+        )
 
 
 def _manifest(archive: Archive) -> Manifest:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from instdrive_core.edits.document import Document
-from instdrive_core.errors import DataError, SceneChangedError
+from instdrive_core.errors import DataError, SceneChangedError, SceneTooLargeError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.formats.scene_files import FileIdentity, identity_of, scene_files, size_of
+from instdrive_core.formats.unfilled import TO_EDIT
 from instdrive_core.scene.scene import Scene
 
 _ATTEMPTS = 3
@@ -24,6 +25,8 @@ class SceneSource:
     path: Path
     """Absolute."""
     identity: FileIdentity
+    keep_every: int = 1
+    """k where only every k-th splat was opened."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,8 @@ class RecordedSource:
     """From the project's folder, with ``/``; empty where there is no such path."""
     absolute: str
     identity: FileIdentity
+    keep_every: int = 1
+    """As of `SceneSource`: edits name the splats that were opened."""
 
     def places(self, project: Path) -> list[Path]:
         """Where it may be, the likeliest first: beside the project as before, where it was, or in its folder."""
@@ -58,7 +63,7 @@ class SceneSources:
     def __call__(self, path: Path) -> Scene:
         """Open a file that an edit inserts; where it is not, but was found elsewhere before, that one."""
         known = self.inserted.get(str(path))
-        scene, source = open_source(known.path if known and not path.exists() else path)
+        scene, source = _open_whole(known.path if known and not path.exists() else path)
         self.inserted[str(path)] = source
         return scene
 
@@ -80,7 +85,7 @@ class RecordedScenes:
     def __call__(self, path: Path) -> Scene:
         """Open what a project means by a name. Raises DataError, SceneChangedError."""
         recorded = self._recorded.get(str(path))
-        opened = open_recorded(recorded, self._project, self._accept_changed) if recorded else open_source(path)
+        opened = open_recorded(recorded, self._project, self._accept_changed) if recorded else _open_whole(path)
         scene, self.found[str(path)] = opened
         return scene
 
@@ -94,8 +99,11 @@ def sources_of(document: Document) -> SceneSources:
     )
 
 
-def open_source(path: Path) -> tuple[Scene, SceneSource]:
-    """Open a scene and digest its files meanwhile. Raises DataError."""
+def open_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
+    """Open a scene, or every k-th splat of it, and digest its files meanwhile.
+
+    Raises DataError, SceneTooLargeError where there is not the memory to edit it.
+    """
     path = path.absolute()
     try:
         # Both read the file; the digest, outside of Python's lock, costs no time of its own.
@@ -103,12 +111,20 @@ def open_source(path: Path) -> tuple[Scene, SceneSource]:
             for _ in range(_ATTEMPTS):
                 before = _stamps(path)
                 identity = digester.submit(identity_of, path)
-                scene = open_scene(path)
+                scene = open_scene(path, keep_every, TO_EDIT)
                 if _stamps(path) == before:
-                    return scene, SceneSource(path, identity.result())
+                    return scene, SceneSource(path, identity.result(), keep_every)
     except OSError as error:
         raise DataError(path, f"it cannot be read ({error.strerror or error})", "Check its permissions") from error
     raise DataError(path, "it changes while it is opened", "Wait until the program that writes it is done")
+
+
+def _open_whole(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
+    """As `open_source`; where it is too large, no smaller part is offered, as edits name the splats they mean."""
+    try:
+        return open_source(path, keep_every)
+    except SceneTooLargeError as error:
+        raise SceneTooLargeError(path, error.count, error.needed, error.available, None) from error
 
 
 def open_recorded(recorded: RecordedSource, project: Path, accept_changed: bool) -> tuple[Scene, SceneSource]:
@@ -128,12 +144,12 @@ def open_recorded(recorded: RecordedSource, project: Path, accept_changed: bool)
         raise DataError(project, problem, f"Put it back, or into the folder {project.parent}")
     for place in there:
         if size_of(scene_files(place)) == recorded.identity.size:
-            scene, source = open_source(place)
+            scene, source = _open_whole(place, recorded.keep_every)
             if source.identity == recorded.identity:
                 return scene, source
             del scene
     if accept_changed:
-        return open_source(there[0])
+        return _open_whole(there[0], recorded.keep_every)
     raise SceneChangedError(project, there[0], recorded.identity.sha256, identity_of(there[0]).sha256)
 
 
@@ -143,7 +159,7 @@ def recorded_source(source: SceneSource, project: Path) -> RecordedSource:
         relative = Path(os.path.relpath(source.path, project.absolute().parent)).as_posix()
     except ValueError:  # another drive of Windows
         relative = ""
-    return RecordedSource(relative, str(source.path), source.identity)
+    return RecordedSource(relative, str(source.path), source.identity, source.keep_every)
 
 
 def _stamps(path: Path) -> list[tuple[str, int, int]]:
