@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.state import EditorState
+from instdrive_core import progress
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.deletion_report import DeletionReport, deletion_report, deletion_report_of_rows
@@ -134,6 +135,7 @@ class Aftermath:
 
         def look() -> Finding:
             report = work(frozen)
+            progress.report(0.9)
             absorption = report.absorption()
             if isinstance(absorption, AbsorbFloaters):
                 absorption.prepare(frozen)
@@ -145,4 +147,4 @@ class Aftermath:
                 self._finding = found
                 self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")
 
-        self._jobs.submit("Looking at what is left", look, done, modal=False)
+        self._jobs.submit_aside("Looking at what is left", look, done)

@@ -52,12 +52,14 @@ class Jobs:
         """The reports get a text for the user; `wake` is called from the worker when something is done."""
         self._report_error, self._report_cancelled, self._wake = report_error, report_cancelled, wake
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-job")
+        self._aside = ThreadPoolExecutor(max_workers=1, thread_name_prefix="editor-aside")
         self._jobs: list[Job] = []
+        self._asides: list[Job] = []
 
     @property
     def current(self) -> Job | None:
-        """The job that runs or waits longest."""
-        return self._jobs[0] if self._jobs else None
+        """The job that runs or waits longest; those aside come last."""
+        return next(iter((*self._jobs, *self._asides)), None)
 
     @property
     def blocking(self) -> bool:
@@ -78,38 +80,66 @@ class Jobs:
         and where that returns False to the user.
         """
         job = Job(title, done, modal, failed)
+        self._start(self._pool, job, work)
+        self._jobs.append(job)
 
+    def submit_aside(
+        self,
+        title: str,
+        work: Callable[[], Any],
+        done: Callable[[Any], None] = lambda _: None,
+        failed: Callable[[BaseException], bool] = lambda _: False,
+    ) -> None:
+        """As `submit`, beside the other jobs and never modal: what nobody waits for.
+
+        Earlier ones of the same title are given up: the newest result is wanted only.
+        """
+        for old in [job for job in self._asides if job.title == title]:
+            old.stop.set()
+            old.future.cancel()
+            self._asides.remove(old)
+        job = Job(title, done, False, failed)
+        self._start(self._aside, job, work)
+        self._asides.append(job)
+
+    def _start(self, pool: ThreadPoolExecutor, job: Job, work: Callable[[], Any]) -> None:
         def listened() -> Any:
             with reporting(job.progressed):
                 return work()
 
-        job.future = self._pool.submit(copy_context().run, listened)
+        job.future = pool.submit(copy_context().run, listened)
         job.future.add_done_callback(lambda _: self._wake())
-        self._jobs.append(job)
 
     def cancel(self) -> None:
         """Stop the current job at the next moment it reports."""
-        if self._jobs:
-            self._jobs[0].stop.set()
-            self._jobs[0].future.cancel()
+        job = self.current
+        if job is not None:
+            job.stop.set()
+            job.future.cancel()
 
     def poll(self) -> None:
         """Deliver what has finished. A failure becomes a message; one that is our bug comes with its traceback."""
-        while self._jobs and self._jobs[0].future.done():
-            job = self._jobs.pop(0)
-            error = None if job.future.cancelled() else job.future.exception()
-            if job.future.cancelled() or isinstance(error, CancelledError | NeverBegunError):
-                self._report_cancelled(f"{job.title} was cancelled")
-            elif error is None:
-                job.done(job.future.result())
-            elif job.failed(error):
-                _log.info("%s failed: %s", job.title, error)
-            elif isinstance(error, InstDriveError):
-                self._report_error(str(error))
-            else:
-                _log.error("%s failed", job.title, exc_info=error)
-                self._report_error(f"{job.title} failed: {error!r}. Help, Log file has the details; please report them")
+        for jobs in (self._jobs, self._asides):
+            while jobs and jobs[0].future.done():
+                self._deliver(jobs.pop(0))
+
+    def _deliver(self, job: Job) -> None:
+        error = None if job.future.cancelled() else job.future.exception()
+        if job.future.cancelled() or isinstance(error, CancelledError | NeverBegunError):
+            self._report_cancelled(f"{job.title} was cancelled")
+        elif error is None:
+            job.done(job.future.result())
+        elif job.failed(error):
+            _log.info("%s failed: %s", job.title, error)
+        elif isinstance(error, InstDriveError):
+            self._report_error(str(error))
+        else:
+            _log.error("%s failed", job.title, exc_info=error)
+            self._report_error(f"{job.title} failed: {error!r}. Help, Log file has the details; please report them")
 
     def close(self) -> None:
-        """Wait for the running job, so that an export is whole; drop those that have not begun."""
+        """Wait for the running job, so that an export is whole; drop those that have not begun, and those aside."""
+        for job in self._asides:
+            job.stop.set()
+        self._aside.shutdown(wait=True, cancel_futures=True)
         self._pool.shutdown(wait=True, cancel_futures=True)

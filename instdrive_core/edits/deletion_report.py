@@ -19,6 +19,7 @@ from instdrive_core.edits.holes import Hole, hole_under
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, known_instance
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.surroundings import Surroundings, surroundings
+from instdrive_core.progress import report
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ class DeletionSurvey:
 
     def report(self) -> DeletionReport:
         """Look for the hole."""
+        report(0.6)
         hole = None if self.around is None else hole_under(self.around, self.residue)
         return DeletionReport(self.parts, self.residue, self.carriers, hole)
 
@@ -127,7 +129,11 @@ def deletion_survey_of_rows(document: Document, rows: Int64[ndarray, " m"], time
 
 
 def _survey(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionSurvey:
-    found = [floaters_around(document, part.instance_id, part.rows) for part in parts]
+    found = []
+    for number, part in enumerate(parts):
+        report(0.4 * number / len(parts))
+        found.append(floaters_around(document, part.instance_id, part.rows))
+    report(0.4)
     residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
     residue = np.setdiff1d(residue, gone, assume_unique=True)

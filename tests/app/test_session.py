@@ -198,6 +198,29 @@ def test_a_job_tells_how_far_it_is_and_can_be_cancelled(session):
     assert not errors(session)
 
 
+def test_of_jobs_aside_only_the_newest_counts_and_nothing_waits_for_them(session):
+    begun, let_go, results = threading.Event(), threading.Event(), []
+
+    def slow():
+        begun.set()
+        let_go.wait(10)
+        report(0.5)
+        return "old"
+
+    session.jobs.submit_aside("Looking", slow, results.append)
+    assert begun.wait(10)
+    session.jobs.submit_aside("Looking", lambda: "new", results.append)
+    session.jobs.submit("Saving", lambda: "saved", results.append)
+    assert session.jobs.blocking
+    while not results:
+        session.tick(0.0)
+    assert results == ["saved"], "what stands aside holds nothing up"
+    let_go.set()
+    finish(session)
+    assert results == ["saved", "new"]
+    assert not session.messages.log or "cancelled" not in session.messages.log[-1].text
+
+
 def test_view_modes_and_switches(session):
     for mode in ViewMode:
         command = session.commands[f"view.{mode.name.lower()}"]
