@@ -55,12 +55,20 @@ def _submenu(ui: Ui, command: Command) -> None:
 def run_shortcuts(ui: Ui) -> None:
     """Run the commands whose keys were pressed in this frame; never while text is typed, a dialog is open or a region
     or a handle is dragged."""
+    _close_by_escape()
     io, dragged = imgui.get_io(), ui.tool.outline or ui.session.moving.drag is not None
-    if io.want_text_input or dragged or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
+    if io.want_text_input or dragged or ui.popup_open or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
     for command in ui.session.commands:
         if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in command.shortcuts):
             ui.session.commands.run(command.id)
+
+
+def _close_by_escape() -> None:
+    """Menus and other popups go at Escape; modal dialogs see to that themselves, and to what is open in them."""
+    opened = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+    if opened and imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.internal.get_top_most_popup_modal():
+        imgui.internal.close_popup_to_level(0, True)
 
 
 def key_chord(shortcut: str) -> int:

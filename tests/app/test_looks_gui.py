@@ -44,6 +44,21 @@ def test_a_window_without_a_scene_offers_to_open_one(window):
     assert window.quit() == 0
 
 
+@pytest.mark.gui
+def test_escape_closes_a_menu_and_nothing_else(window):
+    window.click_widget("empty.sample")
+    window.wait_for(lambda state: state["open"], "the sample scene")
+    window.key("ctrl+a")
+    window.wait_for(lambda state: state["selected"], "everything selected")
+    window.click_widget("menu Help")
+    window.wait_for_widget("menu help.log")
+    window.key("Escape")
+    window.wait_for(lambda state: "menu help.log" not in state["widgets"], "the menu to close")
+    assert window.wait_until_calm()["selected"]
+    window.key("Escape")
+    window.wait_for(lambda state: not state["selected"], "nothing selected")
+
+
 def test_the_title_names_the_document_and_what_is_unsaved(tmp_path):
     session = EditorSession()
     assert title_of(session) == "InstDrive"

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from instdrive_app.moving import Moving
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Operation
 from instdrive_app.selection_box import BOX_EDGES, Box, upright
 from instdrive_app.theme import ACCENT, TEXT, packed
@@ -18,9 +18,20 @@ from instdrive_core.scene.camera import Camera
 guizmo = imguizmo.im_guizmo
 
 HANDLE_PIXELS = 84.0
-"""Length of the gizmo's axes."""
+"""Length of the gizmo's axes, at scale 1."""
 MARK = 5.0
 """Half the side, in pixels, of what is reported of a handle."""
+LINES = {
+    "translation_line_thickness": 3.0,
+    "translation_line_arrow_size": 6.0,
+    "rotation_line_thickness": 2.0,
+    "rotation_outer_line_thickness": 3.0,
+    "scale_line_thickness": 3.0,
+    "scale_line_circle_size": 6.0,
+    "hatched_axis_line_thickness": 6.0,
+    "center_circle_size": 6.0,
+}
+"""Of ImGuizmo's style, in pixels at scale 1."""
 SNAPS: dict[Operation, float] = {"move": 0.25, "rotate": 5.0, "scale": 0.1}
 """Steps while Ctrl is held: metres, degrees, and a factor."""
 NEAR, FAR = 0.05, 4000.0
@@ -148,8 +159,11 @@ def _set_up(moving: Moving, place: Rectangle, operation: Operation) -> None:
     guizmo.set_drawlist(imgui.get_window_draw_list())
     guizmo.set_orthographic(False)
     guizmo.set_rect(place.x, place.y, place.width, place.height)
-    guizmo.set_gizmo_size_clip_space(2 * HANDLE_PIXELS / max(place.width, place.height))
+    guizmo.set_gizmo_size_clip_space(2 * scaled(HANDLE_PIXELS) / max(place.width, place.height))
     guizmo.allow_axis_flip(False)
+    style = guizmo.get_style()
+    for name, pixels in LINES.items():
+        setattr(style, name, scaled(pixels))
     along = moves and options.along_lane
     guizmo.set_axis_mask(along, False, along or (moves and options.on_ground))
 
@@ -171,7 +185,7 @@ def _mark_handles(
 ) -> None:
     """Tell whoever drives the window where the handles are."""
     depth = float((camera.camera_from_world @ [*center, 1.0])[2])
-    length = HANDLE_PIXELS * depth / camera.fx
+    length = scaled(HANDLE_PIXELS) * depth / camera.fx
     ends = {name: center + 0.8 * length * axes[:, column] for column, name in enumerate("xyz")}
     if operation == "rotate":
         towards = (camera.position - center) @ axes[:, :2] @ axes[:, :2].T
