@@ -28,6 +28,7 @@ from instdrive_app.panels.dialogs.rename import RenameDialog
 from instdrive_app.panels.dialogs.set_class import ClassDialog
 from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
 from instdrive_app.panels.dialogs.split import SplitDialog
+from instdrive_app.panels.dialogs.too_large import TooLargeDialog
 from instdrive_app.panels.dialogs.unsaved import UnsavedDialog
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector import InspectorPanel
@@ -105,6 +106,7 @@ class EditorWindow:
                 RecoveryDialog(),
                 DroppedDialog(),
                 ChangedSceneDialog(),
+                TooLargeDialog(),
                 FindingsDialog(),
             )
         )
@@ -336,6 +338,7 @@ class EditorWindow:
         self._dialogs.draw(self.ui)
         draw_progress(self.ui)
         draw_toasts(self.ui)
+        self.ui.popup_open = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
         if self._reporter is not None:
             self._reporter.write(self.ui)
         if self._steps is None and self._script is not None:
