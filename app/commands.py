@@ -34,6 +34,11 @@ class Command:
     """True: a step of the history. False: cannot be undone. None: changes nothing but what is shown or asked."""
 
 
+def shortcut_title(shortcut: str) -> str:
+    """As it is shown to the user."""
+    return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")
+
+
 class Commands:
     """All commands, in menu order."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.commands import Command
+from instdrive_app.commands import Command, shortcut_title
 from instdrive_app.panels.ui import Ui, icon_menu_item, icon_submenu
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
@@ -84,8 +84,3 @@ def key_chord(shortcut: str) -> int:
 def full_title(command: Command) -> str:
     """The title, and where what the command does cannot be undone, that it cannot."""
     return f"{command.title}  (not undoable)" if command.undoable is False else command.title
-
-
-def shortcut_title(shortcut: str) -> str:
-    """As it is shown to the user."""
-    return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")

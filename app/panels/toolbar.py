@@ -6,8 +6,7 @@ from collections.abc import Iterable
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import Command
-from instdrive_app.panels.menus import shortcut_title
+from instdrive_app.commands import Command, shortcut_title
 from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled
 from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
 

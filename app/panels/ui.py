@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
-from instdrive_app.commands import Command
+from instdrive_app.commands import Command, shortcut_title
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
@@ -122,7 +122,7 @@ def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None
     imgui.end_disabled()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
-        shortcut = f"  ({command.shortcuts[0]})" if command.shortcuts else ""
+        shortcut = f"  ({shortcut_title(command.shortcuts[0])})" if command.shortcuts else ""
         imgui.set_tooltip(f"{command.title}{shortcut}")
 
 

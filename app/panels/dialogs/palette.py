@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import Command
+from instdrive_app.commands import Command, shortcut_title
 from instdrive_app.matching import best_matches
-from instdrive_app.panels.menus import full_title, shortcut_title
+from instdrive_app.panels.menus import full_title
 from instdrive_app.panels.ui import Ui, dim_text, icon, scaled
 from instdrive_app.theme import DIM, TEXT, packed
 
