@@ -31,7 +31,7 @@ class Files:
         """Written by `exporting.Exporting`."""
         self.changed_project: tuple[Path, str] | None = None
         """A project whose scene is no longer the one that was edited, and what is said about it: to be asked about."""
-        self.too_large: SceneTooLargeError | None = None
+        self.too_large: tuple[Path, SceneTooLargeError] | None = None
         """A scene that does not fit into memory, of which a part does: to be asked about."""
         self.recents = RecentFiles(state_folder() / "recent.json")
         self._saved: tuple[Edit, ...] | None = ()
@@ -59,7 +59,7 @@ class Files:
 
         def failed(error: BaseException) -> bool:
             if isinstance(error, SceneTooLargeError) and error.keep_every is not None:
-                self.too_large = error
+                self.too_large = (path, error)
                 return True
             if not isinstance(error, SceneChangedError):
                 return False

@@ -32,8 +32,10 @@ def digest_of(arrays: dict[str, ndarray]) -> str:
     return digest.hexdigest()[:16]
 
 
-def read_arrays(path: Path, options: ReadOptions = WHOLE) -> tuple[dict[str, ndarray], str]:
-    """The arrays, those of splats reduced to the rows that are kept, and the digest of all that the file holds.
+def read_arrays(path: Path, scene: Path, options: ReadOptions = WHOLE) -> tuple[dict[str, ndarray], str]:
+    """The arrays in the file `path` of the folder `scene`, and the digest of all that the file holds.
+
+    Those of splats are reduced to the rows that are kept.
 
     Raises SceneTooLargeError before anything is loaded, SafetensorError or OSError where the file is damaged.
     """
@@ -43,7 +45,7 @@ def read_arrays(path: Path, options: ReadOptions = WHOLE) -> tuple[dict[str, nda
         count = shapes.get("means", (0,))[0]
         rows = [name for name in shapes if count and _is_per_splat(name) and shapes[name][:1] == (count,)]
         sizes = [int(np.prod(shapes[name][1:])) * _stored_bytes(name, parts[name]) for name in rows]
-        check_room(path, count, sum(sizes), options)
+        check_room(scene, count, sum(sizes), options)
         if options.keep_every == 1:
             arrays = load_file(path)
             return arrays, digest_of(arrays)

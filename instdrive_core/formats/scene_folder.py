@@ -158,7 +158,7 @@ def _read_parts(
         manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]
         try:
-            return manifest, *read_arrays(path, options)
+            return manifest, *read_arrays(path, folder, options)
         except FileNotFoundError as error:
             if attempt == _ATTEMPTS - 1:
                 raise _damaged(path, error) from error

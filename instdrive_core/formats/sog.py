@@ -17,14 +17,14 @@ import math
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Int64, UInt8
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.sog_meta import PALETTE_LIMIT, Palette, SogMeta, parsed_meta
 from instdrive_core.formats.sog_store import REMEDY, Store, opened_archive
-from instdrive_core.formats.unfilled import WHOLE, ReadOptions, check_room, row_bytes, unfilled
+from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
 from instdrive_core.maths.rotations import normalized
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.progress import report
@@ -52,11 +52,12 @@ def read_gaussians(store: Store, name: str = META, options: ReadOptions = WHOLE)
     """The Gaussians of one meta.json, whose images lie where it does. Raises DataError."""
     meta = parsed_meta(store.json(name), store.path)
     check_plausible_count(store.path, meta.count, store.size)
-    known = meta.palette.rest if meta.palette is not None and meta.palette.rest else 0
-    check_room(store.path, meta.count, row_bytes(known, 0), options, PASSING)
-    lookup = _palette_lookup(meta, store, options)
-    rest = 0 if lookup is None else lookup[0].shape[1]
+    entries = None if meta.palette is None else _palette_entries(meta.palette, store)
+    rest = 0 if entries is None else entries.shape[1]
     gaussians = unfilled(store.path, meta.count, rest, 0, options, passing=PASSING)
+    if meta.palette is not None and entries is not None:
+        labels = _labels(meta, meta.palette, store, len(entries), options)
+        np.take(entries, labels, axis=0, out=gaussians.sh_rest)
     report(0.2)
     _fill_means(meta, store, gaussians, options)
     report(0.5)
@@ -70,9 +71,6 @@ def read_gaussians(store: Store, name: str = META, options: ReadOptions = WHOLE)
         gaussians.log_scales[:, channel] = meta.log_scales[channel][scales[:, channel]]
         gaussians.sh_dc[:, channel] = meta.sh_dc[channel][colors[:, channel]]
     gaussians.opacity_logits[:] = meta.opacity_logits[colors[:, 3]]
-    if lookup is not None:
-        entries, labels = lookup
-        np.take(entries, labels, axis=0, out=gaussians.sh_rest)
     return gaussians
 
 
@@ -104,18 +102,15 @@ def _decoded_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) ->
     return normalized(units).astype(np.float32)
 
 
-def _palette_lookup(meta: SogMeta, store: Store, options: ReadOptions) -> tuple[ndarray, ndarray] | None:
-    """SH of each palette entry (p, k, 3) and each splat's entry (n,)."""
-    if meta.palette is None:
-        return None
-    entries = _palette_entries(meta.palette, store)
-    pixels = _splat_pixels(store, meta.palette.labels, meta.count, options)
+def _labels(meta: SogMeta, palette: Palette, store: Store, entries: int, options: ReadOptions) -> Int64[ndarray, " m"]:
+    """Which entry of the palette each splat has."""
+    pixels = _splat_pixels(store, palette.labels, meta.count, options)
     labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
-    wrong = np.flatnonzero(labels >= len(entries))
+    wrong = np.flatnonzero(labels >= entries)
     if len(wrong):
-        problem = f"splat {wrong[0]} names SH entry {labels[wrong[0]]} of {len(entries)}"
+        problem = f"splat {wrong[0] * options.keep_every} names SH entry {labels[wrong[0]]} of {entries}"
         raise DataError(store.path, problem, REMEDY)
-    return entries, labels
+    return labels
 
 
 def _palette_entries(palette: Palette, store: Store) -> Float32[ndarray, "p k 3"]:

@@ -8,7 +8,7 @@ names. An environment (splats far away, shown at every level) comes last.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -17,10 +17,10 @@ import numpy as np
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import check_plausible_count
-from instdrive_core.formats.sog import META, read_gaussians
+from instdrive_core.formats.sog import META, PASSING, read_gaussians
 from instdrive_core.formats.sog_meta import parsed_meta
 from instdrive_core.formats.sog_store import REMEDY, FolderStore, checked_name
-from instdrive_core.formats.unfilled import WHOLE, ReadOptions, check_room, row_bytes
+from instdrive_core.formats.unfilled import TO_READ, WHOLE, ReadOptions, check_room, row_bytes
 from instdrive_core.scene.gaussians import Gaussians, concatenated
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -63,6 +63,8 @@ def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHO
         raise DataError(folder, problem, REMEDY)
     chosen = _level_at_least(level, {number for number, _ in chunks})
     sources = [(chunks[key], META) for key in sorted(chunks) if key[0] == chosen]
+    if len(sources) == 1:
+        return scene_from_gaussians(read_gaussians(FolderStore(sources[0][0]), META, options))
     return scene_from_gaussians(_joined([_thinned(chunk, options) for chunk in _opened(sources, folder, options)]))
 
 
@@ -92,8 +94,9 @@ def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Gaussians:
     used = [names[number] for number in parts]
     if content.get("environment") is not None:
         used.append(content["environment"])
-    chunks = _opened([_source(folder, name) for name in used], folder, options)
-    kept = [_thinned(_rows_of(chunk, shown, folder), options) for shown, chunk in zip(parts.values(), chunks)]  # noqa: B905
+    shown = [sum(part.count for part in rows) for rows in parts.values()]
+    chunks = _opened([_source(folder, name) for name in used], folder, options, shown)
+    kept = [_thinned(_rows_of(chunk, rows, folder), options) for rows, chunk in zip(parts.values(), chunks)]  # noqa: B905
     return _joined([*kept, *(_thinned(chunk, options) for chunk in chunks)])
 
 
@@ -108,14 +111,22 @@ def _source(folder: Path, name: Any) -> tuple[Path, str]:
     return folder / parts.parent, parts.name
 
 
-def _opened(sources: list[tuple[Path, str]], folder: Path, options: ReadOptions) -> Iterator[Gaussians]:
-    """Each chunk in turn, whole, while all of them together can be believed and fit into memory."""
+def _opened(
+    sources: list[tuple[Path, str]], folder: Path, options: ReadOptions, shown: Sequence[int] = ()
+) -> Iterator[Gaussians]:
+    """Each chunk in turn, whole, while all of them together can be believed and fit into memory.
+
+    `shown` is how many rows of the first chunks will be kept; of the others, all.
+    """
     if len(set(sources)) < len(sources):
         raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
     metas = [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
     rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
-    # Chunks are joined by a copy.
-    check_room(folder, sum(meta.count for meta in metas), 2 * row_bytes(rest, 0), options)
+    largest = max((meta.count for meta in metas), default=0)
+    # Chunks are read whole, and joined by a copy.
+    passing = largest * (TO_READ * row_bytes(rest, 0) + PASSING)
+    count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
+    check_room(folder, count, 2 * row_bytes(rest, 0), options, passing)
     count = size = 0
     for place, name in sources:
         store = FolderStore(place)

@@ -68,7 +68,7 @@ def unfilled(
 
     Raises SceneTooLargeError where there is not enough memory; none was taken then.
     """
-    check_room(path, count, row_bytes(rest, features) + extra, options, passing)
+    check_room(path, count, row_bytes(rest, features) + extra, options, passing * count)
     shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
     return Gaussians(*(np.empty((options.kept(count), *shape), np.float32) for shape in shapes))
 
@@ -78,17 +78,24 @@ def row_bytes(rest: int, features: int) -> int:
     return 4 * (_FLOATS + 3 * rest + features) + _ID_BYTES
 
 
-def check_room(path: str | Path, count: int, size: int, options: ReadOptions = WHOLE, passing: int = 0) -> None:
-    """Raises SceneTooLargeError where rows of `size` bytes do not fit; other arguments as in `unfilled`."""
-    while_read = float(passing * count)
-    needed = options.room * size * options.kept(count) + while_read
+def check_room(path: str | Path, count: int, size: int, options: ReadOptions = WHOLE, passing: float = 0.0) -> None:
+    """Raises SceneTooLargeError where rows do not fit into memory.
+
+    Args:
+        path: the file, for messages.
+        count: rows in the file.
+        size: bytes of a row that is kept.
+        options: which rows are kept.
+        passing: bytes in all that are needed while the file is read, whichever rows are kept.
+    """
+    needed = options.room * size * options.kept(count) + passing
     available = available_memory()
     if needed <= available:
         return
-    whole, left = options.room * size * count, available - while_read
+    whole, left = options.room * size * count, available - passing
     every = math.ceil(whole / left) if left > 0 else count
     keep_every = every if every < count else None
-    raise SceneTooLargeError(path, count, whole + while_read, available, keep_every)
+    raise SceneTooLargeError(path, count, whole + passing, available, keep_every)
 
 
 def grown(log_scales: Float32[ndarray, "n 3"], keep_every: int) -> None:

@@ -22,22 +22,23 @@ class TooLargeDialog:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         files = ui.session.files
-        found = files.too_large
-        if found is None or found.keep_every is None:
+        if files.too_large is None:
             return
+        path, found = files.too_large
         if not imgui.is_popup_open(TITLE):
             imgui.open_popup(TITLE)
-        keep_every, every = found.keep_every, f"every {ordinal(found.keep_every)}"
+        keep_every = found.keep_every or found.count
+        every = f"every {ordinal(keep_every)}"
 
         def open_part() -> None:
             files.too_large = None
-            files.open(found.path, keep_every=keep_every)
+            files.open(path, keep_every=keep_every)
 
         def leave() -> None:
             files.too_large = None
 
         text = (
-            f"{found.path.name} has {found.count:,} splats and needs {gigabytes(found.needed)} to be edited, "
+            f"{path.name} has {found.count:,} splats and needs {gigabytes(found.needed)} to be edited, "
             f"{gigabytes(found.available)} are free. Open {every} splat?\n\n"
             "The splats that are opened are made larger, so that they leave no gaps. The file stays as it is."
         )
