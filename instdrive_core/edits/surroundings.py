@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt32
@@ -54,6 +54,11 @@ class Neighborhood:
     locked: Bool[ndarray, " k"]
     compact: Bool[ndarray, " k"]
     """Part of an object that stands there."""
+
+    def without(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
+        """The same without some rows of the document."""
+        kept = ~np.isin(self.rows, rows)
+        return Neighborhood(**{entry.name: getattr(self, entry.name)[kept] for entry in fields(self)})
 
 
 @dataclass(frozen=True)
