@@ -7,20 +7,19 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 from numpy import ndarray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
+from instdrive_core.datasets.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.errors import DataError
-
-_DAMAGED = (OSError, UnidentifiedImageError, SyntaxError, ValueError, Image.DecompressionBombError)
-"""What Pillow raises for files that are no photo, half of one, or far larger than any."""
 
 
 def photo_size(photo: Path) -> tuple[int, int]:
     """Width and height, from the header alone. Raises DataError where it is no photo."""
     try:
         with Image.open(photo) as image:
+            check_pixels(photo, image.size)
             return image.size
-    except _DAMAGED as error:
+    except BAD_IMAGE as error:
         raise DataError(photo, f"is no readable photo ({error})", "Get the file again") from error
 
 
@@ -31,11 +30,12 @@ def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -
     """
     try:
         with Image.open(photo) as image:
+            check_pixels(photo, image.size)
             if image.size != full_size:
                 problem = f"is {image.size[0]}×{image.size[1]}, the camera's photos {full_size[0]}×{full_size[1]}"
                 raise DataError(photo, problem, "Photos of one camera must have one size")
             image.draft("RGB", size)
             rgb = image.convert("RGB")
             return np.asarray(rgb if rgb.size == size else rgb.resize(size, Image.Resampling.BOX)).copy()
-    except _DAMAGED as error:
+    except BAD_IMAGE as error:
         raise DataError(photo, f"is no readable photo ({error})", "Get the file again") from error

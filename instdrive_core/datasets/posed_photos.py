@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, center_of, is_held_out
+from instdrive_core.datasets.image_limit import MAX_PIXELS
 from instdrive_core.datasets.lens import Lens, covered_by_photo, undistorted
 from instdrive_core.datasets.photos import load_photo
 from instdrive_core.datasets.upright import upright_world
@@ -27,7 +28,6 @@ DEFAULT_WIDTH = 480
 """Pixels to which photos are scaled where no scale is asked for."""
 STEP_SECONDS = 0.1
 """Assumed between photos, as the files have no times."""
-MAX_PIXELS = 1 << 28
 _LONGEST_NAME, _LONGEST_PATH = 255, 2000
 """Bytes of one file's name, characters of a path: file systems know no longer ones."""
 _CAMERA_COUNTS = {"1": 1, "3": 3, "6": None}

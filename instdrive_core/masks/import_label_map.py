@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt32
 from numpy import ndarray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
+from instdrive_core.datasets.image_limit import BAD_IMAGE
 from instdrive_core.errors import DataError
 from instdrive_core.masks.imported_file import MAX_MASKS, REMEDY, check_count, check_size
 from instdrive_core.masks.labelmap import nearest, read_label_map
@@ -19,7 +20,7 @@ def read_imported_label_map(file: Path, width: int, height: int) -> UInt32[ndarr
     try:
         with Image.open(file) as image:  # reads the header only
             size = image.size
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+    except BAD_IMAGE as error:
         raise DataError(file, f"is no readable PNG ({error})", REMEDY) from error
     check_size(file, "the label map", size, (width, height))
     labels = read_label_map(file)

@@ -21,9 +21,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Integer, UInt16
 from numpy import ndarray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from instdrive_core.datasets.clip import Frame
+from instdrive_core.datasets.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.datasets.json_file import field, number, read_json
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_path, write_bytes
@@ -202,10 +203,11 @@ def read_sky(file: Path) -> Bool[ndarray, "h w"]:
 def _read_png(file: Path) -> tuple[ndarray, str]:
     try:
         with Image.open(file) as image:
+            check_pixels(file, image.size)
             return np.asarray(image), image.mode
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+    except BAD_IMAGE as error:
         raise DataError(file, f"is no readable PNG ({error})", _REMEDY) from error
 
 
