@@ -37,8 +37,8 @@ def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tupl
     """Open a scene in the editor and play a session, on a virtual display where there is no other.
 
     Writes into `out_dir`: color.png, id_map.png (exact ID colours), hover.png and editor.png (the whole window),
-    selected.png, tinted.png (the clicked instance recoloured), deleted.png, recolored.png (another instance
-    recoloured), edited.ply, and session.json, which says what was clicked.
+    selected.png, tinted.png (the clicked instance recoloured), deleted.png, cleaned.png (strays gone, the hole filled),
+    recolored.png (another instance recoloured), edited.ply, and session.json, which says what was clicked.
 
     Raises ScriptError where the scene shows nothing to click, DisplayError where no window can be opened.
     """
@@ -79,6 +79,8 @@ class ScriptedSession:
         self._run("edit.delete")
         yield from self._drawn()
         self._save("deleted.png")
+        yield from self._cleaned()
+        self._save("cleaned.png")
         yield from self._pointed_at(second)
         yield from self._clicked(second, "recolored")
         self._session.recolor_mode, self._session.recolor_color = "tint", SECOND_COLOR
@@ -136,11 +138,27 @@ class ScriptedSession:
         self._protocol[f"{name}_pixel"] = self._picture_pixel(pointer)
         yield from self._drawn()
 
+    def _cleaned(self) -> Iterator[None]:
+        """Take away the strays of what was deleted, and fill the ground that nothing ever showed."""
+        aftermath = self._session.aftermath
+        yield from self._idle()
+        found = aftermath.finding
+        self._protocol["residue"] = found.residue_count if found else 0
+        self._protocol["hole"] = round(found.report.hole_area, 2) if found else 0.0
+        aftermath.absorb()
+        aftermath.fill()
+        yield from self._idle()
+        yield from self._drawn()
+
+    def _idle(self) -> Iterator[None]:
+        """Until no work is under way."""
+        while self._session.jobs.current is not None:
+            yield
+
     def _exported(self) -> Iterator[None]:
         target = self._out / "edited.ply"
         self._session.export(target)
-        while self._session.jobs.current is not None:
-            yield
+        yield from self._idle()
         if self._session.files.last_export != target:
             raise ScriptError(self._session.messages.log[-1].text)
         self._protocol["exported"] = target.name

@@ -49,8 +49,8 @@ def camera_grid(scene: Scene, frames: list[Frame]) -> UInt8[ndarray, "h w 3"]:
 
 
 def session_strip(session: Path) -> UInt8[ndarray, "h w 3"]:
-    """Before, instance map, one car deleted, another recoloured: two by two."""
-    names = ("color.png", "id_map.png", "deleted.png", "recolored.png")
+    """Before, instance map, one car deleted and the hole filled, another recoloured: two by two."""
+    names = ("color.png", "id_map.png", "cleaned.png", "recolored.png")
     pictures = [np.asarray(Image.open(session / name).convert("RGB")) for name in names]
     return np.concatenate([np.concatenate(pictures[:2], axis=1), np.concatenate(pictures[2:], axis=1)])
 

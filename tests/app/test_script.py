@@ -40,7 +40,7 @@ def test_a_session_plays_itself_and_leaves_its_pictures(tmp_path):
     pictures = {name: np.asarray(Image.open(out / name)) for name in told["pictures"]}
     assert set(pictures) == {
         *("color.png", "id_map.png", "hover.png", "selected.png", "editor.png"),
-        *("tinted.png", "deleted.png", "recolored.png"),
+        *("tinted.png", "deleted.png", "cleaned.png", "recolored.png"),
     }
     assert pictures["editor.png"].shape == (720, 1280, 3)
     picked, recolored = tuple(told["picked_pixel"][::-1]), tuple(told["recolored_pixel"][::-1])
