@@ -155,6 +155,15 @@ def _draw_icon(draw: imgui.ImDrawList, at: ImVec2, symbol: str, enabled: bool) -
     draw.add_text(place, packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6), glyph)
 
 
+def fitted_selectable(title: str, key: object, chosen: bool, flags: int = 0) -> bool:
+    """A line of a list, cut with an ellipsis where it is too long, which its tooltip then is not; whether clicked."""
+    fitted = fitted_text(title, imgui.get_content_region_avail().x)
+    clicked = imgui.selectable(f"{fitted}##{key}", chosen, flags, ImVec2(imgui.get_content_region_avail().x, 0))[0]
+    if fitted != title and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip(title)
+    return clicked
+
+
 def fitted_text(text: str, width: float) -> str:
     """`text`, cut with an ellipsis where it is wider than `width` pixels."""
     if imgui.calc_text_size(text).x <= width:

@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.instance_rows import InstanceRows, Query
-from instdrive_app.panels.ui import Ui, dim_text, icon, scaled_size, swatch
+from instdrive_app.panels.ui import Ui, dim_text, fitted_selectable, icon, scaled_size, swatch
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted
 
@@ -74,7 +74,7 @@ class ReassignDialog:
 
     def _choice(self, ui: Ui, target: int, title: str) -> None:
         flags = imgui.SelectableFlags_.no_auto_close_popups
-        if imgui.selectable(f"{title}##{target}", target == self._target, flags)[0]:
+        if fitted_selectable(title, target, target == self._target, flags):
             self._target = target
         ui.mark(f"reassign.{_MARKS.get(target, target)}")
 

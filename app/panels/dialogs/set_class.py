@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, scaled_size
+from instdrive_app.panels.ui import Ui, fitted_selectable, scaled_size
 
 TITLE = "Set class"
 
@@ -45,7 +45,7 @@ class ClassDialog:
         imgui.begin_child("##known", ImVec2(0, height))
         for name in known:
             flags = imgui.SelectableFlags_.no_auto_close_popups | imgui.SelectableFlags_.allow_double_click
-            if imgui.selectable(name, name == self._text, flags)[0]:
+            if fitted_selectable(name, name, name == self._text, flags):
                 self._text, entered = name, imgui.is_mouse_double_clicked(0)
             ui.mark(f"class.{name}")
         imgui.end_child()
