@@ -31,6 +31,7 @@ bench: $(VENV)/.ready-dev
 pictures: $(VENV)/.ready-dev
 	$(BIN)/instdrive demo --script --out $(RUN)
 	$(BIN)/python -m benchmarks.pictures $(RUN)/run --name demo --session $(RUN)
+	$(BIN)/python -m benchmarks.editor_pictures $(RUN)/run
 	$(BIN)/python -m instdrive_core.datasets.synthetic.contact_sheet $(RUN)/clip docs/images/synthetic_contact_sheet.jpg
 
 $(VENV)/bin/python: | system
