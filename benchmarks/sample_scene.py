@@ -1,7 +1,7 @@
 """Make the sample scene that comes with the editor from a trained run: `python -m benchmarks.sample_scene RUN`.
 
-To stay below 5 MB the Gaussians that its photos show least of, view-dependent colour and features are dropped, and arrays
-stored in half precision.
+To stay below 5 MB the Gaussians that its photos show least of, view-dependent colour and features are dropped, and
+arrays stored in half precision.
 """
 
 from __future__ import annotations
