@@ -81,6 +81,23 @@ def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
     assert document.history.edits, "what was undone can be redone"
 
 
+def test_giving_up_a_save_on_the_way_out_stays(opened, street_folder, tmp_path):
+    window = opened(street_folder)
+    delete(window, RED_CAR)
+    window.key("ctrl+q")
+    window.click_widget("question.Save")
+    window.click_widget("dialog.cancel")
+    project = tmp_path / "drive.instdrive"
+    window.key("ctrl+s")
+    window.wait_for_widget("dialog.path")
+    window.key("ctrl+a")
+    window.type(str(project))
+    window.click_widget("dialog.accept")
+    window.wait_for(lambda state: not state["unsaved"] and project.exists(), "the project to be saved")
+    assert not window.wait_until_calm(1.0)["unsaved"], "the save that came later ended nothing"
+    assert window.quit() == 0
+
+
 def test_work_of_a_killed_editor_is_offered(opened, street_folder):
     window = opened(street_folder)
     delete(window, RED_CAR)

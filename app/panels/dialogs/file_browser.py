@@ -34,6 +34,7 @@ class FileBrowser:
         self._purpose = PURPOSES["open"]
         self._folder = Path.cwd()
         self._text = ""
+        self._shown = False
         self._pending: desktop.open_file | desktop.save_file | None = None
         self._listed: tuple[tuple[Path, tuple[str, ...]], float, list[Entry]] | None = None
 
@@ -73,7 +74,11 @@ class FileBrowser:
                 self._text = options.draw(ui, self._text)
                 self._purpose = options.purpose(ui.session)
             self._browse(ui, self._purpose)
+            self._shown = True
             imgui.end_popup()
+        elif self._shown:
+            self._shown = False
+            self._purpose.closed(ui.session)
 
     def _take_answer(self, ui: Ui) -> None:
         assert self._pending is not None
@@ -88,6 +93,7 @@ class FileBrowser:
                 ui.session.messages.error(f"{path}: {problem}")
             else:
                 self._purpose.act(ui.session, path)
+        self._purpose.closed(ui.session)
 
     def _browse(self, ui: Ui, purpose: FilePurpose) -> None:
         if imgui.is_window_appearing():

@@ -35,6 +35,8 @@ class FilePurpose:
     """Ending of the name that is proposed for a new file, after the scene's own."""
     refusal: str = ""
     """Why no path can be the answer; empty where some can."""
+    closed: Callable[[EditorSession], None] = lambda _: None
+    """Called when the dialog is gone, after `act` where there was an answer."""
 
     def problem(self, path: Path) -> str:
         """Why the path cannot be the answer; empty where it can."""
@@ -82,10 +84,15 @@ def _save(session: EditorSession, path: Path) -> None:
     session.save(path, then or (lambda: None))
 
 
+def _stay(session: EditorSession) -> None:
+    """Who gives no name wants to stay: a later save must not end the editor."""
+    session.waiting = None
+
+
 PURPOSES = {
     "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENES), _open),
     "insert": FilePurpose("Insert a scene", "Insert", SCENES, lambda session, path: session.inserting.insert(path)),
-    "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX),
+    "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX, closed=_stay),
     "export": FilePurpose("Export", "Export", WRITTEN, lambda session, path: session.exporting.export(path), True),
 }
 """By the name that `session.dialog` takes."""

@@ -22,8 +22,9 @@ class UnsavedDialog:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         session = ui.session
-        path = session.files.path
-        text = f"The changes to {path.name if path else 'the scene'} are in no project file yet."
+        path, project = session.files.path, session.files.project
+        where = "not saved" if project else "in no project file"
+        text = f"The changes to {path.name if path else 'the scene'} are {where} yet."
 
         def save() -> None:
             if session.files.project is None:
