@@ -16,7 +16,6 @@ class DirtyRows:
     def __init__(self, count: int) -> None:
         self._log = [(1, 0, count)]
         self._serial = 1
-        self._own = DirtyReader(self)
 
     def touch(self, start: int, stop: int) -> None:
         """Tell every reader of rows `start` … `stop` - 1."""
@@ -34,10 +33,6 @@ class DirtyRows:
     def reader(self) -> DirtyReader:
         """A reader of its own; to it all rows are dirty at first."""
         return DirtyReader(self)
-
-    def take(self) -> tuple[int, int] | None:
-        """What one more reader, the log's own, would take."""
-        return self._own.take()
 
     def since(self, serial: int) -> tuple[tuple[int, int] | None, int]:
         """The range that holds all rows touched after `serial` (0 = from the beginning), and the present serial."""

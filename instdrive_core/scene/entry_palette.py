@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt16
 from numpy import ndarray
 
-from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
+from instdrive_core.scene.per_splat import PerSplatArray, read_only
 
 MAX_ENTRIES = 1 << 16
 
@@ -17,7 +17,7 @@ class PaletteFullError(ValueError):
     """More different entries are alive than a 16-bit palette index can name."""
 
 
-class EntryPalette:
+class EntryPalette(PerSplatArray):
     """Palette indices of N splats and the entries they name; entry 0 is the identity and is never removed.
 
     Entries are added and removed like a stack, so that undoing an edit restores the palette bit by bit.
@@ -27,18 +27,15 @@ class EntryPalette:
     """What errors call it."""
 
     def __init__(self, count: int, identity: Float[ndarray, " w"]) -> None:
-        self._indices = np.zeros(count, np.uint16)
+        super().__init__(count, np.uint16)
         self._values = identity[None].copy()
         self._keys = [self._values[0].tobytes()]
         self._entry_of = {self._keys[0]: 0}
-        self._dirty = DirtyRows(count)
-        self.version = 0
-        """Rises with every change."""
 
     @property
     def indices(self) -> UInt16[ndarray, " n"]:
         """The palette entry of each splat, a read-only view."""
-        return read_only(self._indices)
+        return read_only(self._rows)
 
     @property
     def values(self) -> Float[ndarray, "p w"]:
@@ -76,7 +73,7 @@ class EntryPalette:
 
         Raises PaletteFullError, with nothing added, where they do not all fit.
         """
-        named, place = np.unique(self._indices[rows], return_inverse=True)
+        named, place = np.unique(self._rows[rows], return_inverse=True)
         size = len(self)
         try:
             entries = [self.add_values(change(self._values[entry].copy())) for entry in named.tolist()]
@@ -94,39 +91,6 @@ class EntryPalette:
 
     def assign(self, rows: Int[ndarray, " m"], entries: UInt16[ndarray, " m"]) -> UInt16[ndarray, " m"]:
         """Name an entry for each row; returns the entries named before (the delta an edit stores)."""
-        before = self._indices[rows]
-        self._indices[rows] = entries
-        if len(rows):
-            self._touch(int(rows.min()), int(rows.max()) + 1)
+        before = self._rows[rows]
+        self._write(rows, entries)
         return before
-
-    def append(self, count: int) -> None:
-        """Add `count` splats that name the identity."""
-        start = len(self._indices)
-        self._indices = np.concatenate([self._indices, np.zeros(count, np.uint16)])
-        self._touch(start, start + count)
-
-    def drop_rows(self, count: int) -> None:
-        """Take the last `count` splats away again."""
-        self._indices = self._indices[: len(self._indices) - count].copy()
-        self._dirty.shorten(len(self._indices))
-        self.version += 1
-
-    def take_dirty(self) -> tuple[int, int] | None:
-        """The row range whose indices changed since the last call, or None."""
-        return self._dirty.take()
-
-    def dirty_reader(self) -> DirtyReader:
-        """Follows changes of the indices for one more reader, independent of `take_dirty`; to it all rows are new."""
-        return self._dirty.reader()
-
-    def _touch(self, start: int, stop: int) -> None:
-        self.version += 1
-        self._dirty.touch(start, stop)
-
-
-def read_only(array: ndarray) -> ndarray:
-    """A view that cannot be written."""
-    view = array.view()
-    view.flags.writeable = False
-    return view

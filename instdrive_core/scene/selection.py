@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
-from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
+from instdrive_core.scene.per_splat import PerSplatArray, read_only
 
 
 class Flag(IntFlag):
@@ -20,71 +20,38 @@ class Flag(IntFlag):
     DELETED = 8
 
 
-class SplatState:
+class SplatState(PerSplatArray):
     """The state bytes of N splats. Arrays grow by appending only; deletion is a flag, dropped at export."""
 
     def __init__(self, count: int) -> None:
-        self._flags = np.zeros(count, np.uint8)
-        self._dirty = DirtyRows(count)
-        self.version = 0
-        """Rises with every change."""
+        super().__init__(count, np.uint8)
 
     def __len__(self) -> int:
-        return len(self._flags)
+        return len(self._rows)
 
     @property
     def flags(self) -> UInt8[ndarray, " n"]:
         """A read-only view."""
-        view = self._flags.view()
-        view.flags.writeable = False
-        return view
+        return read_only(self._rows)
 
     def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
         """Rows that have any of the bits of `flag`."""
-        return np.flatnonzero(self._flags & np.uint8(flag))
+        return np.flatnonzero(self._rows & np.uint8(flag))
 
     def mask(self, flag: Flag) -> Bool[ndarray, " n"]:
         """Whether each row has any of the bits of `flag`."""
-        return (self._flags & np.uint8(flag)) != 0
+        return (self._rows & np.uint8(flag)) != 0
 
     @property
     def drawn(self) -> Bool[ndarray, " n"]:
         """Rows that are neither hidden nor deleted."""
-        return (self._flags & np.uint8(Flag.HIDDEN | Flag.DELETED)) == 0
+        return (self._rows & np.uint8(Flag.HIDDEN | Flag.DELETED)) == 0
 
     def change(self, rows: Int[ndarray, " m"], flag: Flag, on: bool) -> Int[ndarray, " k"]:
         """Set or clear a bit; returns the rows that really changed (the delta an edit stores)."""
         bit = np.uint8(flag)
-        before = (self._flags[rows] & bit) == bit
+        before = (self._rows[rows] & bit) == bit
         changed = np.asarray(rows)[before != on]
-        if len(changed):
-            if on:
-                self._flags[changed] |= bit
-            else:
-                self._flags[changed] &= ~bit
-            self._touch(int(changed.min()), int(changed.max()) + 1)
+        flags = self._rows[changed]
+        self._write(changed, flags | bit if on else flags & ~bit)
         return changed
-
-    def append(self, count: int) -> None:
-        """Add `count` splats with no bit set."""
-        start = len(self._flags)
-        self._flags = np.concatenate([self._flags, np.zeros(count, np.uint8)])
-        self._touch(start, start + count)
-
-    def drop_rows(self, count: int) -> None:
-        """Take the last `count` splats away again."""
-        self._flags = self._flags[: len(self._flags) - count].copy()
-        self._dirty.shorten(len(self._flags))
-        self.version += 1
-
-    def take_dirty(self) -> tuple[int, int] | None:
-        """The row range changed since the last call, or None."""
-        return self._dirty.take()
-
-    def dirty_reader(self) -> DirtyReader:
-        """Follows changes for one more reader, independent of `take_dirty`; to it all rows are new."""
-        return self._dirty.reader()
-
-    def _touch(self, start: int, stop: int) -> None:
-        self.version += 1
-        self._dirty.touch(start, stop)

@@ -140,12 +140,12 @@ def test_buffers_grow_in_place_and_never_write_into_foreign_memory():
 
 def test_dirty_rows_never_reach_beyond_the_last_row():
     document = Document(random_scene())
-    for part in (document.state, document.colors, document.transforms):
-        part.take_dirty()
+    readers = [part.dirty_reader() for part in (document.state, document.colors, document.transforms)]
+    for reader in readers:
+        reader.take()
     document.apply(DuplicateInstances((2,)))
     count = len(document.scene)
-    assert document.state.take_dirty() == document.colors.take_dirty() == (200, count)
+    assert [reader.take() for reader in readers] == [(200, count)] * 3
     document.apply(DuplicateInstances((2,)))
     document.undo(), document.undo()
-    for part in (document.state, document.colors, document.transforms):
-        assert part.take_dirty() is None
+    assert [reader.take() for reader in readers] == [None] * 3

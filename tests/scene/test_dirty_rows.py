@@ -47,11 +47,10 @@ def test_a_reader_that_keeps_up_is_told_the_range_and_no_more():
 def test_readers_do_not_take_from_each_other():
     log = DirtyRows(COUNT)
     first, second = log.reader(), log.reader()
-    assert first.take() == second.take() == log.take() == (0, COUNT)
+    assert first.take() == second.take() == (0, COUNT)
     log.touch(1, 2)
     assert first.take() == (1, 2)
     assert second.take() == (1, 2)
-    assert log.take() == (1, 2)
 
 
 @pytest.mark.parametrize(("touched", "left"), [((30, 40), None), ((10, 40), (10, 20)), ((5, 6), (5, 6))])
@@ -65,4 +64,4 @@ def test_rows_that_are_gone_are_forgotten(touched, left):
 
 
 def test_no_rows_are_never_dirty():
-    assert DirtyRows(0).take() is None
+    assert DirtyRows(0).reader().take() is None

@@ -30,15 +30,16 @@ def test_equal_entries_are_shared_and_truncation_forgets():
 
 def test_assigning_returns_what_was_there_and_marks_it_dirty():
     palette = ColorPalette(6)
-    palette.take_dirty()
+    reader = palette.dirty_reader()
+    assert reader.take() == (0, 6)
     version, entry = palette.version, palette.add(RED)
     before = palette.assign(np.array([1, 4]), np.array([entry, entry], np.uint16))
     assert before.tolist() == [0, 0]
     assert palette.indices.tolist() == [0, 1, 0, 0, 1, 0]
-    assert palette.take_dirty() == (1, 5)
+    assert reader.take() == (1, 5)
     assert palette.version > version
     palette.append(2)
-    assert palette.take_dirty() == (6, 8)
+    assert reader.take() == (6, 8)
     assert len(palette.indices) == 8
 
 

@@ -6,9 +6,7 @@ from instdrive_core.scene.selection import Flag, SplatState
 
 @pytest.fixture
 def state():
-    state = SplatState(10)
-    state.take_dirty()
-    return state
+    return SplatState(10)
 
 
 def test_only_rows_that_really_change_are_returned(state):
@@ -30,24 +28,26 @@ def test_bits_are_independent(state):
 
 
 def test_dirty_range_and_version_follow_changes(state):
-    version = state.version
+    version, reader = state.version, state.dirty_reader()
+    reader.take()
     state.change(np.array([2]), Flag.HIDDEN, False)
     assert state.version == version
-    assert state.take_dirty() is None
+    assert reader.take() is None
     state.change(np.array([7, 2]), Flag.HIDDEN, True)
     state.change(np.array([5]), Flag.HIDDEN, True)
     assert state.version > version
-    assert state.take_dirty() == (2, 8)
-    assert state.take_dirty() is None
+    assert reader.take() == (2, 8)
+    assert reader.take() is None
 
 
 def test_growing_appends_clean_rows(state):
     state.change(np.array([9]), Flag.DELETED, True)
-    state.take_dirty()
+    reader = state.dirty_reader()
+    reader.take()
     state.append(3)
     assert len(state) == 13
     assert state.flags.tolist() == [0] * 9 + [8, 0, 0, 0]
-    assert state.take_dirty() == (10, 13)
+    assert reader.take() == (10, 13)
 
 
 def test_flags_cannot_be_written_from_outside(state):

@@ -1,0 +1,51 @@
+"""One number per splat that edits write: its rows are followed by readers, and change at the end only in number."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Int, Shaped
+from numpy import ndarray
+
+from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
+
+
+class PerSplatArray:
+    """What the arrays of edit state have in common; subclasses say what their numbers mean, and when to write them."""
+
+    def __init__(self, count: int, dtype: type[np.unsignedinteger]) -> None:
+        self._rows = np.zeros(count, dtype)
+        self._dirty = DirtyRows(count)
+        self.version = 0
+        """Rises with every change."""
+
+    def append(self, count: int) -> None:
+        """Add `count` splats, at 0."""
+        start = len(self._rows)
+        self._rows = np.concatenate([self._rows, np.zeros(count, self._rows.dtype)])
+        self._touch(start, start + count)
+
+    def drop_rows(self, count: int) -> None:
+        """Take the last `count` splats away again."""
+        self._rows = self._rows[: len(self._rows) - count].copy()
+        self._dirty.shorten(len(self._rows))
+        self.version += 1
+
+    def dirty_reader(self) -> DirtyReader:
+        """Follows changes for one more reader; to it all rows are new."""
+        return self._dirty.reader()
+
+    def _write(self, rows: Int[ndarray, " m"], values: Shaped[ndarray, " m"]) -> None:
+        if len(rows):
+            self._rows[rows] = values
+            self._touch(int(rows.min()), int(rows.max()) + 1)
+
+    def _touch(self, start: int, stop: int) -> None:
+        self.version += 1
+        self._dirty.touch(start, stop)
+
+
+def read_only(array: ndarray) -> ndarray:
+    """A view that cannot be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
