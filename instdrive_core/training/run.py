@@ -27,6 +27,7 @@ from instdrive_core.training.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.exposures import finished_exposures
 from instdrive_core.training.finish import finished_scene
 from instdrive_core.training.instance_stage import InstanceLearner, LearnedInstances, learned_codewords
+from instdrive_core.training.room import check_training_room
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.start import resumed_trainer, trainer_from_clip, trainer_from_scene
 from instdrive_core.training.trainer import Trainer
@@ -59,7 +60,8 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     """Train a clip into `request.out` and return it.
 
     Raises OptionError where the folder already holds a run and `resume` is off, DataError for clips that cannot
-    train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there.
+    train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there, or where
+    memory is too small for the clip's photos.
     """
     out = request.out
     torch.set_num_threads(1)  # the work is in our kernels' threads; torch's would wait for theirs and take their cores
@@ -70,6 +72,7 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     clip = load_clip(str(request.clip), request.options)
     if not clip.training_frames():
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
+    check_training_room(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     on_note(
         f"{len(clip.training_frames())} training photos, {len(clip.held_out_frames())} held out; "

@@ -1,0 +1,44 @@
+"""Photos that cannot be trained in the memory that there is: told beforehand, with what would fit."""
+
+import re
+
+import pytest
+from photo_models import COUNT, HEIGHT, WIDTH, photo_model, write_nerfstudio
+from small_clip import write_small_clip
+
+from instdrive_core.available_memory import assumed_memory
+from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.errors import OptionError
+from instdrive_core.training.room import KEPT_BYTES, PROGRAM_BYTES, STEP_BYTES, check_training_room, training_bytes
+from instdrive_core.training.view_store import DEFAULT_BUDGET
+
+
+def test_a_smaller_scale_that_is_proposed_fits_and_a_larger_does_not(tmp_path):
+    root = str(write_nerfstudio(tmp_path / "clip", photo_model()))
+    available = PROGRAM_BYTES + 0.3 * (STEP_BYTES + (COUNT - 1) * KEPT_BYTES) * WIDTH * HEIGHT
+    with assumed_memory(available):
+        with pytest.raises(OptionError, match=f"{COUNT - 1} photos of up to {WIDTH}×{HEIGHT} need at least") as raised:
+            check_training_room(load_clip(root, ClipOptions()))
+        scale = float(re.search(r"--scale (\S+) would fit", str(raised.value))[1])
+        assert 0.5 < scale < 0.6
+        check_training_room(load_clip(root, ClipOptions(scale=scale)))
+        with pytest.raises(OptionError):
+            check_training_room(load_clip(root, ClipOptions(scale=scale + 0.05)))
+
+
+def test_fewer_cameras_are_proposed_where_photos_are_many(tmp_path):
+    root = str(write_small_clip(tmp_path / "clip"))
+    clip = load_clip(root, ClipOptions(cameras="front_camera,back_camera"))
+    sizes = [(frame.view.camera.width, frame.view.camera.height) for frame in clip.training_frames()]
+    with (
+        assumed_memory(training_bytes(sizes) - 1),
+        pytest.raises(OptionError, match="--cameras front_camera would fit"),
+    ):
+        check_training_room(clip)
+    with assumed_memory(training_bytes(sizes)):
+        check_training_room(clip)
+
+
+def test_kept_photos_stay_within_their_budget():
+    sizes = [(1000, 1000)] * 100_000
+    assert training_bytes(sizes) == PROGRAM_BYTES + STEP_BYTES * 1e6 + DEFAULT_BUDGET
