@@ -20,7 +20,7 @@ from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.sog import META, PASSING, read_gaussians
 from instdrive_core.formats.sog_meta import parsed_meta
 from instdrive_core.formats.sog_store import REMEDY, FolderStore, checked_name
-from instdrive_core.formats.unfilled import TO_READ, WHOLE, ReadOptions, check_room, row_bytes
+from instdrive_core.formats.unfilled import BESIDE_BYTES, TO_READ, WHOLE, ReadOptions, check_room, row_bytes
 from instdrive_core.scene.gaussians import Gaussians, concatenated
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -124,7 +124,7 @@ def _opened(
     rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
     largest = max((meta.count for meta in metas), default=0)
     # Chunks are read whole, and joined by a copy.
-    passing = largest * (TO_READ * row_bytes(rest, 0) + PASSING)
+    passing = largest * (TO_READ * row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
     count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
     check_room(folder, count, 2 * row_bytes(rest, 0), options, passing)
     count = size = 0

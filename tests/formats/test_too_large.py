@@ -13,7 +13,7 @@ from instdrive_core.edits.bake import frozen_at
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.errors import DataError, OptionError, SceneTooLargeError, gigabytes, ordinal
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.formats.unfilled import TO_EDIT, TO_READ, check_room, row_bytes
+from instdrive_core.formats.unfilled import BESIDE_BYTES, TO_EDIT, TO_READ, check_room, row_bytes
 from instdrive_core.project.open import open_document, open_edited, open_project
 from instdrive_core.project.save import save_project
 
@@ -102,14 +102,16 @@ def test_nothing_is_allocated_for_a_scene_that_is_refused(tmp_path):
 
 
 def test_what_is_needed_beside_the_rows_counts_too():
-    with assumed_memory(1000):
+    needed = 10 * (TO_READ * 60 + BESIDE_BYTES)
+    with assumed_memory(needed + 100):
         check_room("a", 10, 60)
         with pytest.raises(SceneTooLargeError) as raised:
-            check_room("a", 10, 60, passing=900)
-        assert raised.value.keep_every == 9
+            check_room("a", 10, 60, passing=needed)
+        assert raised.value.keep_every is None, "all but 100 bytes of it pass through"
         with pytest.raises(SceneTooLargeError) as raised:
-            check_room("a", 10, 60, passing=1000)
-        assert raised.value.keep_every is None
+            check_room("a", 10, 60, passing=0.75 * needed)
+        # A quarter of it and 100 bytes are left.
+        assert raised.value.keep_every == math.ceil(needed / (needed / 4 + 100))
 
 
 def test_editing_needs_more_than_reading(tmp_path):
