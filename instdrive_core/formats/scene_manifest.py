@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.instances.table import Instance, InstanceTable
+from instdrive_core.instances.table import Instance, InstanceTable, main_nodes, middle_bounds
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
@@ -69,9 +70,8 @@ def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Sc
     """Put a scene together. Raises KeyError, TypeError or ValueError where manifest and arrays do not fit."""
     gaussians = Gaussians(**{name: _floats(arrays, name) for name in Gaussians.__dataclass_fields__})
     instance_ids = _integers(arrays, "instance_ids", np.uint32)
-    table = InstanceTable()
-    for entry in manifest["instances"]:
-        table.set(_instance(entry))
+    nodes = _integers(arrays, "nodes", np.uint16)
+    table = _table(manifest["instances"], instance_ids, gaussians.means, nodes)
     unlisted = set(np.unique(instance_ids).tolist()) - {0} - set(table.instances)
     if unlisted:
         raise ValueError(f"instance {min(unlisted)} is carried by Gaussians but missing from 'instances'")
@@ -79,7 +79,7 @@ def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Sc
         gaussians=gaussians,
         instance_ids=instance_ids,
         codewords=_integers(arrays, "codewords", np.uint32),
-        nodes=_integers(arrays, "nodes", np.uint16),
+        nodes=nodes,
         table=table,
         actors=_tracks(manifest["actors"], arrays),
         sky=_sky(arrays["sky"]) if "sky" in arrays else None,
@@ -89,6 +89,22 @@ def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Sc
         extra={name.removeprefix("extra."): array for name, array in arrays.items() if name.startswith("extra.")},
         exposures=_exposures(manifest.get("exposures"), arrays),
     )
+
+
+def _table(entries: list[dict[str, Any]], ids: ndarray, means: ndarray, nodes: ndarray) -> InstanceTable:
+    """The instances listed, each of the node that most of its Gaussians belong to, whatever the list says."""
+    table = InstanceTable()
+    for entry in entries:
+        table.set(_instance(entry))
+    if len(ids) != len(nodes) or len(ids) != len(means):
+        return table  # the scene says what is wrong
+    rows = np.flatnonzero(np.isin(ids, np.unique(ids[nodes > 0])))
+    main = main_nodes(ids[rows], nodes[rows])
+    for listed in [listed for listed in table if main.get(listed.id, 0) != listed.node]:
+        node = main.get(listed.id, 0)
+        own = means[(ids == listed.id) & (nodes == node)]
+        table.set(replace(listed, node=node, bounds=middle_bounds(own) if len(own) else listed.bounds))
+    return table
 
 
 def _instance(entry: dict[str, Any]) -> Instance:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, UInt32
+from jaxtyping import Float, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.instances.colormap import colors_from_ids
@@ -17,21 +17,21 @@ Bounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class Instance:
-    """One selectable thing: a spatial component of one codeword within one node."""
+    """One selectable thing: a spatial component of one codeword within one node, but for strays in others."""
 
     id: int
     """1 … 2^24 - 1; 0 means no instance and is never in the table."""
     name: str
     node: int = 0
-    """0 = background, k = actor k - 1 of the scene."""
+    """0 = background, k = actor k - 1 of the scene: the one that most of its Gaussians belong to."""
     codeword: int = 0
     count: int = 0
     """Gaussians that carry the ID."""
     class_name: str = ""
     """Class from the data set or the user; empty where unknown."""
     bounds: Bounds = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    """Lower and upper corner in metres, in the node's own frame, of the box that holds the middle 94 % of the
-    Gaussians' means along each axis: strays do not make a car 40 m long."""
+    """Lower and upper corner in metres, in the node's own frame, of the box that holds the middle 94 % of the means of
+    the node's Gaussians along each axis: strays do not make a car 40 m long."""
 
     @property
     def color(self) -> tuple[int, int, int]:
@@ -76,29 +76,30 @@ def table_from_ids(
     instance_ids: UInt32[ndarray, "n"],
     means: Float[ndarray, "n 3"],
     codewords: UInt32[ndarray, "n"] | None = None,
-    nodes: ndarray | None = None,
+    nodes: UInt16[ndarray, "n"] | None = None,
     names: dict[int, str] | None = None,
     classes: dict[int, str] | None = None,
 ) -> InstanceTable:
-    """Count and bound every ID above 0. Codeword is the most frequent one of the ID's Gaussians (the lowest of equals),
-    node that of the first."""
+    """Count and bound every ID above 0. Codeword and node are the most frequent ones of the ID's Gaussians (the lowest
+    of equals)."""
     order = np.argsort(instance_ids, kind="stable")
     ids, starts, counts = np.unique(instance_ids[order], return_index=True, return_counts=True)
     common = _most_frequent(instance_ids, codewords) if codewords is not None else {}
+    node_of = main_nodes(instance_ids, nodes) if nodes is not None else {}
     table = InstanceTable()
     for instance_id, start, count in zip(ids.tolist(), starts.tolist(), counts.tolist(), strict=True):
         if instance_id == 0:
             continue
-        rows = order[start : start + count]
+        rows, node = order[start : start + count], node_of.get(instance_id, 0)
         table.set(
             Instance(
                 id=instance_id,
                 name=(names or {}).get(instance_id, default_name(instance_id)),
-                node=int(nodes[rows[0]]) if nodes is not None else 0,
+                node=node,
                 codeword=common.get(instance_id, 0),
                 count=count,
                 class_name=(classes or {}).get(instance_id, ""),
-                bounds=middle_bounds(means[rows]),
+                bounds=middle_bounds(means[rows if nodes is None else rows[nodes[rows] == node]]),
             )
         )
     return table
@@ -110,11 +111,16 @@ def middle_bounds(means: Float[ndarray, "n 3"]) -> Bounds:
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
-def _most_frequent(instance_ids: UInt32[ndarray, "n"], codewords: UInt32[ndarray, "n"]) -> dict[int, int]:
-    """The codeword that most Gaussians of each ID carry."""
-    packed = (instance_ids.astype(np.uint64) << np.uint64(32)) | codewords
+def main_nodes(instance_ids: UInt32[ndarray, "n"], nodes: UInt16[ndarray, "n"]) -> dict[int, int]:
+    """By ID, 0 included, the node that most of its Gaussians belong to, the lowest of equals."""
+    return _most_frequent(instance_ids, nodes.astype(np.uint32))
+
+
+def _most_frequent(instance_ids: UInt32[ndarray, "n"], values: UInt32[ndarray, "n"]) -> dict[int, int]:
+    """The value that most Gaussians of each ID have."""
+    packed = (instance_ids.astype(np.uint64) << np.uint64(32)) | values
     pairs, counts = np.unique(packed, return_counts=True)
-    ids, codes = pairs >> np.uint64(32), pairs & np.uint64(0xFFFFFFFF)
-    # Rising counts, then falling codewords: what a dict keeps is the last, so the most frequent.
-    order = np.lexsort((-codes.astype(np.int64), counts))
-    return dict(zip(ids[order].tolist(), codes[order].tolist(), strict=True))
+    ids, found = pairs >> np.uint64(32), pairs & np.uint64(0xFFFFFFFF)
+    # Rising counts, then falling values: what a dict keeps is the last, so the most frequent.
+    order = np.lexsort((-found.astype(np.int64), counts))
+    return dict(zip(ids[order].tolist(), found[order].tolist(), strict=True))

@@ -65,6 +65,18 @@ def test_scenes_older_than_exposures_open_and_ply_files_have_none(tmp_path):
     assert open_scene(tmp_path / "static.ply").exposures is None
 
 
+@pytest.mark.parametrize("node", [0, 99])
+def test_instances_are_of_the_node_of_most_of_their_gaussians_whatever_the_manifest_says(tmp_path, node):
+    scene = random_scene()
+    write_scene_folder(tmp_path / "street", scene)
+    manifest = json.loads((tmp_path / "street" / "scene.json").read_text())
+    entry = manifest["instances"][-1]
+    assert entry["node"] > 0
+    entry.update(node=node, bounds=[[0, 0, 0], [1, 1, 1]])
+    (tmp_path / "street" / "scene.json").write_text(json.dumps(manifest))
+    assert list(read_scene_folder(tmp_path / "street").table) == list(scene.table)
+
+
 def test_an_empty_static_scene(tmp_path):
     scene = scene_from_gaussians(random_scene(count=5).gaussians.select(slice(0, 0)))
     write_scene_folder(tmp_path, scene)

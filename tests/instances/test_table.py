@@ -24,6 +24,13 @@ def test_codeword_is_the_most_frequent_then_the_lowest():
     assert (table[1].codeword, table[2].codeword) == (4, 5)
 
 
+def test_strays_in_another_node_change_neither_node_nor_bounds():
+    ids, nodes = np.full(5, 1, np.uint32), np.array([0, 3, 3, 3, 0], np.uint16)
+    table = table_from_ids(ids, MEANS, None, nodes)
+    assert (table[1].node, table[1].count) == (3, 5)
+    assert table[1].bounds == ((3, 4, 5), (9, 10, 11))
+
+
 def test_renaming_gives_a_copy():
     table = table_from_ids(IDS, MEANS)
     renamed = table.renamed(7, "tram")
