@@ -26,6 +26,7 @@ from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import counted
 
 What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view"]
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
@@ -126,14 +127,14 @@ def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
     time = None if is_folder and choice.keep_tracks else request.time
     sibr = choice.sibr and path.name.lower().endswith(".ply")
     count = export_scene(request.document, path, time, rows, sibr=sibr)
-    return f"Exported {_counted(count, 'splat')} to {path}, read back and compared"
+    return f"Exported {counted(count, 'splat')} to {path}, read back and compared"
 
 
 def _instances(request: ExportRequest) -> str:
     choice, ids = request.choice, exported_instances(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
-    skipped = f"; {_counted(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
+    skipped = f"; {counted(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
     return f"{_parts(written, 'instance', request.path)}{skipped}"
 
 
@@ -150,7 +151,7 @@ def _objects(request: ExportRequest) -> str:
     hulls = request.choice.hulls
     written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
     shapes = "hulls" if hulls else "boxes"
-    return f"Exported the {shapes} of {_counted(len(written), 'instance')} to {request.path}"
+    return f"Exported the {shapes} of {counted(len(written), 'instance')} to {request.path}"
 
 
 def _masks(request: ExportRequest) -> str:
@@ -161,7 +162,7 @@ def _masks(request: ExportRequest) -> str:
     with part_of_work(_BAKING, 1.0):
         maps = id_maps(scene, views, request.choice.scale)
         count = write(request.path, scene, maps, lambda done: report(done / len(views)))
-    return f"Exported the masks of {_counted(count, 'photo')} to {request.path}"
+    return f"Exported the masks of {counted(count, 'photo')} to {request.path}"
 
 
 def _cameras(request: ExportRequest) -> str:
@@ -172,7 +173,7 @@ def _cameras(request: ExportRequest) -> str:
             report(number / len(views))
             path = request.path / view.name / f"{view.index:02d}.png"
             _save_picture(path, scene, view.camera, view.time, request)
-    return f"Exported {_counted(len(views), 'picture')} to {request.path}"
+    return f"Exported {counted(len(views), 'picture')} to {request.path}"
 
 
 def _view(request: ExportRequest) -> str:
@@ -200,45 +201,41 @@ def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request
 
 
 def _parts(written: ExportedParts, noun: str, folder: Path) -> str:
-    files, splats = _counted(len(written.files), noun), _counted(written.splats, "splat")
+    files, splats = counted(len(written.files), noun), counted(written.splats, "splat")
     return f"Exported {files} of {splats} to {folder}, read back and compared"
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def _splats(document: Document) -> str:
     left = len(document.state) - len(document.state.rows_with(Flag.DELETED))
-    return _counted(left, "splat") if left else ""
+    return counted(left, "splat") if left else ""
 
 
 def _selected_splats(document: Document) -> str:
     count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.selected_instances())
-    return f"{_counted(count, 'splat')} of {_counted(instances, 'instance')}" if count else ""
+    return f"{counted(count, 'splat')} of {counted(instances, 'instance')}" if count else ""
 
 
 def _all_instances(document: Document) -> str:
     count = len(exported_instances(document))
     selected = "selected " if document.selected_instances() else ""
-    return f"{count:,} {selected}instance{'' if count == 1 else 's'}" if count else ""
+    return counted(count, f"{selected}instance") if count else ""
 
 
 def _every_instance(document: Document) -> str:
     counts = document.counts()
     left = int((counts.count > counts.deleted).sum())
-    return _counted(left, "instance") if left else ""
+    return counted(left, "instance") if left else ""
 
 
 def _all_actors(document: Document) -> str:
     count = len(exported_actors(document))
     selected = "selected " if selected_actors(document) else ""
-    return f"{count:,} {selected}actor{'' if count == 1 else 's'}" if count else ""
+    return counted(count, f"{selected}actor") if count else ""
 
 
 def _photos(document: Document) -> str:
     views = document.scene.views
-    return _counted(len(views), "photo") if views else ""
+    return counted(len(views), "photo") if views else ""
 
 
 _NO_INSTANCES, _NO_CAMERAS = "The scene has no instances", "The scene has no photo cameras"

@@ -15,7 +15,8 @@ from instdrive_app.moving import Moving
 from instdrive_app.state import EditorState, Viewpoint
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.insert import InsertScene
-from instdrive_core.edits.placement import SOLID_OPACITY, Vector, ground_under
+from instdrive_core.edits.parameters import Vector
+from instdrive_core.edits.placement import SOLID_OPACITY, ground_under
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import middle_bounds

@@ -21,7 +21,8 @@ from instdrive_core.edits.document import Document
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.instances import new_instances
 from instdrive_core.edits.move import SCALE_LIMITS, MoveInstances
-from instdrive_core.edits.placement import Vector, lane_at
+from instdrive_core.edits.parameters import Vector
+from instdrive_core.edits.placement import lane_at
 from instdrive_core.edits.reset_moves import ResetMoves
 from instdrive_core.edits.select import SelectInstances
 from instdrive_core.errors import EditError

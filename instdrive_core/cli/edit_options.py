@@ -10,7 +10,7 @@ from instdrive_core.cli.arguments import known_ids, parsed_assignment
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.adjustments import RANGES
-from instdrive_core.edits.base import Edit, counted
+from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
@@ -71,7 +71,7 @@ class EditOptions:
         steps += [_deletion(SelectClass(name), name=f"Delete class {name}") for name in self.delete_class]
         if self.keep:
             kept = SelectInstances(known_ids(self.keep, table))
-            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {counted(kept.ids)} only"))
+            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {ids_in_words(kept.ids)} only"))
         return steps
 
     def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:

@@ -14,6 +14,7 @@ from instdrive_core.edits.document import Document
 from instdrive_core.edits.parts import actors_with_splats
 from instdrive_core.errors import OptionError
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances
+from instdrive_core.wording import counted
 
 DEFAULT_ENDING = ".ply"
 
@@ -55,5 +56,4 @@ def _require(found: Iterable[int], problem: str) -> None:
 
 
 def _told(written: ExportedParts) -> str:
-    count = len(written.files)
-    return f"{count} file{'' if count == 1 else 's'}, {written.splats:,} splats"
+    return f"{counted(len(written.files), 'file')}, {counted(written.splats, 'splat')}"

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.edits.base import checked_ids
 from instdrive_core.edits.bodies import body_of_rows, is_compact, of_main_node
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.frozen_copy import fingerprint
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.floaters import floaters_of_body
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, Body

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, get_args
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment
-from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment, checked_adjustment
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.color import ColorEdit, mean_color
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.placement import checked_numbers
-from instdrive_core.errors import EditError
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.scene.palette import color_values
 
 
@@ -32,17 +31,12 @@ class AdjustInstances(ColorEdit):
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
-        if self.what not in get_args(AdjustKind):
-            raise EditError(f"adjustment {self.what!r} is not one of {', '.join(get_args(AdjustKind))}")
-        self.amount = checked_numbers((self.amount,), "amount", 1)[0]
-        low, high, _ = RANGES[self.what]
-        if not low <= self.amount <= high:
-            raise EditError(f"{self.what} {self.amount:g} is not from {low:g} to {high:g}")
+        self.amount = checked_adjustment(self.what, self.amount)
 
     @property
     def title(self) -> str:
         """``Adjust hue of instance 17``."""
-        return f"Adjust {self.what} of {counted(self.ids)}"
+        return f"Adjust {self.what} of {ids_in_words(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""

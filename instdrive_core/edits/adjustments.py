@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
+
+from instdrive_core.edits.parameters import checked_number
+from instdrive_core.errors import EditError
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709 weights of R, G, B."""
@@ -34,6 +37,17 @@ RANGES: dict[AdjustKind, Range] = {
     "opacity": Range(0.0, 1.0, 1.0),
 }
 """Hue in degrees; temperature from cool to warm; the others are factors."""
+
+
+def checked_adjustment(kind: AdjustKind, amount: float) -> float:
+    """The amount as a float. Raises EditError where there is no such adjustment, or its range has no such amount."""
+    if kind not in get_args(AdjustKind):
+        raise EditError(f"adjustment {kind!r} is not one of {', '.join(get_args(AdjustKind))}")
+    amount = checked_number(amount, "amount")
+    low, high, _ = RANGES[kind]
+    if not low <= amount <= high:
+        raise EditError(f"{kind} {amount:g} is not from {low:g} to {high:g}")
+    return amount
 
 
 def adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Float64[ndarray, "3 4"]:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any, ClassVar
-
-from instdrive_core.errors import EditError
 
 
 class Edit(ABC):
@@ -46,25 +43,6 @@ class Edit(ABC):
         return {"kind": self.kind, **values}
 
 
-def checked_ids(ids: Iterable[int]) -> tuple[int, ...]:
-    """Instance IDs as a rising tuple without repeats. Raises EditError where one is no positive whole number."""
-    unique = set()
-    for instance_id in ids:
-        if isinstance(instance_id, bool) or not isinstance(instance_id, int) or instance_id < 1:
-            raise EditError(f"instance ID {instance_id!r} is not a whole number above 0")
-        unique.add(instance_id)
-    if not unique:
-        raise EditError("no instance IDs were given; name at least one")
-    return tuple(sorted(unique))
-
-
-def checked_switch(value: bool, what: str) -> bool:
-    """The same value. Raises EditError where it is not true or false."""
-    if not isinstance(value, bool):
-        raise EditError(f"{what} is {value!r}, not true or false")
-    return value
-
-
-def counted(ids: tuple[int, ...]) -> str:
+def ids_in_words(ids: tuple[int, ...]) -> str:
     """``instance 17`` or ``3 instances``, for titles."""
     return f"instance {ids[0]}" if len(ids) == 1 else f"{len(ids)} instances"

@@ -11,9 +11,10 @@ from jaxtyping import Float, Float32, Float64
 from numpy import ndarray
 
 from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotation
-from instdrive_core.edits.base import Edit, checked_ids, counted
+from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc
@@ -84,8 +85,8 @@ class RecolorInstances(ColorEdit):
         """``Tint instance 17 #d02020``."""
         code = "".join(f"{round(channel * 255):02x}" for channel in self.color)
         if self.mode == "hue":
-            return f"Shift hue of {counted(self.ids)} to #{code}"
-        return f"{self.mode.capitalize()} {counted(self.ids)} #{code}"
+            return f"Shift hue of {ids_in_words(self.ids)} to #{code}"
+        return f"{self.mode.capitalize()} {ids_in_words(self.ids)} #{code}"
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance and point the instance's rows at it."""
@@ -107,7 +108,7 @@ class ResetColors(ColorEdit):
     @property
     def title(self) -> str:
         """``Reset colours of instance 17``."""
-        return f"Reset colours of {counted(self.ids)}"
+        return f"Reset colours of {ids_in_words(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Point the instances' rows at the entry that changes nothing."""

@@ -9,12 +9,14 @@ from typing import Any, ClassVar
 from jaxtyping import Int
 from numpy import ndarray
 
-from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
-from instdrive_core.edits.row_runs import RowRuns, row_runs
+from instdrive_core.edits.parameters import checked_ids
+from instdrive_core.edits.row_runs import RowRuns, row_runs, rows_of_scene
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import counted
 
 
 @dataclass
@@ -30,7 +32,7 @@ class DeleteInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Delete instance 17``."""
-        return f"Delete {counted(self.ids)}"
+        return f"Delete {ids_in_words(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the instances' rows."""
@@ -71,8 +73,7 @@ class DeleteRows(FlagEdit):
     @property
     def title(self) -> str:
         """``Delete 12 splats``."""
-        count = len(row_runs(self.rows))
-        return f"Delete {count:,} splat{'' if count == 1 else 's'}"
+        return f"Delete {counted(len(row_runs(self.rows)), 'splat')}"
 
     def to_json(self) -> dict[str, Any]:
         """The rows as runs."""
@@ -80,10 +81,7 @@ class DeleteRows(FlagEdit):
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the rows. Raises EditError for rows that the scene does not have."""
-        runs = row_runs(self.rows)
-        if runs.end > len(document.scene):
-            raise EditError(f"row {runs.end - 1} is beyond the scene's {len(document.scene):,} splats")
-        rows = runs.rows
+        rows = rows_of_scene(row_runs(self.rows), len(document.scene))
         return _deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
 
 
@@ -95,7 +93,7 @@ def editable(document: Document, ids: tuple[int, ...]) -> ndarray:
     if not len(free):
         locked = ((flags & Flag.LOCKED) != 0).any()
         reason = "locked; unlock it first" if locked else "deleted already"
-        raise EditError(f"{counted(ids)}: every splat is {reason}")
+        raise EditError(f"{ids_in_words(ids)}: every splat is {reason}")
     return free
 
 

@@ -10,16 +10,18 @@ from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.edits.absorb import AbsorbFloaters, floaters_around
-from instdrive_core.edits.base import Edit, checked_ids
+from instdrive_core.edits.base import Edit
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteSelected
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.fill_hole import FillHole, fill_of
 from instdrive_core.edits.holes import Hole, hole_under
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, known_instance
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.edits.select_rows import SelectRows
-from instdrive_core.edits.surroundings import Surroundings, surroundings
+from instdrive_core.edits.surroundings import surroundings
 from instdrive_core.progress import report
+from instdrive_core.wording import counted
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,7 @@ class DeletionReport:
     @property
     def summary(self) -> str:
         """``34 splats of residue, hole of 3.1 m²``, and the shadow where there is one."""
-        count = len(self.residue)
-        residue = f"{count:,} splat{'' if count == 1 else 's'} of residue" if count else "no residue"
+        residue = f"{counted(len(self.residue), 'splat')} of residue" if len(self.residue) else "no residue"
         hole = f"hole of {self.hole_area:.1f} m²" if self.hole_area else "no hole"
         if self.hole is not None and self.hole.shadow_area:
             hole += f", shadow of {self.hole.shadow_area:.1f} m²"
@@ -81,54 +82,28 @@ class DeletionReport:
         return fill_of(self.hole, f"fill of {self.name}"[:MAX_NAME_LENGTH], seed)
 
 
-@dataclass(frozen=True)
-class DeletionSurvey:
-    """All that a report needs, copied out of the document: it can be studied on another thread."""
-
-    parts: tuple[DeletedPart, ...]
-    residue: Int64[ndarray, " r"]
-    carriers: dict[int, int]
-    around: Surroundings | None
-
-    def report(self) -> DeletionReport:
-        """Look for the hole."""
-        report(0.6)
-        hole = None if self.around is None else hole_under(self.around, self.residue)
-        return DeletionReport(self.parts, self.residue, self.carriers, hole)
-
-
 def deletion_report(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
     """What deleting instances left, or would leave; `time` (seconds) says where moving ones are.
 
     Raises EditError for an unknown ID.
     """
-    return deletion_survey(document, ids, time).report()
-
-
-def deletion_report_of_rows(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
-    """The same for deleted rows of any instances, such as a selection."""
-    return deletion_survey_of_rows(document, rows, time).report()
-
-
-def deletion_survey(document: Document, ids: Iterable[int], time: float) -> DeletionSurvey:
-    """The part of `deletion_report` that reads the document."""
     parts = []
     for instance_id in checked_ids(ids):
         name = known_instance(document, instance_id).name
         parts.append(DeletedPart(instance_id, name, document.rows_of((instance_id,)), True))
-    return _survey(document, parts, time)
+    return _report(document, parts, time)
 
 
-def deletion_survey_of_rows(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionSurvey:
-    """The part of `deletion_report_of_rows` that reads the document."""
+def deletion_report_of_rows(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
+    """The same for deleted rows of any instances, such as a selection."""
     ids, parts = document.scene.instance_ids[rows], []
     for instance_id in np.unique(ids[ids > 0]).tolist():
         mine, whole = rows[ids == instance_id], document.rows_of((instance_id,))
         parts.append(DeletedPart(instance_id, document.scene.table[instance_id].name, mine, len(mine) == len(whole)))
-    return _survey(document, parts, time)
+    return _report(document, parts, time)
 
 
-def _survey(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionSurvey:
+def _report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
     found = []
     for number, part in enumerate(parts):
         report(0.4 * number / len(parts))
@@ -140,4 +115,6 @@ def _survey(document: Document, parts: Sequence[DeletedPart], time: float) -> De
     carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
     around = surroundings(document, [(part.instance_id, part.rows) for part in parts], time)
-    return DeletionSurvey(tuple(parts), residue, carriers, around)
+    report(0.6)
+    hole = None if around is None else hole_under(around, residue)
+    return DeletionReport(tuple(parts), residue, carriers, hole)

@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from instdrive_core.edits.append import Addition, AppendEdit, unique_track_id
-from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import new_instances
-from instdrive_core.edits.placement import Vector, checked_vector
+from instdrive_core.edits.parameters import Vector, checked_ids, checked_vector
 from instdrive_core.scene.scene import Scene
 
 
@@ -32,7 +32,7 @@ class DuplicateInstances(AppendEdit):
     @property
     def title(self) -> str:
         """``Duplicate instance 17``."""
-        return f"Duplicate {counted(self.ids)}"
+        return f"Duplicate {ids_in_words(self.ids)}"
 
     @property
     def shift(self) -> Vector:
@@ -45,7 +45,7 @@ class DuplicateInstances(AppendEdit):
         parts = [editable(document, (instance_id,)) for instance_id in self.ids]
         rows = np.concatenate(parts)
         copies = new_instances(document, [scene.table[instance_id] for instance_id in self.ids])
-        nodes = sorted({entry.node for entry in copies} - {0})
+        nodes = sorted(set(np.unique(scene.nodes[rows]).tolist()) - {0})
         renumbered = np.zeros(len(scene.actors) + 1, np.uint16)
         renumbered[nodes] = len(scene.actors) + 1 + np.arange(len(nodes))
         taken, tracks = {track.id for track in scene.actors}, []

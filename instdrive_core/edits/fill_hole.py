@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from instdrive_core.edits.append import Addition, AppendEdit
-from instdrive_core.edits.base import checked_switch
 from instdrive_core.edits.cast_shadow import shaded
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.filling import Filling, planned_filling
@@ -18,7 +17,14 @@ from instdrive_core.edits.frozen_copy import fingerprint
 from instdrive_core.edits.ground_grid import GroundGrid
 from instdrive_core.edits.holes import HALF_LENGTH, HALF_WIDTH, Hole, known_ground
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, new_instances
-from instdrive_core.edits.placement import Vector, checked_numbers, checked_vector
+from instdrive_core.edits.parameters import (
+    Vector,
+    checked_number,
+    checked_numbers,
+    checked_switch,
+    checked_vector,
+    is_whole,
+)
 from instdrive_core.edits.surroundings import neighborhood
 from instdrive_core.errors import EditError
 from instdrive_core.scene.gaussians import concatenated
@@ -67,13 +73,13 @@ class FillHole(AppendEdit):
             raise EditError(f"along {self.along!r} is no unit vector")
         self.corner, self.along = (x, y), (ax, ay)
         self.plane = checked_vector(self.plane, "plane")
-        self.size = checked_numbers((self.size,), "size", 1)[0]
+        self.size = checked_number(self.size, "size")
         if not 0.01 <= self.size <= 10:
             raise EditError(f"size {self.size!r} of a cell is not 0.01 to 10 metres")
         if not isinstance(self.name, str) or not self.name.isprintable() or not 0 < len(self.name) <= MAX_NAME_LENGTH:
             raise EditError(f"name {self.name!r} is not a line of 1 to {MAX_NAME_LENGTH} characters")
         checked_switch(self.lit, "lit")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**32:
+        if not is_whole(self.seed) or not 0 <= self.seed < 2**32:
             raise EditError(f"seed {self.seed!r} is not a whole number from 0 to {2**32 - 1}")
 
     @property
@@ -173,7 +179,7 @@ def _checked_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:
     for cell in cells:
         if not isinstance(cell, tuple | list):
             raise EditError(f"cell {cell!r} is not two whole numbers")
-        whole = [each for each in cell if isinstance(each, int) and not isinstance(each, bool) and abs(each) < 2**31]
+        whole = [each for each in cell if is_whole(each) and abs(each) < 2**31]
         if len(cell) != 2 or len(whole) != 2:
             raise EditError(f"cell {cell!r} is not two whole numbers")
         pairs.append((whole[0], whole[1]))

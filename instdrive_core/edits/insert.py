@@ -14,7 +14,7 @@ from numpy import ndarray
 from instdrive_core.edits.append import Addition, AppendEdit, unique_track_id
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, new_instances
-from instdrive_core.edits.placement import Vector, checked_vector
+from instdrive_core.edits.parameters import Vector, checked_vector
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.gaussians import Gaussians

@@ -10,8 +10,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.base import Edit, checked_ids, counted
+from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
 from instdrive_core.instances.table import Instance, default_name, middle_bounds
@@ -72,15 +73,17 @@ class RelabelEdit(Edit):
 
 
 def recount(document: Document, ids: Iterable[int]) -> None:
-    """Count and bound instances of the table again; those without rows leave it."""
+    """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
     table = document.scene.table
     for instance_id in ids:
         if instance_id not in table:
             continue
         rows = document.rows_of((instance_id,))
         if len(rows):
-            bounds = middle_bounds(document.means_of(rows))
-            table.set(replace(table[instance_id], count=len(rows), bounds=bounds))
+            nodes = document.scene.nodes[rows]
+            node = int(np.bincount(nodes).argmax())
+            bounds = middle_bounds(document.means_of(rows[nodes == node]))
+            table.set(replace(table[instance_id], node=node, count=len(rows), bounds=bounds))
         else:
             del table.instances[instance_id]
 
@@ -202,7 +205,7 @@ class MergeInstances(Edit):
     @property
     def title(self) -> str:
         """``Merge 2 instances into instance 17``."""
-        return f"Merge {counted(self.ids)} into instance {self.into}"
+        return f"Merge {ids_in_words(self.ids)} into instance {self.into}"
 
     def do(self, document: Document) -> bool:
         """Write the IDs and join the table's entries."""

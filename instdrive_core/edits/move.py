@@ -10,19 +10,19 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.edits.base import Edit, checked_ids, checked_switch, counted
+from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import known_instance, recount, restore_entries
-from instdrive_core.edits.placement import (
+from instdrive_core.edits.parameters import (
     Vector,
-    bottom_of,
-    center_of,
+    checked_ids,
+    checked_number,
     checked_numbers,
+    checked_switch,
     checked_vector,
-    ground_under,
-    lane_at,
 )
+from instdrive_core.edits.placement import bottom_of, center_of, ground_under, lane_at
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -72,8 +72,8 @@ class MoveInstances(Edit):
         self.rotation = (turn[0], turn[1], turn[2], turn[3])
         if math.hypot(*self.rotation) < 1e-6:
             raise EditError("rotation is a quaternion of no length")
-        self.time = checked_numbers((self.time,), "time", 1)[0]
-        self.scale = checked_numbers((self.scale,), "scale", 1)[0]
+        self.time = checked_number(self.time, "time")
+        self.scale = checked_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
             raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
         for name in ("yaw_only", "along_lane", "on_ground"):
@@ -82,7 +82,7 @@ class MoveInstances(Edit):
     @property
     def title(self) -> str:
         """``Move instance 17``."""
-        return f"Move {counted(self.ids)}"
+        return f"Move {ids_in_words(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Point rows at composed transforms, and replace tracks."""
@@ -92,7 +92,8 @@ class MoveInstances(Edit):
             return False
         node_of = {number: known_instance(document, number).node for number in self.ids}
         nodes = sorted(set(node_of.values()) - {0})
-        parts = [(rows, matrix) for number, rows in free.items() if node_of[number] == 0]
+        still = {number: rows[document.scene.nodes[rows] == 0] for number, rows in free.items()}
+        parts = [(rows, matrix) for rows in still.values() if len(rows)]  # of an actor, its strays
         if nodes and self.scale != 1:
             # An actor's path takes the rigid part; its splats, in their box frame, only the size.
             parts.append((np.flatnonzero(np.isin(document.scene.nodes, nodes)), self.scale * np.eye(3, 4)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +16,6 @@ from instdrive_core.scene.lane import street_direction, travel_direction
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity, scale_of
 
-Vector = tuple[float, float, float]
 SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
 _FOOT_SHARE = 0.02
@@ -110,20 +108,3 @@ def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], 
     if lane is None:
         raise EditError("the scene has neither photo cameras nor a street here, so no lane is known")
     return lane
-
-
-def checked_numbers(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
-    """The values as floats. Raises EditError unless they are `length` finite numbers."""
-    if isinstance(values, str) or len(values) != length or not all(_is_finite(value) for value in values):
-        raise EditError(f"{what} {values!r} is not {length} finite numbers")
-    return tuple(float(value) for value in values)
-
-
-def checked_vector(values: Sequence[float], what: str) -> Vector:
-    """Three floats. Raises EditError unless they are finite numbers."""
-    x, y, z = checked_numbers(values, what, 3)
-    return x, y, z
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

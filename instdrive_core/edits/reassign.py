@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from instdrive_core.edits.base import checked_ids
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance, new_instances
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.selection import Flag

@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.base import Edit, checked_ids, counted
+from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import recount, restore_entries
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
 
@@ -36,7 +37,7 @@ class ResetMoves(Edit):
     @property
     def title(self) -> str:
         """``Reset the move of instance 17``."""
-        return f"Reset the move of {counted(self.ids)}"
+        return f"Reset the move of {ids_in_words(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Name the identity again, and give actors their first tracks."""

@@ -9,9 +9,10 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit, selectable
+from instdrive_core.edits.parameters import checked_ids, is_whole
 from instdrive_core.errors import EditError
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.scene.selection import Flag, SplatState
@@ -42,7 +43,7 @@ class SelectInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Select instance 17``."""
-        return f"{VERBS[self.mode]} {counted(self.ids)}"
+        return f"{VERBS[self.mode]} {ids_in_words(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the instances' rows."""
@@ -89,8 +90,7 @@ class SelectCodeword(FlagEdit):
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.codeword, int) and not isinstance(self.codeword, bool)
-        if not whole or not 0 <= self.codeword < 1 << MAX_BITS:
+        if not is_whole(self.codeword) or not 0 <= self.codeword < 1 << MAX_BITS:
             raise EditError(f"codeword {self.codeword!r} is not a whole number of at most {MAX_BITS} bits")
         check_mode(self.mode)
 

@@ -11,9 +11,9 @@ from numpy import ndarray
 
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
-from instdrive_core.edits.row_runs import RowRuns, row_runs
+from instdrive_core.edits.row_runs import RowRuns, row_runs, rows_of_scene
 from instdrive_core.edits.select import VERBS, SelectMode, check_mode, selection_changes
-from instdrive_core.errors import EditError
+from instdrive_core.wording import counted
 
 
 @dataclass
@@ -33,15 +33,12 @@ class SelectRows(FlagEdit):
     @property
     def title(self) -> str:
         """``Select 1,204 splats``."""
-        count = len(row_runs(self.rows))
-        return f"{VERBS[self.mode]} {count:,} splat{'' if count == 1 else 's'}"
+        return f"{VERBS[self.mode]} {counted(len(row_runs(self.rows)), 'splat')}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """As `SelectInstances`, for the rows."""
-        runs = row_runs(self.rows)
-        if runs.end > len(document.scene):
-            raise EditError(f"row {runs.end - 1} is beyond the scene's {len(document.scene):,} splats")
-        return selection_changes(document.state, runs.rows, self.mode)
+        rows = rows_of_scene(row_runs(self.rows), len(document.scene))
+        return selection_changes(document.state, rows, self.mode)
 
     def to_json(self) -> dict[str, Any]:
         """As every edit's, with the rows as runs."""

@@ -8,9 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from instdrive_core.edits.base import checked_ids, counted
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
+from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.scene.selection import Flag
 
 
@@ -27,7 +28,7 @@ class SoloInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Show only instance 17``."""
-        return f"Show only {counted(self.ids)}"
+        return f"Show only {ids_in_words(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Show the instances, then deselect and hide the others; what is deleted keeps its bits."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -10,10 +9,10 @@ import numpy as np
 from jaxtyping import Float32, Int64, UInt32
 from numpy import ndarray
 
-from instdrive_core.edits.base import checked_ids
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance, new_instances
+from instdrive_core.edits.parameters import checked_ids, is_number
 from instdrive_core.errors import EditError
 from instdrive_core.instances.components import ComponentConfig, split_components
 from instdrive_core.instances.rejoining import RejoinConfig
@@ -54,7 +53,7 @@ class SplitInstance(RelabelEdit):
 
     def __post_init__(self) -> None:
         checked_ids((self.id,))
-        if isinstance(self.gap, bool) or not isinstance(self.gap, int | float) or not 0 < self.gap < math.inf:
+        if not is_number(self.gap) or self.gap <= 0:
             raise EditError(f"gap {self.gap!r} is not a number of metres above 0")
         self.gap = float(self.gap)
 
@@ -92,7 +91,7 @@ def parts_of(document: Document, instance_id: int, gap: float, known: Parts | No
         return known
     # The user asks for parts: nothing is joined again across gaps, and an actor is no longer taken to be whole.
     config = ComponentConfig(max_gap=gap, sparse_limit=gap, rejoin=RejoinConfig(max_gap=0.0, gap_times_support=0.0))
-    gaussians, one = document.scene.gaussians, np.zeros(len(rows), np.uint32)
+    gaussians, apart = document.scene.gaussians, document.scene.nodes[rows].astype(np.uint32)
     scales, opacities = np.exp(gaussians.log_scales[rows]), gaussians.select(rows).opacities
-    numbers = split_components(means, scales, one.astype(np.uint16), one, opacities, config)
+    numbers = split_components(means, scales, np.zeros(len(rows), np.uint16), apart, opacities, config)
     return Parts(rows, means, numbers)

@@ -8,9 +8,10 @@ from typing import ClassVar
 
 from numpy import ndarray
 
-from instdrive_core.edits.base import checked_ids, checked_switch, counted
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange, FlagEdit
+from instdrive_core.edits.parameters import checked_ids, checked_switch
 from instdrive_core.scene.selection import Flag, SplatState
 
 
@@ -29,7 +30,7 @@ class HideInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Hide instance 17``."""
-        return f"{'Hide' if self.hidden else 'Show'} {counted(self.ids)}"
+        return f"{'Hide' if self.hidden else 'Show'} {ids_in_words(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""
@@ -51,7 +52,7 @@ class LockInstances(FlagEdit):
     @property
     def title(self) -> str:
         """``Lock instance 17``."""
-        return f"{'Lock' if self.locked else 'Unlock'} {counted(self.ids)}"
+        return f"{'Lock' if self.locked else 'Unlock'} {ids_in_words(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""

@@ -15,9 +15,9 @@ from jaxtyping import Float32, Float64, Int, UInt8, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import multiplied, normalized, quaternion_from_matrix
-from instdrive_core.scene.entry_palette import read_only
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
+from instdrive_core.scene.per_splat import read_only
 from instdrive_core.scene.transforms import TransformPalette
 
 

@@ -8,6 +8,7 @@ from instdrive_app.panels.dialogs.frame import centered
 from instdrive_app.panels.ui import Ui, dim_text
 from instdrive_app.theme import ACCENT, BACKGROUND, ERROR, rgba
 from instdrive_core.project.recoverable import RecoverableSession
+from instdrive_core.wording import counted
 
 TITLE = "Recover unsaved work"
 
@@ -61,7 +62,7 @@ class RecoveryDialog:
         imgui.pop_style_color(2)
         imgui.end_disabled()
         ui.mark(f"recovery.{number}.recover")
-        changes = f"{session.edits} change{'' if session.edits == 1 else 's'}"
+        changes = counted(session.edits, "change")
         dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
         if session.problem:
             imgui.push_style_color(imgui.Col_.text, rgba(ERROR))

@@ -18,6 +18,7 @@ from instdrive_app.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, packed, rg
 from instdrive_core.edits.holes import Hole
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import counted
 
 MAX_DOTS = 1500
 """Of more residue, dots are thinned out."""
@@ -129,8 +130,7 @@ def _draw_box(ui: Ui, found: Finding, place: Rectangle) -> None:
 def _lines(ui: Ui, found: Finding) -> list[_Line]:
     commands, lines = ui.session.commands, []
     if found.residue_count:
-        count = found.residue_count
-        text = f"{count:,} splat{'' if count == 1 else 's'} of residue"
+        text = f"{counted(found.residue_count, 'splat')} of residue"
         lines.append(_Line(text, f"{icon('ICON_FA_BROOM')}  Absorb floaters", commands["aftermath.absorb"]))
     if found.hole is not None:
         words = "Filling…" if ui.session.aftermath.filling else "Fill hole"
