@@ -7,6 +7,7 @@ from random_scene import assert_same_scene, random_gaussians, random_scene
 from instdrive_core.edits.bake import baked, frozen_at, recounted
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.ground import ground_height
 from instdrive_core.edits.instances import MergeInstances
 from instdrive_core.edits.move import MoveInstances
@@ -135,6 +136,28 @@ def test_of_a_moving_actor_the_track_is_moved():
     np.testing.assert_allclose(result.means[rows], expected, atol=1e-4)
     document.undo()
     assert everything(document) == before
+
+
+def test_strays_of_an_actor_in_the_background_go_along_in_the_world():
+    scene = random_scene()
+    strays = np.flatnonzero(scene.nodes == 0)[:3]
+    assert np.count_nonzero(scene.nodes == 1) > 3
+    scene.instance_ids[strays] = 7
+    document = Document(recounted(scene))
+    table, first = list(document.scene.table), document.scene.actors[0]
+    assert document.scene.table[7].node == 1
+    document.apply(MoveInstances((7,), (0.0, 3.0, 0.0), time=0.2))
+    np.testing.assert_allclose(document.means_of(strays), scene.gaussians.means[strays] + [0, 3, 0], atol=1e-5)
+    assert np.count_nonzero(document.transforms.indices) == len(strays), "the others go along with the track"
+    np.testing.assert_allclose(
+        document.scene.actors[0].world_from_box[0, :3, 3] - first.world_from_box[0, :3, 3], [0, 3, 0]
+    )
+    assert document.scene.table[7].bounds == next(entry for entry in table if entry.id == 7).bounds
+    document.undo()
+    assert list(document.scene.table) == table
+    document.apply(DuplicateInstances((7,), (1.0, 0.0, 0.0)))
+    copy = document.scene.table[document.first_free_id - 1]
+    assert (copy.node, copy.bounds) == (len(document.scene.actors), document.scene.table[7].bounds)
 
 
 def test_a_scaled_actor_drives_as_far_as_before():
