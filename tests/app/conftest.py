@@ -1,9 +1,11 @@
-"""Shared by the editor's tests: a small street, and OpenGL without a window."""
+"""Shared by the editor's tests: a small street, an editor without a window, and OpenGL without one."""
 
 import moderngl
 import pytest
 from procedural_street import procedural_street
 
+from instdrive_app.actions import register_commands
+from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 
 
@@ -11,6 +13,16 @@ from instdrive_core.edits.document import Document
 def street():
     """A fresh document of the procedural street."""
     return Document(procedural_street())
+
+
+@pytest.fixture
+def session(street):
+    """An editor without a window that shows the street."""
+    made = EditorSession()
+    register_commands(made)
+    made.show(street)
+    yield made
+    made.close()
 
 
 @pytest.fixture(scope="session")

@@ -1,10 +1,9 @@
 """The report of what a deletion left, in a session without a window."""
 
-import time
-
 import numpy as np
 import pytest
 from parked_street import CAR, OTHER_CAR, ROAD, parked_street
+from session_driver import finish
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.overlays.hole_pattern import hole_pattern, projected
@@ -23,15 +22,6 @@ def session():
     session.show(Document(parked_street().scene))
     yield session
     session.close()
-
-
-def finish(session):
-    """Wait for work beside the window."""
-    end = time.monotonic() + 20
-    while session.jobs.current is not None:
-        assert time.monotonic() < end, "the work beside the window does not end"
-        session.tick(0.0)
-        time.sleep(0.005)
 
 
 def texts(session):

@@ -1,17 +1,16 @@
 """Every kind of export from the editor, without a window."""
 
 import json
-import time
 
 import numpy as np
 import pytest
 from PIL import Image
 from procedural_street import DRIVING_CAR, FIRST_CAR
+from session_driver import finish
 
 from instdrive_app.export_kinds import KINDS, ExportChoice
 from instdrive_app.messages import Level
 from instdrive_app.panels.dialogs.export import ExportOptions, ending_of, with_ending
-from instdrive_app.session import EditorSession
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.formats import read_back
 from instdrive_core.formats.poses_json import read_poses
@@ -21,22 +20,11 @@ from instdrive_core.instances.colormap import ids_from_colors
 CARS = (FIRST_CAR, FIRST_CAR + 1)
 
 
-@pytest.fixture
-def session(street):
-    made = EditorSession()
-    made.show(street)
-    yield made
-    made.close()
-
-
 def export(session, path, **choice):
     """Export and wait; returns what the user is told."""
+    finish(session)  # what is told of a deletion comes first
     session.exporting.export(path, ExportChoice(**choice))
-    end = time.monotonic() + 60
-    while session.jobs.current is not None:
-        session.tick(0.0)
-        assert time.monotonic() < end
-        time.sleep(0.005)
+    finish(session)
     return session.messages.log[-1]
 
 

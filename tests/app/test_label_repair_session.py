@@ -1,32 +1,16 @@
 """Label repair, locks, solo and colours through the session, as menus and panels do it."""
 
 import numpy as np
-import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_street
+from session_driver import errors
 
-from instdrive_app.actions import register_commands
-from instdrive_app.messages import Level
 from instdrive_app.panels.menus import full_title
-from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.edits.split import SplitInstance
 
 CARS = (FIRST_CAR, FIRST_CAR + 1)
-
-
-@pytest.fixture
-def session(street):
-    made = EditorSession()
-    register_commands(made)
-    made.show(street)
-    yield made
-    made.close()
-
-
-def errors(session):
-    return [message.text for message in session.messages.log if message.level is Level.ERROR]
 
 
 def picture(document):

@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
-from test_session import errors, finish
+from session_driver import errors, finish
 
-from instdrive_app.actions import register_commands
 from instdrive_app.panels.overlays.gizmo import change_of, gizmo_axes, gl_projection, gl_view
 from instdrive_app.selection_box import BOX_EDGES
-from instdrive_app.session import EditorSession
 from instdrive_app.state import Lens, Viewpoint
 from instdrive_core.edits.bake import baked, frozen_at
 from instdrive_core.edits.delete import DeleteInstances, DeleteRows
@@ -31,13 +29,10 @@ NO_TURN = np.eye(3)
 
 
 @pytest.fixture
-def session(street):
-    made = EditorSession()
-    register_commands(made)
-    made.show(street)
-    made.select((FIRST_CAR,))
-    yield made
-    made.close()
+def session(session):
+    """With a car selected."""
+    session.select((FIRST_CAR,))
+    return session
 
 
 def yaw(degrees):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from instdrive_app.recents import KEPT, RecentFiles
-from instdrive_app.session import EditorSession
 from instdrive_app.state import ViewMode
 from instdrive_app.view_memory import remembered, restore
 
@@ -32,14 +31,6 @@ def test_a_damaged_list_is_an_empty_one(tmp_path, content):
     assert recents.paths == ()
     recents.add(tmp_path)
     assert recents.paths == (tmp_path,)
-
-
-@pytest.fixture
-def session(street):
-    made = EditorSession()
-    made.show(street)
-    yield made
-    made.close()
 
 
 def test_a_view_comes_back(session, street):

@@ -6,37 +6,17 @@ import time
 import numpy as np
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, SHARED_CODEWORD, procedural_street
+from session_driver import errors, finish
 
 from instdrive_app.actions import register_commands
 from instdrive_app.commands import Command, Commands
-from instdrive_app.messages import Level, Messages
+from instdrive_app.messages import Messages
 from instdrive_app.session import EditorSession
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.edits.document import Document
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.progress import part_of_work, report
-
-
-@pytest.fixture
-def session(street):
-    made = EditorSession()
-    register_commands(made)
-    made.show(street)
-    yield made
-    made.close()
-
-
-def finish(session, seconds=30):
-    end = time.monotonic() + seconds
-    while session.jobs.current is not None:
-        session.tick(0.0)
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
-def errors(session):
-    return [message.text for message in session.messages.log if message.level is Level.ERROR]
 
 
 def test_opening_looks_through_the_first_dataset_camera(session, street):
