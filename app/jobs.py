@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from instdrive_core.errors import InstDriveError
+from instdrive_app.messages import told
+from instdrive_core.errors import EditError, InstDriveError
 from instdrive_core.progress import CancelledError, reporting
 
 _log = logging.getLogger(__name__)
@@ -132,7 +133,7 @@ class Jobs:
         elif job.failed(error):
             _log.info("%s failed: %s", job.title, error)
         elif isinstance(error, InstDriveError):
-            self._report_error(str(error))
+            self._report_error(told(error) if isinstance(error, EditError) else str(error))
         else:
             _log.error("%s failed", job.title, exc_info=error)
             self._report_error(f"{job.title} failed: {error!r}. Help, Log file has the details; please report them")

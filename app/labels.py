@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 
+from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.split import SplitInstance
+from instdrive_core.progress import report
 from instdrive_core.wording import counted
 
 Ids = tuple[int, ...]
@@ -19,9 +23,11 @@ Ids = tuple[int, ...]
 class Labels:
     """The verbs of label repair; each is one step of the history."""
 
-    def __init__(self, document: Callable[[], Document | None], apply: Callable[..., bool], messages: Messages) -> None:
+    def __init__(
+        self, document: Callable[[], Document | None], apply: Callable[..., bool], jobs: Jobs, messages: Messages
+    ) -> None:
         """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
-        self._document, self._apply, self._messages = document, apply, messages
+        self._document, self._apply, self._jobs, self._messages = document, apply, jobs, messages
 
     def merge(self, ids: Ids, into: int | None = None) -> None:
         """Make several instances one: `into`, or the one with the most splats."""
@@ -55,18 +61,37 @@ class Labels:
             self._messages.info("The selected splats belong to no instance")
 
     def absorb(self, ids: Ids) -> None:
-        """Give the strays in and around instances to them."""
+        """Give the strays in and around instances to them, looked for beside the window."""
         document = self._document()
         if document is None or not ids:
             return
-        before = sum(document.scene.table[i].count for i in ids)
-        if len(ids) == 1:
-            done = self._apply(AbsorbFloaters, ids[0])
+        edits, frozen = tuple(AbsorbFloaters(i) for i in ids), frozen_copy(document)
+
+        def look() -> None:
+            for number, edit in enumerate(edits):
+                report(number / len(edits))
+                edit.prepare(frozen)
+                copy(edit).do(frozen)  # the next one finds what this one leaves
+
+        def done(_: None) -> None:
+            if self._document() is not document:
+                return
+            if edits[0].is_prepared_for(document):
+                self._absorb(document, edits)
+            else:  # edited meanwhile: look again, beside the window, too
+                self.absorb(tuple(i for i in ids if i in document.scene.table))
+
+        self._jobs.submit("Looking for floaters", look, done, modal=False)
+
+    def _absorb(self, document: Document, edits: tuple[AbsorbFloaters, ...]) -> None:
+        table, ids = document.scene.table, [edit.id for edit in edits]
+        before = sum(table[i].count for i in ids)
+        if len(edits) == 1:
+            done = self._apply(lambda: edits[0])
         else:
-            edits = tuple(AbsorbFloaters(i) for i in ids)
-            done = self._apply(CompoundEdit, edits, f"Absorb floaters of {len(ids)} instances")
+            done = self._apply(CompoundEdit, edits, f"Absorb floaters of {len(edits)} instances")
         if done:
-            count = sum(document.scene.table[i].count for i in ids if i in document.scene.table) - before
+            count = sum(table[i].count for i in ids if i in table) - before
             self._messages.info(f"{counted(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
 
     def rename(self, instance: int, name: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from instdrive_app.messages import Messages
+from instdrive_app.messages import Messages, told
 from instdrive_app.selection_box import Box, SelectionBoxes
 from instdrive_app.state import EditorState
 from instdrive_core.edits.append import AppendEdit
@@ -226,7 +226,7 @@ class Moving:
             drag.document.apply(edit, drag.gesture)
         except EditError as error:
             if not drag.told:  # else the same message would be told in every frame
-                self._messages.error(str(error))
+                self._messages.error(told(error))
             drag.told = True
 
     def give_up_drag(self) -> None:

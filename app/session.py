@@ -14,7 +14,7 @@ from instdrive_app.files import Files
 from instdrive_app.inserting import Inserting
 from instdrive_app.jobs import Jobs
 from instdrive_app.labels import Labels
-from instdrive_app.messages import Messages
+from instdrive_app.messages import Messages, told
 from instdrive_app.moving import Moving
 from instdrive_app.navigation import Navigation
 from instdrive_app.opening import Opened
@@ -53,7 +53,7 @@ class EditorSession:
         self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
         self.exporting = Exporting(self.state, lambda: self.document, self.jobs, self.messages, self.files)
         self.references = ReferencePictures(self.messages.error, lambda: self.wake())
-        self.labels = Labels(lambda: self.document, self.apply, self.messages)
+        self.labels = Labels(lambda: self.document, self.apply, self.jobs, self.messages)
         self.solo = Solo(lambda: self.document, self.apply)
         self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
         self.aftermath = Aftermath(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
@@ -151,7 +151,7 @@ class EditorSession:
         try:
             self.document.apply(make(*parameters), gesture)
         except EditError as error:
-            self.messages.error(str(error))
+            self.messages.error(told(error))
             return False
         return True
 

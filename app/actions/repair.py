@@ -68,7 +68,7 @@ def commands(session: EditorSession) -> list[Command]:
             "Labels",
             ("Ctrl+Shift+N",),
             enabled=splats,
-            icon="ICON_FA_PLUS",
+            icon="ICON_FA_CIRCLE_PLUS",
             undoable=True,
         ),
         Command(

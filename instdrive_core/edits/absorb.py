@@ -57,9 +57,13 @@ class AbsorbFloaters(RelabelEdit):
         """
         self._found = (fingerprint(document), floaters_of(document, self.id))
 
+    def is_prepared_for(self, document: Document) -> bool:
+        """Whether the strays are known of a document with this content."""
+        return self._found is not None and self._found[0] == fingerprint(document)
+
     def relabelings(self, document: Document) -> list[Relabeling]:
         """The strays to the instance."""
-        if self._found is None or self._found[0] != fingerprint(document):
+        if not self.is_prepared_for(document):
             self.prepare(document)
         assert self._found is not None
         return [Relabeling(self._found[1], known_instance(document, self.id))]

@@ -49,8 +49,11 @@ class DeletionReport:
 
     @property
     def name(self) -> str:
-        """``Car 17``, or ``3 instances``."""
-        return self.parts[0].name if len(self.parts) == 1 else f"{len(self.parts)} instances"
+        """``Car 17`` or ``3 instances``, of which not all may be whole: ``parts of 3 instances``."""
+        whole = all(part.whole for part in self.parts)
+        if len(self.parts) == 1:
+            return self.parts[0].name if whole else f"a part of {self.parts[0].name}"
+        return f"{len(self.parts)} instances" if whole else f"parts of {len(self.parts)} instances"
 
     @property
     def hole_area(self) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_street
-from session_driver import errors
+from session_driver import errors, finish
 
 from instdrive_app.panels.menus import full_title
 from instdrive_core.edits.document import Document
@@ -92,11 +92,29 @@ def test_absorbing_floaters_takes_what_lies_inside(session, street):
     session.labels.reassign(0)
     before = picture(street)
     session.labels.absorb((FIRST_CAR,))
+    assert picture(street) == before, "looked for beside the window"
+    finish(session)
     assert (street.scene.instance_ids[rows] == FIRST_CAR).mean() > 0.8
     assert "floaters absorbed" in session.messages.log[-1].text
     undone_and_redone(street, before)
     session.labels.absorb((ROAD,))
+    finish(session)
     assert "compact" in errors(session)[-1]
+    assert errors(session)[-1].startswith("Instance")
+
+
+def test_floaters_of_several_are_one_step_whatever_is_edited_meanwhile(session, street):
+    rows = {car: street.rows_of((car,))[::40] for car in CARS}
+    session.apply(SelectRows, np.concatenate(list(rows.values())))
+    session.labels.reassign(0)
+    session.labels.absorb(CARS)
+    session.lock((HOUSES,))
+    before, steps = picture(street), street.history.cursor
+    finish(session)
+    for car in CARS:
+        assert (street.scene.instance_ids[rows[car]] == car).mean() > 0.8
+    assert street.history.cursor == steps + 1
+    undone_and_redone(street, before)
 
 
 def test_the_class_of_several_is_one_step(session, street):

@@ -58,7 +58,7 @@ class ReassignDialog:
         self._rows.update(document, Query(self._search))
         imgui.begin_child("##targets", ImVec2(0, 9 * imgui.get_text_line_height_with_spacing()))
         if not self._search:
-            self._choice(ui, NEW, f"{icon('ICON_FA_PLUS')}  a new instance")
+            self._choice(ui, NEW, f"{icon('ICON_FA_CIRCLE_PLUS')}  a new instance")
             self._choice(ui, NONE, f"{icon('ICON_FA_BAN')}  no instance")
         elif self._target not in self._rows.place and self._rows.ids:
             self._target = self._rows.ids[0]
