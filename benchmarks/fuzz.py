@@ -28,6 +28,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -208,12 +209,12 @@ class Reader:
             self._process = None
 
     def _start(self, seen: set[Line]) -> None:
-        # Threads of their own heaps would reserve memory that nobody asked for.
-        os.environ |= {"MALLOC_ARENA_MAX": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=serve, args=(theirs, seen), daemon=True)
-        self._process.start()
+        # Threads of their own heaps would reserve memory that nobody asked for.
+        with _environment(MALLOC_ARENA_MAX="1", OPENBLAS_NUM_THREADS="1", NUMBA_NUM_THREADS="1"):
+            self._process.start()
         theirs.close()
         for seed in all_seeds():  # what is imported or compiled on first use belongs to no file
             self.begin(Case(seed, "", False), seen)
@@ -232,6 +233,18 @@ class Reader:
             detail += f" (exit status {process.exitcode})" if process.exitcode is not None else ""
         self.stop()
         return Outcome(result, detail, "", (), time.monotonic() - self._started, 0, ())
+
+
+@contextmanager
+def _environment(**changed: str) -> Iterator[None]:
+    """Environment variables for the processes started in the block; this one has its own back after it."""
+    before = dict(os.environ)
+    os.environ |= changed
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ |= before
 
 
 def judged(case: Case, outcome: Outcome, whole_files: Mapping[tuple[str, str], Outcome]) -> Outcome:
