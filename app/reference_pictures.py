@@ -39,25 +39,38 @@ class ReferencePictures:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="reference")
         self._pictures: OrderedDict[_Key, Future[Picture]] = OrderedDict()
         self._told: set[_Key] = set()
+        self._last: tuple[str, Reference, Picture] | None = None
 
     def get(self, view: CameraView, kind: Reference) -> Picture | None:
-        """RGBA of the view's photo or masks; None while it is being read, and where it cannot be."""
-        key = (view.photo, view.name, view.index, kind)
+        """RGBA of the view's photo or masks; None where there is none.
+
+        While it is being read it is the camera's last one, so that nothing flickers as the drive plays, else None.
+        """
+        key = _key(view, kind)
         if key not in self._pictures:
             self._request(key, view, kind)
         self._pictures.move_to_end(key)
         future = self._pictures[key]
         if not future.done():
-            return None
+            return self._last[2] if self._last is not None and self._last[:2] == (view.name, kind) else None
         error = future.exception()
         if error is None:
+            self._last = (view.name, kind, future.result())
             return future.result()
         if not isinstance(error, InstDriveError):
             raise error
         if key not in self._told:
             self._told.add(key)
-            self._report_error(str(error))
+            if not _is_held_back(view, kind):
+                self._report_error(str(error))
         return None
+
+    def missing(self, view: CameraView, kind: Reference) -> str:
+        """Why a view has no such picture, in a few words; empty where it has one, or nobody knows yet."""
+        future = self._pictures.get(_key(view, kind))
+        if future is None or not future.done() or future.exception() is None:
+            return ""
+        return "Held out from training: no masks" if _is_held_back(view, kind) else "Not available"
 
     @property
     def reading(self) -> bool:
@@ -68,6 +81,7 @@ class ReferencePictures:
         """Read everything again when it is asked for: another document is open."""
         self._pictures.clear()
         self._told.clear()
+        self._last = None
 
     def close(self) -> None:
         """End the thread."""
@@ -81,6 +95,15 @@ class ReferencePictures:
         self._pictures[key] = future
         while len(self._pictures) > KEPT:
             self._pictures.popitem(last=False)
+
+
+def _key(view: CameraView, kind: Reference) -> _Key:
+    return view.photo, view.name, view.index, kind
+
+
+def _is_held_back(view: CameraView, kind: Reference) -> bool:
+    """Whether a picture need not be there: masks are written for the photos that are trained on."""
+    return kind is Reference.MASKS and view.held_out
 
 
 def reference_picture(view: CameraView, kind: Reference) -> Picture:

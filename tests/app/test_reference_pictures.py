@@ -69,6 +69,30 @@ def test_pictures_are_read_beside_the_window_and_failures_told_once(view, tmp_pa
     pictures.close()
 
 
+def test_photos_that_were_held_out_have_no_masks_and_nobody_is_told_off(view):
+    told, ready = [], threading.Event()
+    pictures = ReferencePictures(told.append, ready.set)
+    pictures.get(view, Reference.MASKS)
+    assert ready.wait(10)
+    masks = pictures.get(view, Reference.MASKS)
+    assert pictures.missing(view, Reference.MASKS) == ""
+    ready.clear()
+    held_out = replace(view, index=1, held_out=True)
+    pictures.get(held_out, Reference.MASKS)
+    assert ready.wait(10)
+    assert pictures.get(held_out, Reference.MASKS) is None
+    assert "Held out" in pictures.missing(held_out, Reference.MASKS)
+    assert told == []
+    assert pictures.get(view, Reference.MASKS) is masks
+    ready.clear()
+    unknown = replace(view, index=2)
+    assert pictures.get(unknown, Reference.MASKS) is masks or ready.is_set(), "the last one, until it is known"
+    assert ready.wait(10)
+    assert pictures.get(unknown, Reference.MASKS) is None
+    assert len(told) == 1
+    pictures.close()
+
+
 def test_borders_between_masks_are_dark():
     labels = np.repeat(np.array([[1, 1, 2, 2]], np.uint16), 3, axis=0)
     picture = mask_colors(FrameMasks(labels, np.zeros(labels.shape, bool)))

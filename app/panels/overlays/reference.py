@@ -36,6 +36,8 @@ class ReferenceOverlay:
         if texture is not None:
             _image(ui, place, texture, state.reference_opacity)
             ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
+        elif missing := _missing(ui):
+            _plate(place.x + (place.width - _plate_width(missing)) / 2, place.y + scaled(10), missing)
 
     def draw_beside(self, ui: Ui, place: Rectangle) -> None:
         """In its own half, with the pointer's place marked in both."""
@@ -44,13 +46,13 @@ class ReferenceOverlay:
         draw.add_rect_filled(ImVec2(place.x, place.y), corner, packed(BACKGROUND))
         texture = _texture(ui)
         if texture is None:
-            text = "Reading…" if ui.session.references.reading else "Not available"
+            text = _missing(ui) or "Reading…"
             size = imgui.calc_text_size(text)
             middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
             draw.add_text(middle, packed(DIM), text)
             return
         _image(ui, place, texture, 1.0)
-        _caption(place, ui.session.state.reference.value)
+        _plate(place.x + scaled(10), place.y + scaled(10), ui.session.state.reference.value)
         ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
         if ui.pointer is not None:
             x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
@@ -79,10 +81,22 @@ def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
     draw.pop_clip_rect()
 
 
-def _caption(place: Rectangle, text: str) -> None:
+def _missing(ui: Ui) -> str:
+    """Why there is no picture of this camera and moment; empty where there may be one soon."""
+    document, state = ui.session.document, ui.session.state
+    if document is None or state.dataset_view is None:
+        return ""
+    return ui.session.references.missing(document.scene.views[state.dataset_view], state.reference)
+
+
+def _plate(left: float, top: float, text: str) -> None:
+    """Words that show on any picture."""
     draw, size = imgui.get_window_draw_list(), imgui.calc_text_size(text)
     wide, high = scaled(10), scaled(5)
-    low = ImVec2(place.x + wide, place.y + wide)
-    corner = ImVec2(low.x + size.x + 2 * wide, low.y + size.y + 2 * high)
-    draw.add_rect_filled(low, corner, packed(BACKGROUND, 0.78), scaled(4))
-    draw.add_text(ImVec2(low.x + wide, low.y + high), packed(TEXT), text)
+    corner = ImVec2(left + _plate_width(text), top + size.y + 2 * high)
+    draw.add_rect_filled(ImVec2(left, top), corner, packed(BACKGROUND, 0.78), scaled(4))
+    draw.add_text(ImVec2(left + wide, top + high), packed(TEXT), text)
+
+
+def _plate_width(text: str) -> float:
+    return imgui.calc_text_size(text).x + scaled(20)
