@@ -92,6 +92,25 @@ def framed_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpo
     return framed(viewpoint, low, high)
 
 
+def birds_eye(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
+    """Straight down on most of the points (at least one), with the present heading up in the picture."""
+    low, high = np.percentile(points, [2, 98], axis=0)
+    heading = viewpoint.forward * [1, 1, 0]
+    if np.linalg.norm(heading) < 1e-6:  # from above already: the picture's up
+        heading = -viewpoint.world_from_camera[:3, 1] * [1, 1, 0]
+    heading /= np.linalg.norm(heading)
+    down = np.array([0.0, 0.0, -1.0])
+    turn = np.stack([np.cross(-heading, down), -heading, down], axis=1)
+    around = (points - (low + high) / 2) @ turn
+    half_width, half_height = np.maximum(np.percentile(np.abs(around[:, :2]), 98, axis=0), 0.2)
+    lens = viewpoint.lens
+    distance = 1.1 * max(2 * half_width * lens.fx / lens.width, 2 * half_height * lens.fy / lens.height)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, (low + high) / 2
+    pose[2, 3] = high[2] + distance
+    return Viewpoint(pose, lens, float(distance))
+
+
 def overview(means: Float[ndarray, "n 3"]) -> Viewpoint:
     """A first look at a scene without cameras."""
     return framed_points(default_viewpoint(), means) if len(means) else default_viewpoint()

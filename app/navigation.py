@@ -72,6 +72,14 @@ class Navigation:
         if len(means):
             self.look_from(camera.framed_points(self._state.viewpoint, means))
 
+    def look_down(self, ids: tuple[int, ...]) -> None:
+        """See instances, or everything, from straight above."""
+        if self._document() is None:
+            return
+        means = self.world_means(ids)
+        if len(means):
+            self.look_from(camera.birds_eye(self._state.viewpoint, means))
+
     def world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
         """World positions of instances at the shown moment, deleted splats left out; of all for no IDs."""
         document = self._document()

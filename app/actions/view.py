@@ -61,6 +61,15 @@ def commands(session: EditorSession) -> list[Command]:
             enabled=lambda: session.document is not None,
             icon="ICON_FA_MAXIMIZE",
         ),
+        Command(
+            "view.birds_eye",
+            "Bird's eye",
+            lambda: session.navigation.look_down(session.selected),
+            "View",
+            ("Shift+Home",),
+            enabled=lambda: session.document is not None,
+            icon="ICON_FA_DOVE",
+        ),
         _switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
         _switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
     ]

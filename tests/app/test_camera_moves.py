@@ -95,6 +95,23 @@ def test_a_dataset_camera_is_shown_whole_whatever_the_viewport():
         assert (right - left) / (bottom - top) == pytest.approx(480 / 270)
 
 
+@pytest.mark.parametrize("turns", [0, 1, 3])
+def test_a_birds_eye_sees_most_of_the_scene_with_the_heading_up(turns):
+    means = procedural_street(0.5).gaussians.means
+    before = camera.orbit(camera.overview(means), 0.7 * turns, 0.0)
+    above = camera.birds_eye(before, means)
+    pixels, depths = above.fitted(640, 360).project(means)
+    assert (depths > 0).mean() > 0.97
+    assert ((pixels >= 0) & (pixels <= [640, 360])).all(axis=1).mean() > 0.93
+    np.testing.assert_allclose(above.world_from_camera[:3, :3] @ [0, 0, 1], [0, 0, -1], atol=1e-12)
+    up = -above.world_from_camera[:3, 1]
+    assert up @ before.forward > 0.5
+    again = camera.birds_eye(above, means)
+    np.testing.assert_allclose(again.world_from_camera, above.world_from_camera, atol=1e-6)
+    turn = above.world_from_camera[:3, :3]
+    np.testing.assert_allclose(np.linalg.det(turn), 1)
+
+
 def test_an_overview_looks_at_the_scene_and_an_empty_scene_has_one_too():
     means = procedural_street(0.5).gaussians.means
     _, depths = camera.overview(means).fitted(640, 360).project(means)
