@@ -41,7 +41,8 @@ def edit(
         raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
     from instdrive_app.log_file import start_logging
     from instdrive_app.session import EditorSession
-    from instdrive_app.window import EditorWindow, WindowOptions, require_display
+    from instdrive_app.window import EditorWindow, require_display
+    from instdrive_app.window_layout import WindowOptions
 
     require_display()
     start_logging()

@@ -20,7 +20,8 @@ from instdrive_app.session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import ViewMode, resolve
 from instdrive_app.virtual_display import has_display, virtual_display
-from instdrive_app.window import EditorWindow, WindowOptions
+from instdrive_app.window import EditorWindow
+from instdrive_app.window_layout import WindowOptions
 from instdrive_core.errors import InstDriveError
 from instdrive_core.formats.atomic import write_bytes
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
 
@@ -15,40 +14,11 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_commands
-from instdrive_app.panels.dialogs import DialogHost
-from instdrive_app.panels.dialogs.about import AboutDialog
-from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
-from instdrive_app.panels.dialogs.dropped import DroppedDialog
-from instdrive_app.panels.dialogs.file_browser import FileBrowser
-from instdrive_app.panels.dialogs.findings import FindingsDialog
-from instdrive_app.panels.dialogs.palette import CommandPalette
-from instdrive_app.panels.dialogs.reassign import ReassignDialog
-from instdrive_app.panels.dialogs.recovery import RecoveryDialog
-from instdrive_app.panels.dialogs.rename import RenameDialog
-from instdrive_app.panels.dialogs.set_class import ClassDialog
-from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
-from instdrive_app.panels.dialogs.split import SplitDialog
-from instdrive_app.panels.dialogs.too_large import TooLargeDialog
-from instdrive_app.panels.dialogs.unsaved import UnsavedDialog
-from instdrive_app.panels.history import HistoryPanel
-from instdrive_app.panels.inspector import InspectorPanel
-from instdrive_app.panels.instances import InstancesPanel
-from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
-from instdrive_app.panels.overlays.camera_tag import CameraTag
-from instdrive_app.panels.overlays.deletion import DeletionOverlay
-from instdrive_app.panels.overlays.depth_legend import DepthLegend
-from instdrive_app.panels.overlays.gizmo import Gizmo
-from instdrive_app.panels.overlays.hover_label import HoverLabel
-from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
-from instdrive_app.panels.overlays.region_outline import RegionOutline
-from instdrive_app.panels.overlays.view_switch import ViewSwitch
+from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
 from instdrive_app.panels.status import StatusBar
-from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
-from instdrive_app.panels.toolbar import Toolbar
 from instdrive_app.panels.ui import Ui
-from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.render.warm_up import warm_up
@@ -57,27 +27,7 @@ from instdrive_app.session import EditorSession
 from instdrive_app.theme import apply_style, load_fonts
 from instdrive_app.tools.registry import created_tools
 from instdrive_app.virtual_display import DisplayError, has_display
-
-RIGHT_WIDTH, BOTTOM_HEIGHT = 346.0, 104.0
-"""What the lists at the right and the timeline need at least, in pixels at scale 1."""
-INSPECTOR_SHARE = 0.6
-"""Of the right column; instances have the rest."""
-IDLE_FPS, WAITING_FPS = 1.0, 20.0
-"""Frames per second while the user does nothing, and while something is under way; any event wakes the window at once,
-and so does a result."""
-
-
-@dataclass(frozen=True)
-class WindowOptions:
-    """How the window opens."""
-
-    size: tuple[int, int] = (1280, 720)
-    """Width and height, at scale 1."""
-    report: Path | None = None
-    """Where to write the window's state as JSON lines."""
-    remember_layout: bool = True
-    scale: float = 0.0
-    """How large text and widgets are drawn; 0 = as the monitor says."""
+from instdrive_app.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, runner_parameters
 
 
 class EditorWindow:
@@ -92,44 +42,7 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs = DialogHost(
-            (
-                FileBrowser(),
-                RenameDialog(),
-                ClassDialog(),
-                SplitDialog(),
-                ReassignDialog(),
-                ShortcutSheet(),
-                AboutDialog(),
-                CommandPalette(),
-                UnsavedDialog(),
-                RecoveryDialog(),
-                DroppedDialog(),
-                ChangedSceneDialog(),
-                TooLargeDialog(),
-                FindingsDialog(),
-            )
-        )
-        self._panels = {
-            "View": ViewportPanel(
-                (
-                    DeletionOverlay(),
-                    Gizmo(),
-                    ViewSwitch(),
-                    Toolbar(),
-                    CameraTag(),
-                    DepthLegend(),
-                    OpacitySlider(),
-                    HoverLabel(),
-                    RegionOutline(),
-                )
-            ),
-            "Instances": InstancesPanel(),
-            "Inspector": InspectorPanel(),
-            "History": HistoryPanel(),
-            "Timeline": TimelinePanel(),
-            "Log": LogPanel(),
-        }
+        self._dialogs, self._panels = created_dialogs(), created_panels()
         self._status, self._title = StatusBar(), ""
         register_commands(session)
 
@@ -187,18 +100,8 @@ class EditorWindow:
     # ------------------------------------------------------------------ set-up
 
     def _parameters(self) -> hello_imgui.RunnerParams:
-        parameters = hello_imgui.RunnerParams()
-        window = parameters.app_window_params
-        window.window_title = "InstDrive"
-        window.window_geometry.size = self._options.size
-        window.restore_previous_geometry = self._options.remember_layout
-        if self._options.scale:
-            parameters.dpi_aware_params.dpi_window_size_factor = self._options.scale
-        shown = parameters.imgui_window_params
-        shown.default_imgui_window_type = hello_imgui.DefaultImGuiWindowType.provide_full_screen_dock_space
-        shown.show_menu_bar, shown.show_menu_app, shown.show_menu_view = True, False, False
-        shown.show_status_bar, shown.show_status_fps, shown.remember_status_bar_settings = True, False, False
-        shown.remember_theme = False
+        windows = [self._dockable(docked) for docked in self._panels]
+        parameters = runner_parameters(self._options, windows)
         calls = parameters.callbacks
         calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
         calls.load_additional_fonts = self._guarded(self._create_ui)
@@ -212,54 +115,18 @@ class EditorWindow:
         calls.post_render_dockable_windows = self._guarded(self._after_panels)
         calls.before_swap = self._guarded(self._before_swap)
         calls.before_exit = self._guarded(self._stop)
-        parameters.docking_params = self._layout()
-        parameters.fps_idling.fps_idle = IDLE_FPS
-        parameters.fps_idling.time_active_after_last_event = 0.5
-        parameters.renderer_backend_options.open_gl_options = _open_gl_options()
-        parameters.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
-        parameters.ini_filename = "instdrive/window.ini"
-        parameters.ini_disable = not self._options.remember_layout
         return parameters
 
-    def _layout(self) -> hello_imgui.DockingParams:
-        split, direction = hello_imgui.DockingSplit, imgui.Dir
-        docking = hello_imgui.DockingParams()
-        width, height = self._options.size
-        docking.docking_splits = [
-            split("MainDockSpace", "Right", direction.right, max(RIGHT_WIDTH / width, 0.23)),
-            split("Right", "RightBottom", direction.down, INSPECTOR_SHARE),
-            split("MainDockSpace", "Bottom", direction.down, max(BOTTOM_HEIGHT / height, 0.13)),
-        ]
-        places = {
-            "View": "MainDockSpace",
-            "Instances": "Right",
-            "Inspector": "RightBottom",
-            "History": "RightBottom",
-            "Timeline": "Bottom",
-            "Log": "Bottom",
-        }
-        docking.dockable_windows = [self._dockable(name, place) for name, place in places.items()]
-        docking.main_dock_space_node_flags = imgui.DockNodeFlags_.auto_hide_tab_bar
-        docking.layout_condition = hello_imgui.DockingLayoutCondition.first_use_ever
-        return docking
+    def _dockable(self, docked: DockedPanel) -> hello_imgui.DockableWindow:
+        def draw() -> None:
+            docked.panel.draw(self.ui)
 
-    def _dockable(self, name: str, place: str) -> hello_imgui.DockableWindow:
-        panel = self._panels[name]
-        window = hello_imgui.DockableWindow(name, place, self._guarded(lambda: panel.draw(self.ui)))
+        window = hello_imgui.DockableWindow(docked.name, docked.place, self._guarded(draw))
         window.can_be_closed = False
-        if name == "View":  # the picture goes to the edges: it begins its own window, without padding
+        if docked.name == VIEW:
             window.call_begin_end = False
-            window.gui_function = self._guarded(self._draw_view)
+            window.gui_function = self._guarded(lambda: _to_the_edges(VIEW, draw))
         return window
-
-    def _draw_view(self) -> None:
-        flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
-        imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
-        visible = imgui.begin("View", None, flags)[0]
-        imgui.pop_style_var()
-        if visible:
-            self._panels["View"].draw(self.ui)
-        imgui.end()
 
     def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
         """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
@@ -396,9 +263,12 @@ def _configure() -> None:
     io.config_windows_move_from_title_bar_only = True
 
 
-def _open_gl_options() -> hello_imgui.OpenGlOptions:
-    options = hello_imgui.OpenGlOptions()
-    options.major_version, options.minor_version = 3, 3
-    options.use_core_profile = options.use_forward_compat = True
-    options.anti_aliasing_samples = 0
-    return options
+def _to_the_edges(name: str, draw: Callable[[], None]) -> None:
+    """A window of its own without padding: the picture fills it."""
+    flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
+    visible = imgui.begin(name, None, flags)[0]
+    imgui.pop_style_var()
+    if visible:
+        draw()
+    imgui.end()

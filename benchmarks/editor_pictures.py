@@ -25,7 +25,8 @@ from instdrive_app.session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import Reference, ViewMode, resolve
 from instdrive_app.virtual_display import has_display, virtual_display
-from instdrive_app.window import EditorWindow, WindowOptions
+from instdrive_app.window import EditorWindow
+from instdrive_app.window_layout import WindowOptions
 
 SIZE = (1280, 720)
 MAX_BYTES = 900_000

@@ -28,7 +28,8 @@ from instdrive_app.render.gl_objects import live_objects
 from instdrive_app.sample import sample_scene
 from instdrive_app.session import EditorSession
 from instdrive_app.virtual_display import virtual_display
-from instdrive_app.window import EditorWindow, WindowOptions
+from instdrive_app.window import EditorWindow
+from instdrive_app.window_layout import WindowOptions
 from instdrive_core.edits.invariants import broken_invariants, fingerprint
 
 SIZE = (1280, 720)

@@ -21,7 +21,8 @@ from instdrive_app.sample import sample_scene
 from instdrive_app.session import EditorSession
 from instdrive_app.state import Reference, ViewMode
 from instdrive_app.virtual_display import virtual_display
-from instdrive_app.window import EditorWindow, WindowOptions
+from instdrive_app.window import EditorWindow
+from instdrive_app.window_layout import WindowOptions
 from instdrive_core.scene.lint import Finding
 
 DIALOGS = (

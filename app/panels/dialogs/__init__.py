@@ -1,6 +1,7 @@
 """Modal dialogs, one file each.
 
-A command opens one by setting `session.dialog` to one of its names. A new dialog is a file and a line in `window.py`.
+A command opens one by setting `session.dialog` to one of its names. A new dialog is a file and a line in
+`panels/registry.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What is drawn over the picture, one file each.
 
-A new overlay is a file and a line in `window.py`. The list's order is the order of drawing.
+A new overlay is a file and a line in `panels/registry.py`. The list's order is the order of drawing.
 """
 
 from __future__ import annotations
