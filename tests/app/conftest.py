@@ -1,12 +1,14 @@
-"""Shared by the editor's tests: a small street, an editor without a window, and OpenGL without one."""
+"""Shared by the editor's tests: a small street, the editor with and without a window, and OpenGL without one."""
 
 import moderngl
 import pytest
 from procedural_street import procedural_street
+from window_driver import editor_window
 
 from instdrive_app.actions import register_commands
 from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
+from instdrive_core.formats.registry import save_scene
 
 
 @pytest.fixture
@@ -23,6 +25,21 @@ def session(street):
     made.show(street)
     yield made
     made.close()
+
+
+@pytest.fixture(scope="session")
+def street_folder(tmp_path_factory):
+    """The street as a scene folder, with its cameras and its driving car; tests only read it."""
+    path = tmp_path_factory.mktemp("street") / "street"
+    save_scene(path, procedural_street())
+    return path
+
+
+@pytest.fixture
+def window(street_folder, tmp_path):
+    """The real window, which has opened the street."""
+    with editor_window(street_folder, tmp_path) as driver:
+        yield driver
 
 
 @pytest.fixture(scope="session")

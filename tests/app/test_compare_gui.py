@@ -1,15 +1,13 @@
 """Photo and masks of dataset cameras, the palette, the history and odd splats, through the real window."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 from procedural_street import FIRST_CAR, procedural_street
-from window_driver import WindowDriver
+from window_driver import editor_window
 
-from instdrive_app.virtual_display import virtual_display
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.masks.labelmap import FrameMasks, write_masks
 
@@ -46,16 +44,8 @@ def filmed_street(tmp_path_factory):
 
 @pytest.fixture
 def window(filmed_street, tmp_path):
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
-    with virtual_display((1280, 720)):
-        driver = WindowDriver(filmed_street, tmp_path)
-        try:
-            driver.wait_for(lambda state: state["open"], "the scene to be open")
-            yield driver
-        finally:
-            driver.close()
+    with editor_window(filmed_street, tmp_path) as driver:
+        yield driver
 
 
 def width_of(state, name):
@@ -83,7 +73,7 @@ def test_odd_splats_are_removed_and_the_photo_compared(window):
     assert width_of(beside, "reference") == pytest.approx(width_of(beside, "picture"), abs=4)
     window.wait_until_calm()
     window.click(*window.pixel_of(RED_CAR_SIDE))
-    window.wait_for(lambda state: state["selected"] == [RED_CAR], "clicks to hit beside the photo too")
+    window.wait_for_selection(RED_CAR)  # clicks hit beside the photo, too
     window.key("shift+p")
     window.wait_for(lambda state: state["reference"]["kind"] == "MASKS", "the masks")
     window.key("Right")
@@ -98,7 +88,7 @@ def test_palette_history_and_keys(window):
     window.wait_until_calm()
     for instance in (RED_CAR, BLUE_CAR):
         window.click_widget(f"instances.{instance}")
-        window.wait_for(lambda state, chosen=instance: state["selected"] == [chosen], "the list to select")
+        window.wait_for_selection(instance)
         window.key("ctrl+p")
         window.wait_for_widget("palette.search")
         window.type("delet")

@@ -1,18 +1,14 @@
 """Moving, turning and copying cars in the real window, by handles and by typed numbers."""
 
-import shutil
 import time
 
 import numpy as np
 import pytest
 from plyfile import PlyData
 from procedural_street import DRIVING_CAR, FIRST_CAR, driving_track, procedural_street
-from window_driver import WindowDriver
 
 from instdrive_app.selection_box import SelectionBoxes
-from instdrive_app.virtual_display import virtual_display
 from instdrive_core.edits.document import Document
-from instdrive_core.formats.registry import save_scene
 
 pytestmark = pytest.mark.gui
 
@@ -20,26 +16,9 @@ BLUE_CAR, BLUE_CAR_REAR, DRIVING_CAR_REAR = FIRST_CAR + 1, (3.4, 5.8, 0.8), (0.8
 """World points on cars that the first camera sees."""
 
 
-@pytest.fixture
-def window(tmp_path):
-    """An editor window that shows the street, with its cameras and its driving car."""
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
-    save_scene(tmp_path / "street", procedural_street())
-    with virtual_display((1280, 720)):
-        driver = WindowDriver(tmp_path / "street", tmp_path)
-        try:
-            driver.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
-            driver.wait_until_calm()
-            yield driver
-        finally:
-            driver.close()
-
-
 def take(window, point, instance, key):
     window.click(*window.pixel_of(point))
-    window.wait_for(lambda state: state["selected"] == [instance], f"instance {instance} to be selected")
+    window.wait_for_selection(instance)
     window.key(key)
     return window.wait_for_widget("gizmo.center")
 
@@ -67,12 +46,7 @@ def type_into(window, field, text):
 
 def exported(window, path):
     """The exported splats, by an independent reader."""
-    window.key("ctrl+e")
-    window.wait_for_widget("dialog.path")
-    window.key("ctrl+a")
-    window.type(str(path))
-    window.click_widget("dialog.accept")
-    window.wait_for(lambda state: any(str(path) in text for text in state["messages"]), "the export")
+    window.export(path)
     return PlyData.read(path)["vertex"].data
 
 

@@ -1,54 +1,17 @@
 """The real window under a virtual display, driven by true mouse and key events; the export read by plyfile."""
 
-import shutil
 from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
 from plyfile import PlyData
 from procedural_street import FIRST_CAR, procedural_street
-from window_driver import WindowDriver
-
-from instdrive_app.virtual_display import virtual_display
-from instdrive_core.formats.registry import save_scene
 
 pytestmark = pytest.mark.gui
 
 RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
 RED_CAR_SIDE, BLUE_CAR_REAR = (-2.1, 4.6, 0.8), (3.4, 5.8, 0.8)
 """World points on the cars that the first camera sees."""
-
-
-@pytest.fixture(scope="module")
-def original(tmp_path_factory):
-    """The street as a .ply file, instance attributes included."""
-    path = tmp_path_factory.mktemp("street") / "street.ply"
-    save_scene(path, procedural_street())
-    return path
-
-
-@pytest.fixture(scope="module")
-def street_folder(tmp_path_factory):
-    """The street as a scene folder, with its cameras and its driving car."""
-    path = tmp_path_factory.mktemp("street") / "street"
-    save_scene(path, procedural_street())
-    return path
-
-
-@pytest.fixture
-def window(street_folder, tmp_path):
-    """An editor window that has opened the street."""
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
-    with virtual_display((1280, 720)):
-        driver = WindowDriver(street_folder, tmp_path)
-        try:
-            driver.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
-            driver.wait_until_calm()
-            yield driver
-        finally:
-            driver.close()
 
 
 def test_the_main_job(window, tmp_path):
@@ -61,12 +24,12 @@ def test_the_main_job(window, tmp_path):
     window.key("ctrl+shift+z")
     window.wait_for(lambda state: RED_CAR not in state["visible"], "redo")
     window.click(*window.pixel_of(BLUE_CAR_REAR))
-    window.wait_for(lambda state: state["selected"] == [BLUE_CAR], "the blue car to be selected")
+    window.wait_for_selection(BLUE_CAR)
     window.click_widget("inspector.color.orange")
     state = window.wait_for(lambda state: state["history"][-1].startswith("Tint"), "the recolour")
     assert state["cursor"] == len(state["history"])
     exported = tmp_path / "edited.ply"
-    export(window, exported)
+    window.export(exported)
     check_export(exported, procedural_street())
     assert window.quit() == 0
 
@@ -78,16 +41,7 @@ def hover_and_select(window):
     assert "hover label" in state["widgets"]
     assert state["selected"] == []
     window.click(x, y)
-    window.wait_for(lambda state: state["selected"] == [RED_CAR], "the red car to be selected")
-
-
-def export(window, path):
-    window.key("ctrl+e")
-    window.wait_for_widget("dialog.path")
-    window.key("ctrl+a")
-    window.type(str(path))
-    window.click_widget("dialog.accept")
-    window.wait_for(lambda state: any(str(path) in text for text in state["messages"]), "the export")
+    window.wait_for_selection(RED_CAR)
 
 
 def check_export(path, scene):
@@ -117,17 +71,17 @@ def check_export(path, scene):
 def test_modifiers_the_list_and_the_menu(window):
     red, blue = window.pixel_of(RED_CAR_SIDE), window.pixel_of(BLUE_CAR_REAR)
     window.click(*red)
-    window.wait_for(lambda state: state["selected"] == [RED_CAR], "a click to select")
+    window.wait_for_selection(RED_CAR)
     window.click(*blue, "shift")
-    window.wait_for(lambda state: state["selected"] == [RED_CAR, BLUE_CAR], "Shift to add")
+    window.wait_for_selection(RED_CAR, BLUE_CAR)
     window.click(*red, "ctrl")
-    window.wait_for(lambda state: state["selected"] == [BLUE_CAR], "Ctrl to remove")
+    window.wait_for_selection(BLUE_CAR)
     window.click(*red, "alt")
-    window.wait_for(lambda state: state["selected"] == [RED_CAR, BLUE_CAR], "Alt to take the shared codeword")
+    window.wait_for_selection(RED_CAR, BLUE_CAR)
     window.key("Escape")
-    window.wait_for(lambda state: state["selected"] == [], "Escape to clear")
+    window.wait_for_selection()
     window.click_widget(f"instances.{BLUE_CAR}")
-    window.wait_for(lambda state: state["selected"] == [BLUE_CAR], "the list to select")
+    window.wait_for_selection(BLUE_CAR)
     window.click_widget(f"instances.{RED_CAR}.eye")
     window.wait_for(lambda state: RED_CAR not in state["visible"], "the eye to hide")
     window.key("alt+h")

@@ -4,14 +4,13 @@ import time
 
 import pytest
 from procedural_street import procedural_street
-from window_driver import WindowDriver
+from window_driver import editor_window
 
 from instdrive_app.edit_command import ScaleError, edit
 from instdrive_app.memory import MemoryGauge, resident_bytes
 from instdrive_app.messages import Messages
 from instdrive_app.sample import sample_scene
 from instdrive_app.session import EditorSession
-from instdrive_app.virtual_display import virtual_display
 from instdrive_app.window import title_of
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
@@ -22,15 +21,13 @@ def window(tmp_path):
     """The editor, after it was asked to open what is no scene."""
     broken = tmp_path / "broken.ply"
     broken.write_bytes(b"no scene at all")
-    with virtual_display():
-        driver = WindowDriver(broken, tmp_path)
+    with editor_window(broken, tmp_path, opens=False) as driver:
         yield driver
-        driver.close()
 
 
 @pytest.mark.gui
 def test_a_window_without_a_scene_offers_to_open_one(window):
-    window.wait_for(lambda state: any("broken.ply" in text for text in state.get("messages", ())), "the error")
+    window.wait_for_message("broken.ply")
     window.click_widget("toast.0")
     window.wait_for(lambda state: "toast.0" not in state["widgets"], "the error to go at a click")
     window.click_widget("empty.open")

@@ -1,13 +1,9 @@
 """Saving, reopening, recovering and leaving, through the real window."""
 
-import shutil
-
 import pytest
-from procedural_street import FIRST_CAR, procedural_street
-from window_driver import WindowDriver
+from procedural_street import FIRST_CAR
+from window_driver import WindowDriver, editor_display
 
-from instdrive_app.virtual_display import virtual_display
-from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 
 pytestmark = pytest.mark.gui
@@ -15,19 +11,9 @@ pytestmark = pytest.mark.gui
 RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
 
 
-@pytest.fixture(scope="module")
-def street_folder(tmp_path_factory):
-    path = tmp_path_factory.mktemp("street") / "street"
-    save_scene(path, procedural_street())
-    return path
-
-
 @pytest.fixture
 def opened(tmp_path):
     """A function that opens the editor on a path; all editors share one state folder."""
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
     drivers = []
 
     def start(path):
@@ -35,11 +21,10 @@ def opened(tmp_path):
         folder.mkdir()
         driver = WindowDriver(path, folder, state=tmp_path / "state")
         drivers.append(driver)
-        driver.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
-        driver.wait_until_calm()
+        driver.wait_until_open()
         return driver
 
-    with virtual_display((1280, 720)):
+    with editor_display():
         try:
             yield start
         finally:
@@ -49,7 +34,7 @@ def opened(tmp_path):
 
 def delete(window, instance):
     window.click_widget(f"instances.{instance}")
-    window.wait_for(lambda state: state["selected"] == [instance], "the list to select")
+    window.wait_for_selection(instance)
     window.key("Delete")
     window.wait_for(lambda state: instance not in state["visible"], "the instance to be deleted")
 
@@ -59,10 +44,7 @@ def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
     delete(window, RED_CAR)
     project = tmp_path / "drive.instdrive"
     window.key("ctrl+s")
-    window.wait_for_widget("dialog.path")
-    window.key("ctrl+a")
-    window.type(str(project))
-    window.click_widget("dialog.accept")
+    window.enter_path(project)
     window.wait_for(lambda state: not state["unsaved"] and project.exists(), "the project to be saved")
     delete(window, BLUE_CAR)
     window.key("ctrl+z")
@@ -89,10 +71,7 @@ def test_giving_up_a_save_on_the_way_out_stays(opened, street_folder, tmp_path):
     window.click_widget("dialog.cancel")
     project = tmp_path / "drive.instdrive"
     window.key("ctrl+s")
-    window.wait_for_widget("dialog.path")
-    window.key("ctrl+a")
-    window.type(str(project))
-    window.click_widget("dialog.accept")
+    window.enter_path(project)
     window.wait_for(lambda state: not state["unsaved"] and project.exists(), "the project to be saved")
     assert not window.wait_until_calm(1.0)["unsaved"], "the save that came later ended nothing"
     assert window.quit() == 0

@@ -1,14 +1,8 @@
 """Rectangle and lasso in the real window, with true mouse events; growing, shrinking, inverting, deleting splats."""
 
-import shutil
-
 import numpy as np
 import pytest
 from procedural_street import FIRST_CAR, ROAD, procedural_street
-from window_driver import WindowDriver
-
-from instdrive_app.virtual_display import virtual_display
-from instdrive_core.formats.registry import save_scene
 
 pytestmark = pytest.mark.gui
 
@@ -22,29 +16,6 @@ RED_CAR_SIDE = (-2.1, 4.6, 0.8)
 @pytest.fixture(scope="module")
 def scene():
     return procedural_street()
-
-
-@pytest.fixture(scope="module")
-def folder(scene, tmp_path_factory):
-    path = tmp_path_factory.mktemp("street") / "street"
-    save_scene(path, scene)
-    return path
-
-
-@pytest.fixture
-def window(folder, tmp_path):
-    """An editor window that has opened the street."""
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
-    with virtual_display((1280, 720)):
-        driver = WindowDriver(folder, tmp_path)
-        try:
-            driver.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
-            driver.wait_until_calm()
-            yield driver
-        finally:
-            driver.close()
 
 
 def outline(window, box):
@@ -94,7 +65,7 @@ def test_rectangle_lasso_and_their_keys(window):
     assert RED_CAR in state["selected"]
     drag_and_escape(window)
     window.click(*window.pixel_of(RED_CAR_SIDE))
-    picked = window.wait_for(lambda state: state["selected"] == [RED_CAR], "a click to pick")
+    picked = window.wait_for_selection(RED_CAR)
     left, top, right, bottom = outline(window, BLUE_BOX)
     window.drag((left, top), (right, bottom), button=3)
     turned = window.wait_for(lambda state: state["camera"] != picked["camera"], "the right drag to turn the camera")

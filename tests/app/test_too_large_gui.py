@@ -1,12 +1,9 @@
 """A scene that does not fit into memory: the real window asks, and opens the part that does."""
 
-import shutil
-
 import pytest
 from procedural_street import procedural_street
-from window_driver import WindowDriver
+from window_driver import editor_window
 
-from instdrive_app.virtual_display import virtual_display
 from instdrive_core.available_memory import VARIABLE
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.unfilled import TO_EDIT, row_bytes
@@ -15,19 +12,12 @@ pytestmark = pytest.mark.gui
 
 
 def test_it_asks_and_opens_every_third_splat(tmp_path, monkeypatch):
-    for tool in ("Xvfb", "xdotool"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"{tool} is not installed")
     scene = procedural_street()
     save_scene(tmp_path / "street", scene)
     needed = TO_EDIT * len(scene) * row_bytes(scene.gaussians.sh_rest.shape[1], scene.gaussians.features.shape[1])
     monkeypatch.setenv(VARIABLE, str(0.4 * needed / 1e9))
-    with virtual_display((1280, 720)):
-        window = WindowDriver(tmp_path / "street", tmp_path)
-        try:
-            window.click_widget("question.Open every 3rd")
-            state = window.wait_for(lambda state: state["open"] and state["settled"], "the part to be open")
-            assert any(text.startswith("Every 3rd splat was opened") for text in state["messages"])
-            assert window.quit() == 0
-        finally:
-            window.close()
+    with editor_window(tmp_path / "street", tmp_path, opens=False) as window:
+        window.click_widget("question.Open every 3rd")
+        state = window.wait_until_open()
+        assert any(text.startswith("Every 3rd splat was opened") for text in state["messages"])
+        assert window.quit() == 0

@@ -2,16 +2,43 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import numpy as np
+import pytest
 
+from instdrive_app.virtual_display import virtual_display
 from instdrive_core.scene.camera import Camera
 
 PATIENCE = 25.0
 """Seconds to wait for the window to come to a state, on a busy machine."""
+
+
+@contextmanager
+def editor_display():
+    """A display of the window's size, with hands; tests that need it are skipped, and say so, where there is none."""
+    for tool in ("Xvfb", "xdotool"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed")
+    with virtual_display((1280, 720)):
+        yield
+
+
+@contextmanager
+def editor_window(scene, folder, opens=True):
+    """An editor on a display of its own, until the block ends; `opens`: wait until the scene is there and calm."""
+    with editor_display():
+        driver = WindowDriver(scene, folder)
+        try:
+            if opens:
+                driver.wait_until_open()
+            yield driver
+        finally:
+            driver.close()
 
 
 class WindowDriver:
@@ -52,6 +79,27 @@ class WindowDriver:
             time.sleep(0.05)
         shown = {key: value for key, value in state.items() if key not in ("widgets", "camera")}
         raise AssertionError(f"waited {PATIENCE:.0f} s for: {what}. The window reports {shown}")
+
+    def wait_until_open(self):
+        """The state, once the scene is open, sharp and calm."""
+        self.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
+        return self.wait_until_calm()
+
+    def wait_for_selection(self, *ids):
+        """The state, once just these instances are selected."""
+        return self.wait_for(lambda state: state["selected"] == list(ids), f"instances {ids} to be selected")
+
+    def wait_for_edit(self, beginning):
+        """The state, once an edit whose title begins so is the history's last, and done."""
+
+        def is_last(state):
+            return state["cursor"] == len(state["history"]) > 0 and state["history"][-1].startswith(beginning)
+
+        return self.wait_for(is_last, beginning)
+
+    def wait_for_message(self, text):
+        """The state, once some message holds this text."""
+        return self.wait_for(lambda state: any(text in message for message in state.get("messages", ())), text)
 
     def wait_until_calm(self, seconds=0.4):
         """The state, once it has not changed for a while: panels have found their places, the picture is sharp."""
@@ -154,6 +202,19 @@ class WindowDriver:
     def type(self, text):
         """Type text into what has the keyboard."""
         self._xdotool("type", "--delay", "15", text)
+
+    def enter_path(self, path):
+        """Put a path into the file dialog that is about to open, and accept it."""
+        self.wait_for_widget("dialog.path")
+        self.key("ctrl+a")
+        self.type(str(path))
+        self.click_widget("dialog.accept")
+
+    def export(self, path):
+        """Export the whole scene by a typed path, and wait until that is told."""
+        self.key("ctrl+e")
+        self.enter_path(path)
+        self.wait_for_message(str(path))
 
     def quit(self):
         """Ctrl+Q, without saving where that is asked; returns the exit status."""
