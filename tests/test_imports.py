@@ -21,11 +21,16 @@ CORE_LAYERS = [
 ]
 """A package imports from layers before its own, never from a sibling."""
 APP_LAYERS = [
-    {"state"},
-    {"commands", "camera", "jobs", "render"},
-    {"tools", "panels"},
+    {"state", "messages", "commands", "selection_box", "theme"},
+    {"camera", "jobs", "render", "moving", "export_kinds", "reference_pictures"},
+    {"aftermath", "files", "inserting", "labels", "navigation", "solo"},
+    {"exporting", "view_memory"},
+    {"session"},
+    {"tools"},
+    {"actions"},
+    {"panels"},
     {"window"},
-    {"edit_command"},
+    {"edit_command", "script"},
     {"demo_command"},
     {"main"},
 ]
@@ -93,9 +98,25 @@ def test_no_circles(folder, package):
         remaining = kept
 
 
-def test_every_core_package_has_its_layer():
-    packages = {path.name for path in (ROOT / "instdrive_core").iterdir() if (path / "__init__.py").is_file()}
-    assert packages <= set().union(*CORE_LAYERS)
+def packages_in(folder):
+    return {path.name for path in (ROOT / folder).iterdir() if (path / "__init__.py").is_file()}
+
+
+@pytest.mark.parametrize(("folder", "layers"), [("instdrive_core", CORE_LAYERS), ("app", APP_LAYERS)])
+def test_every_package_has_its_layer(folder, layers):
+    assert packages_in(folder) <= set().union(*layers)
+
+
+def test_layers_name_what_there_is():
+    parts = {path.stem for folder in ("instdrive_core", "app") for path in (ROOT / folder).iterdir()}
+    assert set().union(*CORE_LAYERS, *APP_LAYERS) <= parts
+
+
+def test_what_all_of_the_core_may_use_uses_none_of_it():
+    """Errors, progress, wording and the like lie below every package."""
+    packages = packages_in("instdrive_core")
+    edges = graph("instdrive_core", "instdrive_core")
+    assert not [edge for edge in edges if edge[0] not in packages and edge[1] in packages]
 
 
 def test_core_knows_no_window_and_no_app():
