@@ -100,8 +100,10 @@ class EditorSession:
         self.references.forget()
         self.navigation.enter(document)
         name = path.name if path else "the scene"
-        splats, instances = counted(len(scene), "splat"), counted(len(scene.table), "instance")
-        self.messages.info(f"Opened {name}: {splats}, {instances}")
+        # Where there are no instances, a region would select nothing.
+        self.state.region_splats = len(scene.table) == 0
+        instances = f", {counted(len(scene.table), 'instance')}" if len(scene.table) else ""
+        self.messages.info(f"Opened {name}: {counted(len(scene), 'splat')}{instances}")
 
     @property
     def is_unsaved(self) -> bool:

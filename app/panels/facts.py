@@ -45,6 +45,7 @@ class FactsSection:
             _fact("Splats", f"{drawn:,}")
         if selected < drawn:
             _fact("Selected", f"{selected:,} of the splats")
+            dim_text("What is below changes whole instances")
 
     def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
         """Classes, and splats drawn and selected; looked up again only where something has changed."""

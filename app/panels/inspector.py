@@ -90,6 +90,11 @@ def _advice(ui: Ui, document: Document | None) -> str:
         return "What is known of the selected object appears here."
     if ui.session.has_selection:
         return "The selected splats belong to no instance. Labels, Reassign gives them to one."
+    if not len(document.scene.table):
+        return (
+            "This scene has no instances to click. Select splats by rectangle or lasso; "
+            "Labels, New instance makes one of them."
+        )
     return "Click an object in the view to inspect and edit it."
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import ImVec4, imgui
 
+from instdrive_app.files import changes_of
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled
 from instdrive_app.theme import ACCENT, DIM, rgba
@@ -54,4 +55,5 @@ def _doing(ui: Ui) -> tuple[str, ImVec4]:
     if document is None:
         return "Ready", rgba(DIM)
     name = session.files.path.name if session.files.path else "scene"
-    return f"{name}   ·   {counted(document.history.cursor, 'edit')}", rgba(DIM)
+    edits = counted(len(changes_of(document)), "edit")
+    return f"{name}   ·   {edits}{', unsaved' if session.is_unsaved else ''}", rgba(DIM)

@@ -27,6 +27,18 @@ def test_opening_looks_through_the_first_dataset_camera(session, street):
     assert session.navigation.timeline.steps == (0.0, 0.5, 1.0, 1.5)
 
 
+def test_regions_select_splats_where_there_are_no_instances(session):
+    plain = procedural_street()
+    plain.instance_ids[:] = 0
+    plain.table.instances.clear()
+    session.show(Document(plain))
+    assert session.state.region_splats
+    assert session.messages.log[-1].text.endswith(" splats")
+    session.show(Document(procedural_street()))
+    assert not session.state.region_splats
+    assert session.messages.log[-1].text.endswith(" instances")
+
+
 def test_delete_undo_redo_and_jump(session, street):
     session.select((FIRST_CAR,))
     assert session.commands.run("edit.delete")
