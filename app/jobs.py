@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
+from instdrive_app.memory import give_back
 from instdrive_app.messages import told
 from instdrive_core.errors import EditError, InstDriveError
 from instdrive_core.progress import CancelledError, reporting
@@ -105,8 +106,11 @@ class Jobs:
 
     def _start(self, pool: ThreadPoolExecutor, job: Job, work: Callable[[], Any]) -> None:
         def listened() -> Any:
-            with reporting(job.progressed):
-                return work()
+            try:
+                with reporting(job.progressed):
+                    return work()
+            finally:
+                give_back()
 
         job.future = pool.submit(copy_context().run, listened)
         job.future.add_done_callback(lambda _: self._wake())

@@ -1,0 +1,30 @@
+"""Memory of the process."""
+
+import subprocess
+import sys
+
+import pytest
+
+from instdrive_app.memory import MemoryGauge, give_back, resident_bytes
+
+FREED = """
+import numpy as np
+from instdrive_app.memory import give_back, resident_bytes
+kept = [np.ones(30_000, np.uint8) for _ in range(4_000)]
+last = kept[-1]
+del kept
+before = resident_bytes()
+give_back()
+print(before - resident_bytes(), len(last))
+"""
+
+
+def test_the_gauge_reads_what_the_system_says():
+    assert MemoryGauge().resident == pytest.approx(resident_bytes(), rel=0.1)
+    give_back()  # harmless anywhere
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other C libraries have no such call")
+def test_freed_memory_behind_a_block_in_use_goes_back():
+    done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)
+    assert int(done.stdout.split()[0]) > 50e6
