@@ -14,6 +14,9 @@ from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document import Document
 from instdrive_core.scene.selection import Flag
 
+MAX_LOOKED_AT = 20_000
+"""Splats that decide where something is looked at from."""
+
 
 class Navigation:
     """Writes camera and time of the view state; dataset cameras and moments come from the open document."""
@@ -81,11 +84,15 @@ class Navigation:
             self.look_from(camera.birds_eye(self._state.viewpoint, means))
 
     def world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
-        """World positions of instances at the shown moment, deleted splats left out; of all for no IDs."""
+        """World positions of instances at the shown moment, deleted splats left out; of all for no IDs.
+
+        Of many splats it is every k-th: a place to look from needs no more, and a million take longer than a frame.
+        """
         document = self._document()
         assert document is not None
         scene = document.scene
         rows = document.rows_of(ids) if ids else np.arange(len(scene))
+        rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
         rows = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
         poses, _ = scene.at(self._state.time)
         matrices = poses[scene.nodes[rows]]
