@@ -9,9 +9,7 @@ those of the program as a process, on a virtual display where there is no other.
 from __future__ import annotations
 
 import json
-import os
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +18,7 @@ import tyro
 from benchmarks.editor_scene import SIZE, write_street
 from benchmarks.editor_session import driven_editor
 from benchmarks.editor_window import help_seconds, window_figures
+from benchmarks.own_state import own_state
 from instdrive_app.render.offscreen import offscreen_context
 from instdrive_core.errors import InstDriveError
 
@@ -44,14 +43,13 @@ class Options:
 
 def main(options: Options) -> dict[str, float]:
     """Everything the JSON line says."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["INSTDRIVE_STATE"] = str(Path(folder) / "state")  # recent files and autosaves are the user's
-        figures = {"fps_200k_720p": _small_figures(Path(folder), options)}
-        figures |= _large_figures(Path(folder), options)
+    with own_state() as folder:
+        figures = {"fps_200k_720p": _small_figures(folder, options)}
+        figures |= _large_figures(folder, options)
         figures["help_s"] = help_seconds()
         if options.window:
-            small = Path(folder) / f"street_{options.small}.ply"
-            figures["window_s"], figures["idle_cpu_percent"] = window_figures(small, Path(folder))
+            small = folder / f"street_{options.small}.ply"
+            figures["window_s"], figures["idle_cpu_percent"] = window_figures(small, folder)
     return {name: round(value, 2) for name, value in figures.items()}
 
 

@@ -7,8 +7,6 @@ states: moving by handles, the report after a deletion, a lasso, labels, the pho
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -19,6 +17,7 @@ import tyro
 from PIL import Image
 from tyro.conf import Positional, arg
 
+from benchmarks.own_state import own_state
 from benchmarks.picture_layout import beside, save_jpeg
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session import EditorSession
@@ -138,21 +137,17 @@ def main(
         out: Folder of the pictures.
     """
     run = run.absolute()
-    with tempfile.TemporaryDirectory() as state, nullcontext() if has_display() else virtual_display(SIZE):
-        os.environ["INSTDRIVE_STATE"] = state
-        session, tours = EditorSession(), []
-
-        def script(window: EditorWindow) -> Iterator[None]:
-            tours.append(Tour(window))
-            return tours[0].play()
-
+    with own_state(), nullcontext() if has_display() else virtual_display(SIZE):
+        session = EditorSession()
         session.files.open(run)
-        EditorWindow(session, WindowOptions(SIZE, remember_layout=False)).run(script)
-    pictures = [np.asarray(picture) for picture in tours[0].pictures.values()]
+        window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))
+        tour = Tour(window)
+        window.run(lambda _: tour.play())
+    pictures = [np.asarray(picture) for picture in tour.pictures.values()]
     rows = [beside(pictures[start : start + 2]) for start in range(0, len(pictures), 2)]
     target = out / "editor_tour.jpg"
     save_jpeg(np.concatenate(rows), target, MAX_BYTES)
-    print(json.dumps({"picture": str(target), "states": list(tours[0].pictures)}))
+    print(json.dumps({"picture": str(target), "states": list(tour.pictures)}))
 
 
 if __name__ == "__main__":

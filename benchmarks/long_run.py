@@ -25,6 +25,7 @@ import numpy as np
 import tyro
 from tyro.conf import Positional
 
+from benchmarks.own_state import own_state
 from instdrive_core.errors import InstDriveError
 
 WARM_SHARE, END_SHARE = 0.2, 0.1
@@ -97,22 +98,19 @@ def resident_megabytes() -> float:
 
 def run_editing(options: Editing) -> dict[str, object]:
     """Rounds of what a user does; each ends where it began, so that what stays is a leak."""
-    from benchmarks.editor_session import DrivenEditor
-    from instdrive_app.edit_command import sample_scene
+    from benchmarks.editor_session import driven_editor
     from instdrive_app.render.offscreen import offscreen_context
+    from instdrive_app.sample import sample_scene
 
     gauge, rounds = Gauge(options.minutes), 0
-    with tempfile.TemporaryDirectory() as folder, offscreen_context() as context:
-        os.environ["INSTDRIVE_STATE"] = str(Path(folder) / "state")
-        editor = DrivenEditor(context, SIZE)
+    with own_state() as folder, offscreen_context() as context, driven_editor(context, SIZE) as editor:
         scene = options.scene or sample_scene()
         editor.open(scene)
         rng = np.random.default_rng(0)
         while not gauge.over:
-            _editing_round(editor, rng, Path(folder), reopen=scene if rounds % 10 == 9 else None)
+            _editing_round(editor, rng, folder, reopen=scene if rounds % 10 == 9 else None)
             rounds += 1
             gauge.read()
-        editor.session.close()
     return {"what": "editing", "rounds": rounds, **gauge.result()}
 
 

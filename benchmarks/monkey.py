@@ -8,26 +8,26 @@ the document. At the end everything is undone, and must be bit by bit what was o
 from __future__ import annotations
 
 import json
-import os
 import random
 import shutil
 import sys
-import tempfile
 import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
 from benchmarks.monkey_hands import Hands
+from benchmarks.own_state import own_state
 from instdrive_app.messages import Level
 from instdrive_app.render.gl_objects import live_objects
 from instdrive_app.sample import sample_scene
 from instdrive_app.session import EditorSession
-from instdrive_app.virtual_display import virtual_display
+from instdrive_app.virtual_display import DisplayError, virtual_display
 from instdrive_app.window import EditorWindow
 from instdrive_app.window_layout import WindowOptions
 from instdrive_core.edits.invariants import broken_invariants, fingerprint
@@ -225,32 +225,22 @@ class Monkey:
 
 def play(options: Options) -> dict[str, object]:
     """Run the monkey; returns what the JSON line says."""
-    source = options.scene or sample_scene()
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["INSTDRIVE_STATE"] = str(Path(folder) / "state")
-        scene = Path(folder) / source.name
+    source, failure = options.scene or sample_scene(), None
+    with own_state() as folder, chdir(folder), virtual_display(SIZE):
+        scene = folder / source.name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
-        os.chdir(folder)
         session = EditorSession()
-        with virtual_display(SIZE):
-            window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))
-            session.files.open(scene)
-            monkeys: list[Monkey] = []
-
-            def script(running: EditorWindow) -> Iterator[None]:
-                monkeys.append(Monkey(running, options))
-                return monkeys[0].play()
-
-            failure = None
-            try:
-                window.run(script)
-            except Exception as error:  # whatever it is, it is what the monkey is for
-                failure = error
-            for monkey in monkeys:
-                monkey.close()
-    if failure is not None and not monkeys:
-        raise failure
-    monkey = monkeys[0]
+        session.files.open(scene)
+        window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))
+        monkey = Monkey(window, options)
+        try:
+            window.run(lambda _: monkey.play())
+        except DisplayError:
+            raise
+        except Exception as error:  # whatever it is, it is what the monkey is for
+            failure = error
+        finally:
+            monkey.close()
     problems = list(monkey.problems)
     if failure is not None:
         problems.append("the window closed with " + "".join(traceback.format_exception(failure)))

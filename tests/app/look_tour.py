@@ -208,14 +208,9 @@ def main(options: Options) -> None:
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
     with virtual_display(pixels):
         window = EditorWindow(session, WindowOptions(options.size, remember_layout=False, scale=options.scale))
-        tours: list[Tour] = []
-
-        def script(running: EditorWindow) -> Iterator[None]:
-            tours.append(Tour(running, options, scene))
-            return tours[0].play()
-
-        window.run(script)
-    (options.out / "looks.json").write_text(json.dumps(tours[0].states), encoding="utf-8")
+        tour = Tour(window, options, scene)
+        window.run(lambda _: tour.play())
+    (options.out / "looks.json").write_text(json.dumps(tour.states), encoding="utf-8")
 
 
 if __name__ == "__main__":

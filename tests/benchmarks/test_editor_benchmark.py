@@ -17,7 +17,6 @@ def test_every_figure_is_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(workload, "CACHE", tmp_path)
     for module in (editor, editor_scene):
         monkeypatch.setattr(module, "SIZE", (160, 90))
-    monkeypatch.setenv("INSTDRIVE_STATE", str(tmp_path / "state"))
     options = Options(small=2000, large=3000, frames=2, actions=2, moving_seconds=0.5, window=False)
     try:
         figures = main(options)
