@@ -14,12 +14,13 @@ from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotation
 from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.entries import RowsChange, changed_entries
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.palette import PaletteFullError, color_values
+from instdrive_core.scene.palette import color_values
 
 RecolorMode = Literal["tint", "hue", "solid"]
 IDENTITY = np.eye(3, 4, dtype=np.float32)[None]
@@ -35,14 +36,10 @@ class ColorEdit(Edit):
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
 
-    def assign(self, document: Document, parts: Sequence[tuple[ndarray, Callable[[ndarray], ndarray]]]) -> bool:
+    def assign(self, document: Document, parts: Sequence[RowsChange]) -> bool:
         """For rows and a change of entry values each: add the changed entries, point the rows at them, remember."""
         palette, size = document.colors, len(document.colors)
-        try:
-            wanted = np.concatenate([palette.add_changed(rows, change) for rows, change in parts])
-        except PaletteFullError as error:
-            palette.truncate(size)
-            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
+        wanted = changed_entries(palette, parts)
         rows = np.concatenate([part for part, _ in parts])
         changed = palette.indices[rows] != wanted
         self._rows, self._size_before = rows[changed].astype(np.int32), size

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.edits.base import Edit, ids_in_words
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.instances import known_instance, recount, restore_entries
+from instdrive_core.edits.entries import changed_entries
+from instdrive_core.edits.instances import known_instance
 from instdrive_core.edits.parameters import (
     Vector,
     checked_ids,
@@ -23,10 +25,9 @@ from instdrive_core.edits.parameters import (
     checked_vector,
 )
 from instdrive_core.edits.placement import bottom_of, center_of, ground_under, lane_at
+from instdrive_core.edits.poses import PoseEdit
 from instdrive_core.errors import EditError
-from instdrive_core.instances.table import Instance
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.entry_palette import PaletteFullError
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity, composed
 
@@ -34,7 +35,7 @@ SCALE_LIMITS = (0.01, 100.0)
 
 
 @dataclass
-class MoveInstances(Edit):
+class MoveInstances(PoseEdit):
     """Move instances together: scaled and turned about a pivot, then shifted.
 
     An actor's whole path is moved so, except that scaling changes the object only, not how far it drives; every
@@ -58,11 +59,6 @@ class MoveInstances(Edit):
     """Shift along the lane only."""
     on_ground: bool = False
     """Set down on the ground at the new place."""
-    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _size_before: int = field(default=1, init=False, repr=False, compare=False)
-    _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
@@ -97,30 +93,13 @@ class MoveInstances(Edit):
         if nodes and self.scale != 1:
             # An actor's path takes the rigid part; its splats, in their box frame, only the size.
             parts.append((np.flatnonzero(np.isin(document.scene.nodes, nodes)), self.scale * np.eye(3, 4)))
-        self._size_before = len(document.transforms)
-        entries = [self._entries(document, rows, change) for rows, change in parts]
+        size_before = len(document.transforms)
+        entries = changed_entries(document.transforms, [(rows, _then(change)) for rows, change in parts])
         rows = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in parts)])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
-        self._table_before = {number: document.scene.table[number] for number in touched}
-        self._tracks_before = {node: document.scene.actors[node - 1] for node in nodes}
-        self._rows = rows.astype(np.int32)
-        self._before = document.transforms.assign(self._rows, np.concatenate([np.zeros(0, np.uint16), *entries]))
-        document.replace_tracks(
-            {node: moved_track(track, matrix, self.scale, self.time) for node, track in self._tracks_before.items()}
-        )
-        recount(document, touched)
-        document.instances_changed(ids_changed=False)
+        tracks = {node: moved_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
+        self.put(document, rows, entries, tracks, touched, size_before)
         return True
-
-    def undo(self, document: Document) -> None:
-        """Point the rows back, drop the entries this edit added, restore tracks and bounds."""
-        assert self._rows is not None
-        assert self._before is not None
-        document.transforms.assign(self._rows, self._before)
-        document.transforms.truncate(self._size_before)
-        document.replace_tracks(self._tracks_before)
-        restore_entries(document, self._table_before)
-        document.instances_changed(ids_changed=False)
 
     def matrix(self, document: Document) -> Similarity:
         """[s R | t] in the world, with all constraints. Raises EditError where ground or lane cannot be found."""
@@ -141,15 +120,10 @@ class MoveInstances(Edit):
             matrix[2, 3] += ground_under(document, self.ids, place) - bottom_of(document, self.ids, matrix, self.time)
         return matrix
 
-    def _entries(self, document: Document, rows: ndarray, matrix: Similarity) -> ndarray:
-        def change(values: ndarray) -> ndarray:
-            return composed(matrix, values.reshape(3, 4)).reshape(-1)
 
-        try:
-            return document.transforms.add_changed(rows, change)
-        except PaletteFullError as error:
-            document.transforms.truncate(self._size_before)
-            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
+def _then(matrix: Similarity) -> Callable[[ndarray], ndarray]:
+    """The change of an entry's values that adds a move to it."""
+    return lambda values: composed(matrix, values.reshape(3, 4)).reshape(-1)
 
 
 def moved_track(track: Track, matrix: Similarity, scale: float, time: float) -> Track:

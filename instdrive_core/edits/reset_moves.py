@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy import ndarray
 
-from instdrive_core.edits.base import Edit, ids_in_words
+from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.instances import recount, restore_entries
 from instdrive_core.edits.parameters import checked_ids
-from instdrive_core.instances.table import Instance
-from instdrive_core.scene.track import Track
+from instdrive_core.edits.poses import PoseEdit
 
 
 @dataclass
-class ResetMoves(Edit):
+class ResetMoves(PoseEdit):
     """Put instances back to where the scene's file has them, in their trained size; of a moving actor its whole track.
 
     A copy goes back to where its original was trained.
@@ -26,10 +23,6 @@ class ResetMoves(Edit):
 
     kind: ClassVar[str] = "reset_moves"
     ids: tuple[int, ...]
-    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self.ids = checked_ids(self.ids)
@@ -51,20 +44,5 @@ class ResetMoves(Edit):
         if not len(rows) and not moved:
             return False
         touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in self.ids]
-        self._table_before = {number: scene.table[number] for number in touched}
-        self._tracks_before = {node: scene.actors[node - 1] for node in moved}
-        self._rows = rows.astype(np.int32)
-        self._before = document.transforms.assign(self._rows, np.zeros(len(rows), np.uint16))
-        document.replace_tracks(moved)
-        recount(document, touched)
-        document.instances_changed(ids_changed=False)
+        self.put(document, rows, np.zeros(len(rows), np.uint16), moved, touched, len(document.transforms))
         return True
-
-    def undo(self, document: Document) -> None:
-        """Move everything again."""
-        assert self._rows is not None
-        assert self._before is not None
-        document.transforms.assign(self._rows, self._before)
-        document.replace_tracks(self._tracks_before)
-        restore_entries(document, self._table_before)
-        document.instances_changed(ids_changed=False)
