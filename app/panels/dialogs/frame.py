@@ -32,6 +32,15 @@ def enter_pressed() -> bool:
     return not typed and any(imgui.is_key_pressed(key, False) for key in keys)
 
 
+def _escaped() -> bool:
+    """Whether Escape was meant for the dialog: a list that is open in it goes first."""
+    pressed = imgui.is_key_pressed(imgui.Key.escape)
+    if pressed and imgui.is_popup_open("", imgui.PopupFlags_.any_popup_id):
+        imgui.internal.close_popup_to_level(1, True)
+        return False
+    return pressed
+
+
 def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
     """The two buttons at the end of a dialog; closes it where one is pressed, or Escape, or Enter.
 
@@ -41,7 +50,7 @@ def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Can
     imgui.spacing()
     width, style = scaled(BUTTON_WIDTH), imgui.get_style()
     imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - style.item_spacing.x - style.window_padding.x)
-    cancelled = imgui.button(cancel, ImVec2(width, 0)) or imgui.is_key_pressed(imgui.Key.escape)
+    cancelled = imgui.button(cancel, ImVec2(width, 0)) or _escaped()
     ui.mark("dialog.cancel")
     imgui.same_line()
     imgui.begin_disabled(not valid)
