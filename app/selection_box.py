@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from weakref import ref
 
 import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
+from instdrive_app.kept import Kept
 from instdrive_core.edits.document import Document, InstanceCounts
 from instdrive_core.edits.placement import SOLID_OPACITY
 from instdrive_core.instances.oriented_box import upright_box
@@ -74,7 +74,7 @@ class SelectionBoxes:
         self._instance = 0
         self._counts: InstanceCounts | None = None
         self._trained = Box(np.zeros(3), np.eye(3), np.zeros(3))
-        self._group: tuple[tuple, Box] | None = None
+        self._group: Kept[Box] = Kept()
 
     def box_of(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """The box of at least one instance at `time` (seconds).
@@ -87,18 +87,13 @@ class SelectionBoxes:
             return _track_box(document, instance.node, time)
         frame = None if len(ids) > 1 else _common_move(document, document.rows_of(ids))
         if frame is None:
-            return self._group_box(document, ids, time)
+            key = (tuple(ids), time, document.geometry_version, document.table_version)
+            return self._group.of(document, key, lambda: _level_box(document, ids, time))
         counts = document.counts()  # made anew where splats change owner or state, but not where they move
         if counts is not self._counts or instance.id != self._instance:
             self._trained = _trained_box(document, instance.id)
             self._counts, self._instance = counts, instance.id
         return self._trained.moved(frame)
-
-    def _group_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
-        key = (ref(document), tuple(ids), time, document.geometry_version, document.table_version)
-        if self._group is None or self._group[0] != key:
-            self._group = (key, _level_box(document, ids, time))
-        return self._group[1]
 
 
 def _track_box(document: Document, node: int, time: float) -> Box:

@@ -21,8 +21,9 @@ CORE_LAYERS = [
 ]
 """A package imports from layers before its own, never from a sibling."""
 APP_LAYERS = [
-    {"state", "messages", "commands", "selection_box", "theme"},
-    {"camera", "jobs", "render", "moving", "export_kinds", "reference_pictures"},
+    {"state", "messages", "commands", "kept", "theme"},
+    {"camera", "jobs", "render", "selection_box", "export_kinds", "reference_pictures"},
+    {"moving"},
     {"aftermath", "files", "inserting", "labels", "navigation", "solo"},
     {"exporting", "view_memory"},
     {"session"},

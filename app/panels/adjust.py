@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
+from instdrive_app.kept import Kept
 from instdrive_app.panels.gestures import Gesture
 from instdrive_app.panels.ui import Ui, dim_text, icon, scaled
 from instdrive_app.theme import ACCENT, DIM, TEXT, rgba
@@ -52,7 +53,7 @@ class AdjustSection:
 
     def __init__(self) -> None:
         self._gestures = {kind: Gesture(kind) for kind in SLIDERS}
-        self._look: tuple[tuple, Look] | None = None
+        self._look: Kept[Look] = Kept()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
@@ -106,7 +107,5 @@ class AdjustSection:
 
     def _look_of(self, document: Document, ids: Ids) -> Look:
         """Looked up again only where something has changed."""
-        key = (id(document), ids, document.colors.version, document.state.version, document.table_version)
-        if self._look is None or self._look[0] != key:
-            self._look = (key, look_of(document, ids))
-        return self._look[1]
+        key = (ids, document.colors.version, document.state.version, document.table_version)
+        return self._look.of(document, key, lambda: look_of(document, ids))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import imgui
 
+from instdrive_app.kept import Kept
 from instdrive_app.panels.codeword import bit_squares
 from instdrive_app.panels.ui import Ui, dim_text, fitted_text, scaled
 from instdrive_core.edits.document import Document
@@ -22,7 +23,7 @@ class FactsSection:
 
     def __init__(self) -> None:
         self._class = TextField("class")
-        self._known: tuple[tuple, tuple[set[str], int, int]] | None = None
+        self._known: Kept[tuple[set[str], int, int]] = Kept()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
@@ -49,13 +50,14 @@ class FactsSection:
 
     def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
         """Classes, and splats drawn and selected; looked up again only where something has changed."""
-        key = (id(document), ids, document.state.version, document.table_version)
-        if self._known is None or self._known[0] != key:
+
+        def in_sum() -> tuple[set[str], int, int]:
             counts = document.counts()
             chosen = np.isin(counts.ids, ids)
             drawn, selected = int(counts.drawn[chosen].sum()), int(counts.selected[chosen].sum())
-            self._known = (key, ({document.scene.table[i].class_name for i in ids}, drawn, selected))
-        return self._known[1]
+            return {document.scene.table[i].class_name for i in ids}, drawn, selected
+
+        return self._known.of(document, (ids, document.state.version, document.table_version), in_sum)
 
     def _known_classes(self, ui: Ui, document: Document, ids: Ids) -> None:
         if not imgui.begin_popup("##known classes"):
