@@ -7,12 +7,11 @@ from imgui_bundle import imgui
 
 from instdrive_app.kept import Kept
 from instdrive_app.panels.codeword import bit_squares
-from instdrive_app.panels.ui import Ui, dim_text, fitted_text, scaled
+from instdrive_app.panels.inspector_rows import fact, widget_label
+from instdrive_app.panels.ui import Ui, dim_text, scaled
 from instdrive_core.edits.document import Document
 from instdrive_core.instances.table import Instance
 
-LABEL_WIDTH = 5.2
-"""Of the column of labels, in font sizes."""
 Ids = tuple[int, ...]
 
 
@@ -29,7 +28,7 @@ class FactsSection:
         """One frame."""
         table, labels = document.scene.table, ui.session.labels
         classes, drawn, selected = self._in_sum(document, ids)
-        _label("Class")
+        widget_label("Class")
         arrow = imgui.get_frame_height()
         hint = "unknown" if len(classes) == 1 else "several"
         entered = self._class.draw(ui, "inspector.class", next(iter(classes)) if len(classes) == 1 else "", hint, arrow)
@@ -43,9 +42,9 @@ class FactsSection:
         if len(ids) == 1:
             _one(document, table[ids[0]])
         else:
-            _fact("Splats", f"{drawn:,}")
+            fact("Splats", f"{drawn:,}")
         if selected < drawn:
-            _fact("Selected", f"{selected:,} of the splats")
+            fact("Selected", f"{selected:,} of the splats")
             dim_text("What is below changes whole instances")
 
     def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
@@ -103,27 +102,15 @@ class TextField:
 def _one(document: Document, instance: Instance) -> None:
     summary = document.instance_flags(instance.id)
     drawn = f"{summary.drawn:,}" if summary.drawn == summary.count else f"{summary.drawn:,} of {summary.count:,}"
-    _fact("Splats", drawn)
+    fact("Splats", drawn)
     low, high = instance.bounds
     size = [b - a for a, b in zip(low, high, strict=True)]
-    _fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
+    fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
     if instance.node:
         track = document.scene.actors[instance.node - 1]
-        _fact("Moves", f"{track.path_length():.1f} m along its track")
+        fact("Moves", f"{track.path_length():.1f} m along its track")
     if document.scene.code_bits:
-        _fact("Codeword", str(instance.codeword))
+        fact("Codeword", str(instance.codeword))
         imgui.same_line(0, scaled(10))
         imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(9)) / 2)
         bit_squares(instance.codeword, document.scene.code_bits, scaled(9), scaled(2))
-
-
-def _label(name: str) -> None:
-    imgui.align_text_to_frame_padding()
-    dim_text(name)
-    imgui.same_line(imgui.get_font_size() * LABEL_WIDTH)
-
-
-def _fact(name: str, value: str) -> None:
-    dim_text(name)
-    imgui.same_line(imgui.get_font_size() * LABEL_WIDTH)
-    imgui.text(fitted_text(value, imgui.get_content_region_avail().x))

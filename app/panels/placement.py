@@ -8,13 +8,12 @@ from imgui_bundle import imgui
 
 from instdrive_app.actions.move import SWITCHES
 from instdrive_app.moving import Placement
+from instdrive_app.panels.inspector_rows import widget_label
 from instdrive_app.panels.number_field import Entered, NumberField
 from instdrive_app.panels.ui import Ui, command_button, dim_text, scaled, scaled_size
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.move import SCALE_LIMITS
 
-LABEL_WIDTH = 5.2
-"""Of the column of labels, in font sizes."""
 FARTHEST = 1e6
 """Metres, or degrees, that can be typed."""
 Ids = tuple[int, ...]
@@ -44,7 +43,7 @@ class PlacementSection:
         if self._before is None or not any(field.in_use for field in (*self._position, self._yaw, self._scale)):
             self._before = present  # what a drag changes is told from where it began
         self._draw_position(ui, present)
-        _label("Yaw, scale")
+        widget_label("Yaw, scale")
         half = (imgui.get_content_region_avail().x - imgui.get_style().item_inner_spacing.x) / 2
         entered = self._yaw.draw(ui, present.yaw, half)
         if entered is not None:
@@ -54,7 +53,7 @@ class PlacementSection:
         if entered is not None:
             moving.place(self._before, replace(self._before, scale=entered.value), entered.gesture)
         if moving.options.along_lane:
-            _label("Along lane")
+            widget_label("Along lane")
             entered = self._lane.draw(ui, 0.0, -1)
             if entered is not None:
                 moving.shift_along_lane(entered.value, entered.gesture)
@@ -73,7 +72,7 @@ class PlacementSection:
         self._in_hand = in_hand
 
     def _draw_position(self, ui: Ui, present: Placement) -> None:
-        _label("Position")
+        widget_label("Position")
         gap = imgui.get_style().item_inner_spacing.x
         width = (imgui.get_content_region_avail().x - 2 * gap) / 3
         for axis, field in enumerate(self._position):
@@ -91,15 +90,9 @@ class PlacementSection:
         ui.session.moving.place(self._before, replace(self._before, position=(x, y, z)), entered.gesture)
 
 
-def _label(name: str) -> None:
-    imgui.align_text_to_frame_padding()
-    dim_text(name)
-    imgui.same_line(imgui.get_font_size() * LABEL_WIDTH)
-
-
 def _draw_commands(ui: Ui) -> None:
     commands = ui.session.commands
-    _label("Bound to")
+    widget_label("Bound to")
     for name in SWITCHES:
         command_button(ui, commands[name], scaled_size(34, 0))
         imgui.same_line(0, scaled(4))
