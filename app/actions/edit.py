@@ -9,15 +9,15 @@ from instdrive_app.session import EditorSession
 
 def commands(session: EditorSession) -> list[Command]:
     """The Edit menu."""
+    return [*_history(session), *_changes(session), *_showing(session), *_odd_splats(session)]
 
-    def history_reaches(back: bool) -> bool:
+
+def _history(session: EditorSession) -> list[Command]:
+    def reaches(back: bool) -> bool:
         if session.document is None:
             return False
         history = session.document.history
         return history.cursor > 0 if back else history.cursor < len(history.edits)
-
-    def selected() -> bool:
-        return bool(session.selected)
 
     return [
         Command(
@@ -26,7 +26,7 @@ def commands(session: EditorSession) -> list[Command]:
             session.undo,
             "Edit",
             ("Ctrl+Z",),
-            enabled=lambda: history_reaches(back=True),
+            enabled=lambda: reaches(back=True),
             icon="ICON_FA_ROTATE_LEFT",
         ),
         Command(
@@ -35,9 +35,14 @@ def commands(session: EditorSession) -> list[Command]:
             session.redo,
             "Edit",
             ("Ctrl+Shift+Z", "Ctrl+Y"),
-            enabled=lambda: history_reaches(back=False),
+            enabled=lambda: reaches(back=False),
             icon="ICON_FA_ROTATE_RIGHT",
         ),
+    ]
+
+
+def _changes(session: EditorSession) -> list[Command]:
+    return [
         Command(
             "edit.delete",
             "Delete",
@@ -55,7 +60,7 @@ def commands(session: EditorSession) -> list[Command]:
             lambda: session.recolor(session.selected, session.recolor_mode, session.recolor_color),
             "Edit",
             ("C",),
-            enabled=selected,
+            enabled=lambda: bool(session.selected),
             icon="ICON_FA_PAINTBRUSH",
             undoable=True,
         ),
@@ -65,7 +70,7 @@ def commands(session: EditorSession) -> list[Command]:
             lambda: session.reset_colors(session.selected),
             "Edit",
             ("Shift+C",),
-            enabled=selected,
+            enabled=lambda: bool(session.selected),
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
@@ -79,13 +84,19 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_PEN",
             undoable=True,
         ),
+    ]
+
+
+def _showing(session: EditorSession) -> list[Command]:
+    """What is shown, and what may be edited."""
+    return [
         Command(
             "edit.hide",
             "Hide",
             lambda: session.hide(session.selected),
             "Edit",
             ("H",),
-            enabled=selected,
+            enabled=lambda: bool(session.selected),
             icon="ICON_FA_EYE_SLASH",
             undoable=True,
             separator=True,
@@ -96,7 +107,7 @@ def commands(session: EditorSession) -> list[Command]:
             lambda: session.lock(session.selected),
             "Edit",
             ("Ctrl+L",),
-            enabled=selected,
+            enabled=lambda: bool(session.selected),
             icon="ICON_FA_LOCK",
             undoable=True,
         ),
@@ -116,7 +127,7 @@ def commands(session: EditorSession) -> list[Command]:
             lambda: session.solo.toggle(session.selected or session.solo.ids),
             "Edit",
             ("I",),
-            enabled=lambda: selected() or bool(session.solo.ids),
+            enabled=lambda: bool(session.selected or session.solo.ids),
             checked=lambda: bool(session.solo.ids),
             icon="ICON_FA_BULLSEYE",
             undoable=True,
@@ -131,6 +142,11 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_EYE",
             undoable=True,
         ),
+    ]
+
+
+def _odd_splats(session: EditorSession) -> list[Command]:
+    return [
         Command(
             "edit.odd_splats",
             "Odd splats…",

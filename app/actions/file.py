@@ -13,21 +13,15 @@ from instdrive_app.session import EditorSession
 
 def commands(session: EditorSession) -> list[Command]:
     """The File menu."""
+    return [*_opening(session), *_saving(session), *_exporting(session), *_leaving(session)]
 
+
+def _opening(session: EditorSession) -> list[Command]:
     def opening(path: Path) -> Callable[[], None]:
         return lambda: session.leave(lambda: session.files.open(path))
 
     def recent() -> list[MenuItem]:
         return [(path.name, opening(path)) for path in session.files.recents.paths]
-
-    def save() -> None:
-        if session.files.project is None:
-            session.dialog = "save"
-        else:
-            session.save()
-
-    def can_save() -> bool:
-        return editable(session) and session.files.path is not None
 
     return [
         Command("file.open", "Open…", asking(session, "open"), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"),
@@ -58,6 +52,20 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_FILE_IMPORT",
             undoable=True,
         ),
+    ]
+
+
+def _saving(session: EditorSession) -> list[Command]:
+    def save() -> None:
+        if session.files.project is None:
+            session.dialog = "save"
+        else:
+            session.save()
+
+    def can_save() -> bool:
+        return editable(session) and session.files.path is not None
+
+    return [
         Command(
             "file.save",
             "Save project",
@@ -79,6 +87,11 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_FILE_PEN",
             undoable=False,
         ),
+    ]
+
+
+def _exporting(session: EditorSession) -> list[Command]:
+    return [
         Command(
             "file.export",
             "Export…",
@@ -99,6 +112,11 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
             undoable=False,
         ),
+    ]
+
+
+def _leaving(session: EditorSession) -> list[Command]:
+    return [
         Command(
             "file.quit",
             "Quit",
