@@ -51,11 +51,6 @@ class InstanceSummary:
         """Every splat that is left is locked."""
         return not self.is_deleted and self.locked >= self.count - self.deleted
 
-    @property
-    def is_selected(self) -> bool:
-        """Any splat is selected."""
-        return self.selected > 0
-
 
 @dataclass(frozen=True)
 class InstanceCounts:
@@ -99,11 +94,6 @@ class Document:
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
         self._counts: tuple[int, InstanceCounts] | None = None
-
-    @property
-    def color_version(self) -> int:
-        """Rises when the colour palette changes."""
-        return self.colors.version
 
     @property
     def geometry_version(self) -> tuple[int, int]:
