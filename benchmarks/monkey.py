@@ -23,6 +23,7 @@ import tyro
 
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
+from instdrive_app.export_kinds import KINDS, ExportChoice
 from instdrive_app.messages import Level
 from instdrive_app.render.gl_objects import live_objects
 from instdrive_app.sample import sample_scene
@@ -31,11 +32,14 @@ from instdrive_app.virtual_display import DisplayError, virtual_display
 from instdrive_app.window import EditorWindow
 from instdrive_app.window_layout import WindowOptions
 from instdrive_core.edits.invariants import broken_invariants, fingerprint
+from instdrive_core.project.save import SUFFIX
 
 SIZE = (1280, 720)
 WORDS = ("car", "17", "road 3", "x", "0.5", "-2", "1e9", "tree")
 NEVER = ("file.quit", "file.open", "file.recent", "file.sample", "file.insert")
 """Commands that would leave the document; their dialogs are reached by keys, and cancelled."""
+SLOW_EXPORTS = ("masks", "cameras")
+"""A picture for each of many photos: there would be time for little else."""
 CHECK_SECONDS = 3.0
 """Between two looks at the whole document."""
 SLACK_OBJECTS = 40
@@ -102,10 +106,19 @@ class Monkey:
     # ------------------------------------------------------------------ actions
 
     def _act(self) -> Iterator[None]:
-        action = self._random.choices(
-            (self._command, self._click_widget, self._click_picture, self._drag, self._key, self._word, self._time),
-            (6, 6, 5, 4, 4, 2, 1),
-        )[0]
+        weights = {
+            self._command: 6,
+            self._click_widget: 6,
+            self._click_picture: 5,
+            self._drag: 4,
+            self._key: 4,
+            self._drag_widget: 3,
+            self._word: 2,
+            self._time: 1,
+            self._save: 0.3,
+            self._export: 0.3,
+        }
+        action = self._random.choices(list(weights), list(weights.values()))[0]
         self.actions[action.__name__.strip("_")] += 1
         yield from action()
 
@@ -145,9 +158,22 @@ class Monkey:
         self._hands.let_go()
 
     def _drag(self) -> Iterator[None]:
-        button = self._random.choices((1, 2, 3), (4, 1, 1))[0]
-        self._hands.move(*self._place())
-        yield from self._frames(1)
+        yield from self._dragged(*self._place(), self._random.choices((1, 2, 3), (4, 1, 1))[0])
+
+    def _drag_widget(self) -> Iterator[None]:
+        """From a handle of the gizmo, where there are any, else from a number, a slider or a row."""
+        marks = self._window.ui.marks
+        handles = [name for name in marks if name.startswith("gizmo.")]
+        names = sorted(
+            handles or (name for name in marks if name.startswith(("inspector.", "timeline.", "instances.")))
+        )
+        if names:
+            left, top, right, bottom = marks[self._random.choice(names)]
+            yield from self._dragged((left + right) / 2, (top + bottom) / 2, 1)
+
+    def _dragged(self, x: float, y: float, button: int) -> Iterator[None]:
+        self._hands.move(x, y)
+        yield from self._frames(2)
         self._hands.press(button)
         for _ in range(self._random.randrange(2, 7)):
             self._hands.move(*self._place())
@@ -177,6 +203,17 @@ class Monkey:
         steps = self._session.navigation.timeline.steps
         if steps:
             self._session.navigation.set_time(self._random.choice(steps))
+        yield from self._frames(2)
+
+    def _save(self) -> Iterator[None]:
+        self._session.save(Path(f"saved{SUFFIX}").resolve())
+        yield from self._frames(2)
+
+    def _export(self) -> Iterator[None]:
+        """Whatever there is to be exported, each time over what was exported before."""
+        what = self._random.choice([what for what in KINDS if what not in SLOW_EXPORTS])
+        ending = (KINDS[what].endings or ("",))[0]
+        self._session.exporting.export(Path(f"exported_{what}{ending}").resolve(), ExportChoice(what))
         yield from self._frames(2)
 
     def _place(self) -> tuple[float, float]:

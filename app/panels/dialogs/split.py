@@ -39,7 +39,10 @@ class SplitDialog:
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         document = ui.session.document
-        assert document is not None
+        if document is None or self._instance not in document.scene.table:
+            imgui.close_current_popup()  # what was under way beside the dialog has made it part of another
+            imgui.end_popup()
+            return
         imgui.text_wrapped(document.scene.table[self._instance].name)
         imgui.align_text_to_frame_padding()
         dim_text("Parts farther apart than")
