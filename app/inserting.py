@@ -16,7 +16,7 @@ from instdrive_app.state import EditorState, Viewpoint
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.parameters import Vector
-from instdrive_core.edits.placement import SOLID_OPACITY, ground_under
+from instdrive_core.edits.placement import foot_of, ground_under, solid
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import middle_bounds
@@ -26,8 +26,6 @@ NEAREST = 8.0
 """Metres before the camera at which a small thing is put; larger ones farther."""
 EYE_HEIGHT = 1.6
 """Metres below the camera where no ground is found."""
-FOOT_SHARE = 0.02
-"""Of the solid splats that may hang below the foot."""
 
 
 class Inserting:
@@ -73,7 +71,7 @@ def translation_before(document: Document, source: Scene, viewpoint: Viewpoint, 
     means = _solid_means(source, time)
     low, high = np.array(middle_bounds(means))
     place = _place_before(viewpoint, float((high - low)[:2].max()))
-    bottom = float(np.quantile(means[:, 2], FOOT_SHARE, method="nearest"))
+    bottom = foot_of(means[:, 2])
     note = ""
     try:
         ground = ground_under(document, (), place)
@@ -93,7 +91,7 @@ def _place_before(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
 
 def _solid_means(source: Scene, time: float) -> Float64[ndarray, "n 3"]:
     gaussians = source.gaussians
-    rows = np.flatnonzero(gaussians.opacities >= min(SOLID_OPACITY, gaussians.opacities.max()))
+    rows = np.flatnonzero(solid(gaussians.opacities))
     poses, _ = source.at(time)
     means, _ = placed(gaussians.means[rows], gaussians.quats[rows], source.nodes[rows], poses)
     return means.astype(np.float64)

@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_app.kept import Kept
 from instdrive_core.edits.document import Document, InstanceCounts
-from instdrive_core.edits.placement import SOLID_OPACITY
+from instdrive_core.edits.placement import solid
 from instdrive_core.instances.oriented_box import upright_box
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity, scale_of
@@ -109,7 +109,7 @@ def _trained_box(document: Document, instance_id: int) -> Box:
     rows = left if len(left) else rows
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), COUNTED)).astype(int)]
     opacities = document.scene.gaussians.opacities[rows]
-    rows = rows[opacities >= min(SOLID_OPACITY, opacities.max())]
+    rows = rows[solid(opacities)]
     means = document.scene.gaussians.means[rows].astype(np.float64)
     found = upright_box(means, np.zeros((len(rows), 3, 3)))
     longer, across, up = found.rotation.T

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64, Int64
+from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document import Document
@@ -22,6 +22,16 @@ _FOOT_SHARE = 0.02
 """Of an instance's solid splats that may hang below its foot."""
 _MIN_PATH = 1.0
 """Metres an actor must drive to have a lane of its own."""
+
+
+def solid(opacities: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
+    """Which of a thing's splats shape it; where all are faint, the least faint."""
+    return opacities >= min(SOLID_OPACITY, opacities.max())
+
+
+def foot_of(heights: Float[ndarray, " n"]) -> float:
+    """Where a thing of solid splats at these heights stands."""
+    return float(np.quantile(heights, _FOOT_SHARE, method="nearest"))
 
 
 def center_of(document: Document, ids: Sequence[int], time: float) -> Float64[ndarray, "3"]:
@@ -48,9 +58,8 @@ def bottom_of(document: Document, ids: Sequence[int], matrix: Similarity, time: 
         else:
             rows = document.rows_of((instance_id,))
             opacities = sigmoid(document.scene.gaussians.opacity_logits[rows])
-            rows = rows[opacities >= min(SOLID_OPACITY, opacities.max())]
-            heights = document.means_of(rows) @ matrix[2, :3] + matrix[2, 3]
-            feet.append(np.quantile(heights, _FOOT_SHARE, method="nearest"))
+            heights = document.means_of(rows[solid(opacities)]) @ matrix[2, :3] + matrix[2, 3]
+            feet.append(foot_of(heights))
     return float(min(feet))
 
 
