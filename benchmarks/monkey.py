@@ -23,7 +23,7 @@ import tyro
 
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
-from instdrive_app.export_kinds import KINDS, ExportChoice
+from instdrive_app.export_kinds import KINDS, ExportChoice, What
 from instdrive_app.messages import Level
 from instdrive_app.render.gl_objects import live_objects
 from instdrive_app.sample import sample_scene
@@ -38,7 +38,7 @@ SIZE = (1280, 720)
 WORDS = ("car", "17", "road 3", "x", "0.5", "-2", "1e9", "tree")
 NEVER = ("file.quit", "file.open", "file.recent", "file.sample", "file.insert")
 """Commands that would leave the document; their dialogs are reached by keys, and cancelled."""
-SLOW_EXPORTS = ("masks", "cameras")
+SLOW_EXPORTS: tuple[What, ...] = ("masks", "cameras")
 """A picture for each of many photos: there would be time for little else."""
 CHECK_SECONDS = 3.0
 """Between two looks at the whole document."""
@@ -211,7 +211,8 @@ class Monkey:
 
     def _export(self) -> Iterator[None]:
         """Whatever there is to be exported, each time over what was exported before."""
-        what = self._random.choice([what for what in KINDS if what not in SLOW_EXPORTS])
+        quick: list[What] = [what for what in KINDS if what not in SLOW_EXPORTS]
+        what = self._random.choice(quick)
         ending = (KINDS[what].endings or ("",))[0]
         self._session.exporting.export(Path(f"exported_{what}{ending}").resolve(), ExportChoice(what))
         yield from self._frames(2)

@@ -11,7 +11,11 @@ from instdrive_core.progress import CancelledError, part_of_work, report, report
 
 
 def test_without_a_listener_nothing_happens():
-    report(0.5)
+    told = []
+    with reporting(told.append):
+        report(0.5)
+    report(0.6)
+    assert told == [0.5]
 
 
 def test_parts_are_scaled_and_nested():
