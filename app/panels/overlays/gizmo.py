@@ -164,15 +164,17 @@ def _set_up(moving: Moving, place: Rectangle, operation: Operation) -> None:
     style = guizmo.get_style()
     for name, pixels in LINES.items():
         setattr(style, name, scaled(pixels))
-    along = moves and options.along_lane
-    guizmo.set_axis_mask(along, False, along or (moves and options.on_ground))
+    guizmo.set_axis_mask(False, False, moves and options.on_ground and not options.along_lane)
 
 
 def _handles(moving: Moving, operation: Operation) -> guizmo.OPERATION:
     kinds = guizmo.OPERATION
     if operation == "rotate":
         return kinds.rotate_z if moving.yaw_only else kinds.rotate
-    return kinds.translate if operation == "move" else kinds.scale
+    if operation == "move":
+        # Where an axis is masked, ImGuizmo takes no other one near it: along a lane that leads away none could be had.
+        return kinds.translate_y if moving.options.along_lane else kinds.translate
+    return kinds.scale
 
 
 def _mark_handles(
