@@ -38,6 +38,11 @@ def test_selection_scene_and_masks(window, tmp_path):
 
     window.key("ctrl+e")
     window.click_widget("export.what")
+    window.wait_for_widget("export.what.masks")
+    window.key("Escape")
+    left = window.wait_for(lambda state: "export.what.masks" not in state["widgets"], "the list to close")
+    assert "dialog.path" in left["widgets"], "the list goes before the dialog"
+    window.click_widget("export.what")
     window.click_widget("export.what.masks")
     window.click_widget("dialog.accept")
     window.wait_for_message(f"masks of {len(scene.views)} photos to {tmp_path / 'street_masks'}")
