@@ -35,8 +35,8 @@ from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians, empty_gaussians
 from instdrive_core.scene.scene import Scene
 
-CHUNK_ROWS = 8192
-"""Rows converted at a time: about 2 MB, so that a chunk's columns are taken apart in the cache."""
+CHUNK_ROWS = 1024
+"""Rows converted at a time: about 250 kB, so that a chunk and where its columns go lie in a core's own cache."""
 _TYPE_NAMES = {
     "i1": "char",
     "u1": "uchar",
