@@ -12,6 +12,7 @@ from instdrive_app.messages import Messages
 from instdrive_app.state import EditorState
 from instdrive_core.edits.document import Document
 from instdrive_core.project.export import file_name
+from instdrive_core.project.sources import is_source_of
 
 
 class Exporting:
@@ -64,6 +65,9 @@ class Exporting:
         """Write what is chosen, as it is at the shown moment; the last choice of the dialog where none is given."""
         document = self._document()
         if document is None:
+            return
+        if is_source_of(path, document):
+            self._messages.error(f"{path.name} is what the edits build on; export under another name")
             return
         request = ExportRequest.of(document, path, choice or self.choice, self._state)
         write = KINDS[request.choice.what].write

@@ -68,6 +68,14 @@ class SceneSources:
         return scene
 
 
+def is_source_of(path: Path, document: Document) -> bool:
+    """Whether a document's edits build on the file or folder `path`: written over, they would be done twice."""
+    sources = document.open_scene
+    if not isinstance(sources, SceneSources):
+        return False
+    return path.resolve() in {source.path.resolve() for source in (sources.base, *sources.inserted.values())}
+
+
 class RecordedScenes:
     """The same while a project's edits are done again: what it recorded is looked for, and must be what it was.
 

@@ -48,6 +48,20 @@ def test_selected_splats_are_exported_and_no_others_of_their_instances(session, 
     np.testing.assert_array_equal(found.gaussians.means, street.scene.gaussians.means[rows])
 
 
+@pytest.mark.parametrize("name", ["street.ply", "street"])
+def test_what_the_edits_build_on_is_not_written_over(session, street, tmp_path, name):
+    export(session, tmp_path / name)
+    session.files.open(tmp_path / name)
+    finish(session)
+    session.delete((FIRST_CAR,))
+    finish(session)
+    refused = export(session, tmp_path / ".." / tmp_path.name / name)
+    assert refused.level is Level.ERROR
+    assert "another name" in refused.text
+    assert len(open_scene(tmp_path / name)) == len(session.document.scene), "it is as it was"
+    assert export(session, tmp_path / f"other_{name}").level is Level.INFO
+
+
 def test_one_file_per_selected_instance_or_of_all(session, tmp_path):
     session.select(CARS)
     told = export(session, tmp_path / "cars", what="instances", suffix=".spz")
