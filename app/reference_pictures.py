@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -18,6 +19,7 @@ from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.labelmap import SIDECAR, FrameMasks, open_masks
 from instdrive_core.scene.camera import CameraView
 
+_log = logging.getLogger(__name__)
 KEPT = 16
 """Pictures kept in memory: a short walk back and forth reads nothing again."""
 MAX_WIDTH = 1920
@@ -57,11 +59,12 @@ class ReferencePictures:
         if error is None:
             self._last = (view.name, kind, future.result())
             return future.result()
-        if not isinstance(error, InstDriveError):
-            raise error
         if key not in self._told:
             self._told.add(key)
-            if not _is_held_back(view, kind):
+            if not isinstance(error, InstDriveError):
+                _log.error("reading %s failed", key, exc_info=error)
+                self._report_error(f"{view.name}/{view.index:02d} cannot be shown: {error!r}. Help, Log file has more")
+            elif not _is_held_back(view, kind):
                 self._report_error(str(error))
         return None
 

@@ -79,8 +79,7 @@ class EditorSession:
 
     def enter(self, opened: Opened) -> None:
         """Show what was opened from a file, as it was looked at when it was saved."""
-        self.show(opened.document, opened.path)
-        self.files.entered(opened.document, opened.path, saved=opened.restored is None)
+        self.show(opened.document, opened.path, saved=opened.restored is None)
         self.autosave.follow(opened.document, opened.path, opened.restored)
         if opened.view is not None:
             restore(opened.view, self.state, self.navigation, len(opened.document.scene.views))
@@ -91,11 +90,11 @@ class EditorSession:
         if harmful and not opened.document.history.edits:
             self.dialog = "findings"
 
-    def show(self, document: Document, path: Path | None = None) -> None:
-        """Make a document the one that is edited."""
+    def show(self, document: Document, path: Path | None = None, saved: bool = True) -> None:
+        """Make a document the one that is edited; where it was recovered, its file lacks something: not `saved`."""
         scene = document.scene
         self.document = document
-        self.files.entered(document, path)
+        self.files.entered(document, path, saved)
         self.state.hovered = 0
         self.references.forget()
         self.navigation.enter(document)

@@ -42,15 +42,20 @@ _VALUES: tuple[Any, ...] = (
 _SPZ4_HEADER, _SPZ4_ENTRY = struct.Struct("<4sIIBBBBI12x"), struct.Struct("<QQ")
 
 
+_DAMAGED_BEFORE = (
+    *(ValueError, LookupError, OSError, EOFError, RuntimeError, struct.error),
+    *(zlib.error, zstandard.ZstdError, zipfile.BadZipFile),
+)
+"""What taking a container apart raises that is damaged already."""
+
+
 def inside(data: bytes, rng: random.Random, depth: int = 0) -> Damage:
     """Damage to what the file holds, whatever it is; damage to its bytes where it is no container."""
     for is_meant, damage in _KINDS:
         if is_meant(data) and depth < 3:
             try:
                 return damage(data, rng, depth)
-            except (ValueError, KeyError, OSError, zlib.error, zstandard.ZstdError, zipfile.BadZipFile, RuntimeError):
-                break  # damaged before
-            except (EOFError, struct.error, NotImplementedError, RecursionError, IndexError, UnicodeError):
+            except _DAMAGED_BEFORE:
                 break
     return rng.choice(PLY if data[:3] == b"ply" else BYTES)(data, rng)
 
