@@ -26,6 +26,7 @@ from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
+from instdrive_app.panels.overlays.first_picture import FirstPicture
 from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
@@ -61,6 +62,7 @@ VIEW = "View"
 def created_panels() -> tuple[DockedPanel, ...]:
     """The panels, in the order of their tabs."""
     overlays = (
+        FirstPicture(),
         DeletionOverlay(),
         Gizmo(),
         ViewSwitch(),

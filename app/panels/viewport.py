@@ -15,10 +15,7 @@ from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
 from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
-from instdrive_app.theme import DIM, packed
 
-WAIT_SECONDS = 0.7
-"""Without a picture after which the user is told; resizing takes less."""
 DRAG_PIXELS = 4.0
 """A press that moves further is a drag, not a click; at scale 1, as is the next."""
 TURN_PER_PIXEL = 0.005
@@ -42,7 +39,6 @@ class ViewportPanel:
         self._overlays: tuple[Overlay, ...] = (self._reference, *overlays)
         self._drags = False
         """Whether the present press, or the one just released, was a drag."""
-        self._waits_since = 0.0
         self._tool_drags = False
         self._tool_stopped = False
         """Whether Escape ended the tool's part of the present press."""
@@ -78,20 +74,8 @@ class ViewportPanel:
         self._navigate(ui, place, hovered, imgui.is_item_active() and not taken)
         self._point(ui, place, hovered)
         self._context_menu(ui)
-        self._tell_of_wait(ui, place)
         for overlay in self._overlays:
             overlay.draw(ui, place)
-
-    def _tell_of_wait(self, ui: Ui, place: Rectangle) -> None:
-        """Where no frame of this size comes for a while, say why: kernels are compiled at the very first start."""
-        now = imgui.get_time()
-        if ui.view.snapshot is not None:
-            self._waits_since = now
-        elif now - self._waits_since > WAIT_SECONDS:
-            text = "Preparing the view…"
-            size = imgui.calc_text_size(text)
-            middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + (place.height - size.y) / 2)
-            imgui.get_window_draw_list().add_text(middle, packed(DIM), text)
 
     def _navigate(self, ui: Ui, place: Rectangle, hovered: bool, active: bool) -> None:
         state, io = ui.session.state, imgui.get_io()

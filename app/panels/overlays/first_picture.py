@@ -1,0 +1,44 @@
+"""Why there is no picture yet."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.ui import Rectangle, Ui, scaled
+from instdrive_app.theme import DIM, TEXT, Color, packed
+
+WAIT_SECONDS = 0.7
+"""Without a picture after which the user is told; resizing takes less."""
+LONG_WAIT_SECONDS = 3.0
+"""Which only compiling takes."""
+
+
+class FirstPicture:
+    """Where no frame of the viewport's size comes for a while, says so: at the very first start kernels are compiled."""
+
+    holds_mouse: bool = False
+
+    def __init__(self) -> None:
+        self._since = 0.0
+
+    def draw(self, ui: Ui, place: Rectangle) -> None:
+        """One frame."""
+        now = imgui.get_time()
+        if ui.view.snapshot is not None:
+            self._since = now
+        waited = now - self._since
+        if waited < WAIT_SECONDS:
+            return
+        middle = place.y + place.height / 2
+        _centered("Preparing the view…", place, middle - scaled(12), TEXT)
+        if waited > LONG_WAIT_SECONDS:
+            why = "The first start compiles the drawing code for this processor: about half a minute, once."
+            _centered(why, place, middle + scaled(12), DIM)
+        ui.marks["viewport.preparing"] = (place.x, middle, place.x + place.width, middle + 1)
+
+
+def _centered(text: str, place: Rectangle, top: float, color: Color) -> None:
+    width = imgui.calc_text_size(text, wrap_width=place.width - scaled(20)).x
+    draw = imgui.get_window_draw_list()
+    at = ImVec2(place.x + (place.width - width) / 2, top)
+    draw.add_text(imgui.get_font(), imgui.get_font_size(), at, packed(color), text, wrap_width=place.width - scaled(20))
