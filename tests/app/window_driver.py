@@ -17,7 +17,7 @@ from instdrive_core.scene.camera import Camera
 PATIENCE = 60.0
 """Seconds to wait for the window to come to a state, on a busy machine."""
 FIRST_PATIENCE = 300.0
-"""The same for the first picture: in a fresh clone, where nothing is compiled yet, that takes half a minute of a core."""
+"""The same for the first picture: where nothing is compiled yet, that takes half a minute of a core."""
 
 
 @contextmanager

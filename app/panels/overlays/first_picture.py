@@ -14,7 +14,7 @@ LONG_WAIT_SECONDS = 3.0
 
 
 class FirstPicture:
-    """Where no frame of the viewport's size comes for a while, says so: at the very first start kernels are compiled."""
+    """Says so where no frame of the viewport's size comes for a while: the very first start compiles kernels."""
 
     holds_mouse: bool = False
 
