@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, UInt32
+from jaxtyping import Float32, Float64, UInt32
 from numpy import ndarray
 
 from benchmarks.workload import generated_workload
@@ -24,8 +24,10 @@ BLOCK = np.array([5.0, 3.0, 3.0])
 """Metres: the street is cut into instances of about a car's size."""
 
 
-def write_street(folder: Path, count: int) -> tuple[Path, tuple[Camera, ...]]:
+def write_street(folder: Path, count: int, block: Float64[ndarray, "3"] = BLOCK) -> tuple[Path, tuple[Camera, ...]]:
     """Write a scene of `count` Gaussians; returns its file and cameras in it that look along the street.
+
+    Every `block` (metres along each axis) of it is an instance.
 
     Raises DataError where the common workload cannot be generated.
     """
@@ -39,7 +41,7 @@ def write_street(folder: Path, count: int) -> tuple[Path, tuple[Camera, ...]]:
         sh_rest=rng.normal(0, 0.04, (count, SH_REST, 3)).astype(np.float32),
         features=np.zeros((count, 0), np.float32),
     )
-    ids, zeros = _block_ids(workload.means), np.zeros(count, np.uint32)
+    ids, zeros = _block_ids(workload.means, block), np.zeros(count, np.uint32)
     nodes = np.zeros(count, np.uint16)
     scene = Scene(gaussians, ids, zeros, nodes, table_from_ids(ids, gaussians.means, zeros, nodes))
     path = folder / f"street_{count}.ply"
@@ -47,7 +49,7 @@ def write_street(folder: Path, count: int) -> tuple[Path, tuple[Camera, ...]]:
     return path, workload.cameras
 
 
-def _block_ids(means: Float32[ndarray, "n 3"]) -> UInt32[ndarray, " n"]:
-    cells = np.floor(means / BLOCK).astype(np.int64)
+def _block_ids(means: Float32[ndarray, "n 3"], block: Float64[ndarray, "3"]) -> UInt32[ndarray, " n"]:
+    cells = np.floor(means / block).astype(np.int64)
     _, place = np.unique(cells, axis=0, return_inverse=True)
     return (place.reshape(-1) + 1).astype(np.uint32)

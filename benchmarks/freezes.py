@@ -1,0 +1,146 @@
+"""How long the editor's window stands still for what is done to everything at once.
+
+`python -m benchmarks.freezes` opens the real window, on a virtual display where there is no other, on a million splats
+in some 5,000 instances, plays each step of `freeze_steps`, and prints one JSON line: name → longest frame in
+milliseconds, from the step until the picture is sharp and no work is under way. Undo and redo of it are told as
+``NAME, undo`` and ``NAME, redo``. `--only WORD …` plays the steps that have one of the words in their names.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from benchmarks.editor_scene import BLOCK, SIZE, write_street
+from benchmarks.freeze_steps import STEPS, Act, Desk, Step, frames
+from benchmarks.monkey_hands import Hands
+from benchmarks.own_state import own_state
+from instdrive_app.session import EditorSession
+from instdrive_app.virtual_display import has_display, virtual_display
+from instdrive_app.window import EditorWindow
+from instdrive_app.window_layout import WindowOptions
+from instdrive_core.errors import InstDriveError
+
+PATIENCE_FRAMES = 5_000
+INSERTED = 100_000
+"""Splats of the scene that is inserted."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Look for freezes."""
+
+    splats: int = 1_000_000
+    block: float = 0.25
+    """Side of an instance over a car's: 1 makes some 360 instances, 0.25 some 5,300."""
+    only: tuple[str, ...] = ()
+    """Words, one of which the names of the steps to be played hold; none = all of them."""
+    above: float = 0.0
+    """Tell only what takes longer than so many milliseconds."""
+    seconds: bool = False
+    """Also tell how long each step takes until all is done."""
+
+
+class Observer:
+    """Plays steps in a window, with a clock beside every frame."""
+
+    def __init__(self, window: EditorWindow, folder: Path, steps: tuple[Step, ...]) -> None:
+        self._desk, self._steps = Desk(window, Hands(), folder), steps
+        self.longest: dict[str, float] = {}
+        """Seconds by the names of steps."""
+        self.took: dict[str, float] = {}
+        """Seconds until all is done."""
+
+    def play(self) -> Iterator[None]:
+        """All steps, each from the scene as it was opened."""
+        session = self._desk.session
+        yield from self._measured("open", self._opened())
+        session.navigation.look_from(session.state.viewpoint)
+        for step in self._steps:
+            for act in step.before:
+                yield from self._done(act)
+            cursor = self._desk.document.history.cursor
+            yield from self._measured(step.name, self._done(step.act))
+            if step.edits:
+                assert self._desk.document.history.cursor > cursor, f"{step.name} did nothing: {self._told()}"
+                yield from self._measured(f"{step.name}, undo", self._done(lambda desk: desk.session.undo()))
+                yield from self._measured(f"{step.name}, redo", self._done(lambda desk: desk.session.redo()))
+            yield from self._done(lambda desk: desk.session.jump(0))
+
+    def close(self) -> None:
+        """Let go of mouse and keys."""
+        self._desk.hands.close()
+
+    def _measured(self, name: str, steps: Iterator[None]) -> Iterator[None]:
+        began, longest = time.perf_counter(), 0.0
+        started = began
+        for _ in steps:
+            yield
+            now = time.perf_counter()
+            longest, started = max(longest, now - started), now
+        self.longest[name], self.took[name] = longest, time.perf_counter() - began
+
+    def _opened(self) -> Iterator[None]:
+        while self._desk.session.document is None:
+            yield
+        yield from self._calm()
+
+    def _done(self, act: Act) -> Iterator[None]:
+        going_on = act(self._desk)
+        if going_on is not None:
+            yield from going_on
+        yield from self._calm()
+
+    def _calm(self) -> Iterator[None]:
+        """Until nothing is under way, and a few frames more."""
+        session, window = self._desk.session, self._desk.window
+        yield from frames(2)
+        for _ in range(PATIENCE_FRAMES):
+            if session.jobs.current is None and window.ui.view.settled:
+                break
+            yield
+        yield from frames(3)
+
+    def _told(self) -> str:
+        log = self._desk.session.messages.log
+        return log[-1].text if log else "nothing was told"
+
+
+def main(options: Options) -> dict[str, float]:
+    """Everything the JSON line says."""
+    chosen = tuple(step for step in STEPS if not options.only or any(word in step.name for word in options.only))
+    with own_state() as folder, nullcontext() if has_display() else virtual_display(SIZE):
+        write_street(folder, INSERTED)[0].rename(folder / "inserted.ply")
+        path, _ = write_street(folder, options.splats, options.block * BLOCK)
+        session = EditorSession()
+        window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))
+        session.files.open(path)
+        observer: list[Observer] = []
+
+        def play(running: EditorWindow) -> Iterator[None]:
+            observer.append(Observer(running, folder, chosen))
+            yield from observer[0].play()
+
+        try:
+            window.run(play)
+        finally:
+            for each in observer:
+                each.close()
+    told = {name: round(1e3 * seconds, 1) for name, seconds in observer[0].longest.items()}
+    took = {f"{name}, s": round(seconds, 2) for name, seconds in observer[0].took.items()}
+    return {name: ms for name, ms in told.items() if ms >= options.above} | (took if options.seconds else {})
+
+
+if __name__ == "__main__":
+    try:
+        print(json.dumps(main(tyro.cli(Options))))
+    except InstDriveError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None
