@@ -23,6 +23,7 @@ class Solo:
         self._document, self._apply = document, apply
         self._of: Document | None = None
         self._ids: Ids = ()
+        self._step: SoloInstances | None = None
         self._hidden_before: Ids = ()
         self._known: tuple[int, int, bool] | None = None
 
@@ -34,9 +35,15 @@ class Solo:
             return ()
         versions = (document.state.version, document.table_version)
         if self._known is None or self._known[:2] != versions:
-            visible = document.visible_instances()
-            self._known = (*versions, 0 < len(visible) <= len(self._ids) and set(visible) <= set(self._ids))
+            self._known = (*versions, self._still_holds(document))
         return self._ids if self._known[2] else ()
+
+    def _still_holds(self, document: Document) -> bool:
+        visible = document.visible_instances()
+        if visible:
+            return len(visible) <= len(self._ids) and set(visible) <= set(self._ids)
+        # What was shown alone has been deleted or hidden since: all else waits for the way back, unless undo took it.
+        return any(edit is self._step for edit in document.history.done)
 
     def enter(self, ids: Ids) -> None:
         """Show these instances and nothing else; from one solo to the next what was hidden before both is kept."""
@@ -44,8 +51,10 @@ class Solo:
         if document is None or not ids:
             return
         hidden = self._hidden_before if self.ids else hidden_instances(document)
-        if self._apply(SoloInstances, ids):
+        step = SoloInstances(ids)
+        if self._apply(lambda: step):
             self._of, self._ids, self._hidden_before, self._known = document, tuple(ids), hidden, None
+            self._step = step
 
     def leave(self) -> None:
         """Show again what was shown before."""

@@ -42,7 +42,7 @@ class InstancesPanel:
         self._take_rename(ui)
         self._rows.update(document, self._query)
         self._class_chips(ui)
-        self._banner(ui)
+        self._banner(ui, document)
         self._table(ui, document)
         self._take_rename(ui)
 
@@ -119,7 +119,7 @@ class InstancesPanel:
                 ui.mark(f"instances.class.{name or UNKNOWN}")
             imgui.end_popup()
 
-    def _banner(self, ui: Ui) -> None:
+    def _banner(self, ui: Ui, document: Document) -> None:
         """What keeps instances out of the list or the view, and the way back."""
         solo, shown = ui.session.solo.ids, len(self._rows.ids)
         if shown < self._rows.total:
@@ -132,10 +132,9 @@ class InstancesPanel:
                 self._select_shown,
             )
         if solo:
-            what = counted(len(solo), "instance")
-            self._notice(
-                ui, f"Only {what} shown", "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave()
-            )
+            left = len(document.visible_instances())
+            what = f"Only {counted(left, 'instance')} shown" if left else "All that is left is hidden"
+            self._notice(ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave())
 
     def _notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
         imgui.align_text_to_frame_padding()

@@ -176,6 +176,20 @@ def test_leaving_solo_brings_back_what_was_shown_before(session, street):
     assert session.solo.ids == ()
 
 
+def test_deleting_what_is_shown_alone_leaves_the_way_back_to_the_rest(session, street):
+    session.hide((HOUSES,))
+    before = street.visible_instances()
+    session.solo.enter((FIRST_CAR,))
+    session.delete((FIRST_CAR,))
+    assert street.visible_instances() == ()
+    assert session.solo.ids == (FIRST_CAR,)
+    assert session.commands.run("edit.solo")
+    assert street.visible_instances() == tuple(i for i in before if i != FIRST_CAR)
+    session.jump(1)
+    session.hide(before)
+    assert session.solo.ids == (), "the solo was undone: what is hidden was hidden by hand"
+
+
 def test_solo_hides_splats_of_no_instance_and_shows_what_was_hidden(session, street):
     rows = street.rows_of((30,))
     session.select((30,))
