@@ -27,6 +27,7 @@ uniform vec4 slope_limits;  // x / z and y / z beyond which the Jacobian is held
 uniform float near;
 uniform float low_pass;
 uniform float alpha_cut;
+uniform bool antialiased;
 uniform uint hidden_flags;
 
 out vec4 splat_center;  // pixel x, y; depth; opacity (0 = not drawn)
@@ -49,9 +50,10 @@ mat4x3 frame_of(sampler2D frames, int first) {
         texelFetch(frames, texel_of(first + 2), 0)));
 }
 
-// Image covariance xx, xy, yy with the low-pass added, and its determinant. `half_map` = view rotation · world
-// rotation · scale. The determinant as |U0 x U1|² has no cancellation, which makes thin splats singular in float32.
-vec4 image_covariance(vec3 local, mat3 half_map) {
+// Image covariance xx, xy, yy with the low-pass added, and its determinant; `sharp` is the one without. `half_map` =
+// view rotation · world rotation · scale. Determinants as |U0 x U1|² have no cancellation, which makes thin splats
+// singular in float32.
+vec4 image_covariance(vec3 local, mat3 half_map, out float sharp) {
     vec2 slope = clamp(local.xy / local.z, slope_limits.xz, slope_limits.yw);
     vec3 jacobian_x = vec3(focal.x, 0.0, -focal.x * slope.x) / local.z;
     vec3 jacobian_y = vec3(0.0, focal.y, -focal.y * slope.y) / local.z;
@@ -59,7 +61,8 @@ vec4 image_covariance(vec3 local, mat3 half_map) {
     vec3 u1 = jacobian_y * half_map;
     float xx = dot(u0, u0), yy = dot(u1, u1);
     vec3 across = cross(u0, u1);
-    float determinant = dot(across, across) + low_pass * (xx + yy + low_pass);
+    sharp = dot(across, across);
+    float determinant = sharp + low_pass * (xx + yy + low_pass);
     return vec4(xx + low_pass, dot(u0, u1), yy + low_pass, determinant);
 }
 
@@ -108,8 +111,16 @@ void main() {
     mat3 rotation = mat3(world_from_node) * mat3(node_from_row);
     mat3 turn = mat3(camera_from_world) * rotation * rotation_of(texelFetch(geometry_texture, texel_of(index * 3 + 1), 0));
     vec3 scale = size * texelFetch(geometry_texture, texel_of(index * 3 + 2), 0).xyz;
-    vec4 covariance = image_covariance(local, mat3(turn[0] * scale.x, turn[1] * scale.y, turn[2] * scale.z));
+    mat3 half_map = mat3(turn[0] * scale.x, turn[1] * scale.y, turn[2] * scale.z);
+    float sharp;
+    vec4 covariance = image_covariance(local, half_map, sharp);
     vec2 pixel = focal * local.xy / local.z + principal;
+    if (antialiased) {
+        opacity *= sqrt(sharp / covariance.w);
+        if (opacity < alpha_cut) {
+            return;
+        }
+    }
     float reach = sqrt(2.0 * log(opacity / alpha_cut));
     vec2 extent = reach * sqrt(covariance.xz);
     if (any(lessThanEqual(pixel + extent, vec2(0.5))) || any(greaterThanEqual(pixel - extent, viewport - 0.5))) {

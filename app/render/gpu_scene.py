@@ -59,6 +59,11 @@ class GpuScene:
         return len(self._document.scene)
 
     @property
+    def antialiased(self) -> bool:
+        """As `Scene.antialiased`."""
+        return self._document.scene.antialiased
+
+    @property
     def means(self) -> Float32[ndarray, "n 3"]:
         """World positions at the time of the last update."""
         return self._world.values

@@ -12,6 +12,7 @@ from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot
 from instdrive_core.edits.document import Document
 from instdrive_core.rasterize.pixel import Contributors, contributors_among, rows_near, winner_of
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
+from instdrive_core.rasterize.settings import settings_for
 
 
 class Picker:
@@ -47,20 +48,21 @@ def _versions(document: Document) -> tuple:
 
 def _found(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> tuple[int, ...]:
     camera, opacities, ids = snapshot.camera, splats.opacities, splats.document.scene.instance_ids
-    near = rows_near(splats.means, splats.log_sizes, opacities, camera, column, row)
+    settings = settings_for(splats.document.scene)
+    near = rows_near(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
     shape = splats.means[near], *splats.shapes(near), opacities[near]
-    contributors = contributors_among(near, *shape, camera, column, row)
+    contributors = contributors_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-    winner = winner_of(contributors, opacities, rule)
+    winner = winner_of(contributors, rule)
     first = int(ids[winner]) if winner >= 0 else 0
     if first == 0:
         return ()
-    behind = ids[_solid_rows_behind(contributors, winner, opacities, snapshot.id_opacity)]
+    behind = ids[_solid_rows_behind(contributors, winner, snapshot.id_opacity)]
     return tuple(dict.fromkeys([first, *(i for i in behind.tolist() if i)]))
 
 
-def _solid_rows_behind(contributors: Contributors, winner: int, opacities: ndarray, min_opacity: float) -> ndarray:
+def _solid_rows_behind(contributors: Contributors, winner: int, min_opacity: float) -> ndarray:
     """Rows from the winner's depth on, whose fragments the ID view would draw."""
     start = int(np.argmax(contributors.rows == winner))
-    rows, alphas = contributors.rows[start:], contributors.alphas[start:]
-    return rows[(opacities[rows] >= min_opacity) & (alphas >= ID_ALPHA_CUT)]
+    solid = (contributors.opacities >= min_opacity) & (contributors.alphas >= ID_ALPHA_CUT)
+    return contributors.rows[start:][solid[start:]]

@@ -86,6 +86,7 @@ class Projector:
             near=self._settings.near,
             low_pass=self._settings.low_pass,
             alpha_cut=self._settings.min_alpha,
+            antialiased=scene.antialiased,
         )
         with drawing_into(self._ctx, self._no_picture):
             self._vertices.transform(self.records, moderngl.POINTS, vertices=self.count)

@@ -22,7 +22,7 @@ from instdrive_core.rasterize.importance import most_important
 from instdrive_core.rasterize.preview import PickRule, Preview, drawn_preview
 from instdrive_core.rasterize.preview_colors import ColorSource, write_colors
 from instdrive_core.rasterize.preview_splats import projected
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
+from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.sky_behind import add_sky
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
@@ -98,17 +98,18 @@ class SoftwareDraw:
 
     def _blend(self, placed: PlacedSplats, camera: Camera, snapshot: FrameSnapshot, check: Callable[[], None]) -> None:
         state, workspace = placed.state, self._workspace
+        settings = RasterSettings(antialiased=state.antialiased)
         opacities = placed.opacities
         if snapshot.draft:
             arrays = placed.means, placed.areas, opacities
-            opacities = most_important(*arrays, camera, self._budget, DEFAULT_SETTINGS, workspace)
+            opacities = most_important(*arrays, camera, self._budget, settings, workspace)
         shapes = placed.means, placed.quats, placed.log_scales, opacities
-        found = projected(*shapes, camera, DEFAULT_SETTINGS, workspace)
+        found = projected(*shapes, camera, settings, workspace)
         check()
         write_colors(found, _color_source(placed), placed.means, camera.position)
         check()
         rule = PickRule(min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-        blended = drawn_preview(found, camera, workspace, DEFAULT_SETTINGS, rule)
+        blended = drawn_preview(found, camera, workspace, settings, rule)
         if state.sky is not None and snapshot.show_sky:
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:

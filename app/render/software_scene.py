@@ -38,6 +38,7 @@ class SceneState:
     move_matrices: Float64[ndarray, "q 3 4"]
     actors: tuple[Track, ...]
     sky: Sky | None
+    antialiased: bool
     rows_version: int
     """Rises when the rows of the shared arrays are other ones."""
 
@@ -97,6 +98,7 @@ def _whole_state(document: Document) -> SceneState:
         flags=document.state.flags.copy(),
         actors=scene.actors,
         sky=scene.sky,
+        antialiased=scene.antialiased,
         rows_version=document.rows_version,
         **_colors(document),
         **_moves(document),

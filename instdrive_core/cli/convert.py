@@ -76,5 +76,6 @@ def _contents(scene: Scene) -> dict[str, str]:
         "exposures": "exposures" if scene.exposures is not None else "",
         "sky": "sky" if scene.sky is not None else "",
         "origin": "the origin" if scene.origin.any() else "",
+        "antialiased": "that it is antialiased" if scene.antialiased else "",
     }
     return {label: text for label, text in counts.items() if text}

@@ -72,6 +72,8 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
         ("colour", f"SH degree {gaussians.sh_degree}"),
         ("features", f"{gaussians.features.shape[1]} per splat, {scene.code_bits} code bits"),
     ]
+    if scene.antialiased:
+        facts.append(("drawn", "antialiased: small splats fade instead of growing"))
     finite = np.isfinite(gaussians.means).all(axis=1)
     if finite.any():
         low, high = np.quantile(gaussians.means[finite], [0.01, 0.99], axis=0)

@@ -13,8 +13,9 @@ What is kept, as the largest difference after writing and reading, with the chun
 - SH above the constant: 1/64, 1/32 next to the limits -4 and 4 (values beyond become the limit).
 
 Splats near each other go into one chunk so that extents are small; rows change their order for it, unless they are in
-a good one. The scene's origin is kept in a comment. Instance IDs, codewords, features, names, other columns, sky and
-camera views have no place in the file and are left out; a plain .ply or a scene folder keeps them.
+a good one. Comments keep the scene's origin and whether it is antialiased. Instance IDs, codewords, features, names,
+other columns, sky and camera views have no place in the file and are left out; a plain .ply or a scene folder keeps
+them.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ def read_compressed_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene
                     gaussians.sh_rest[target, index % rest, index // rest] = sh_values(
                         stored[f"f_rest_{index}"][source]
                     )
-    return replace(scene_from_gaussians(gaussians), origin=parsed_comments(layout.comments, path).origin)
+    notes = parsed_comments(layout.comments, path)
+    return replace(scene_from_gaussians(gaussians), origin=notes.origin, antialiased=notes.antialiased)
 
 
 def write_compressed_ply(path: str | Path, scene: Scene) -> None:

@@ -187,5 +187,6 @@ def _scene(
         table=table,
         origin=notes.origin,
         code_bits=notes.code_bits,
+        antialiased=notes.antialiased,
         extra=extra,
     )

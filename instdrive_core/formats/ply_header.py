@@ -133,7 +133,7 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[s
             case ["format", name, "1.0"] if name in _FORMATS:
                 order = _FORMATS[name]
             case ["comment" | "obj_info", *_]:
-                comments.append(line.partition(" ")[2])
+                comments.append(" ".join(line.split(maxsplit=1)[1:]))
             case ["element", name, count] if count.isascii() and count.isdigit():
                 elements.append(PlyElement(name, int(count), []))
             case ["property", "list", _, _, _] if elements:

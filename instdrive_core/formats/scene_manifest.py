@@ -19,10 +19,11 @@ from instdrive_core.scene.track import Track
 
 
 def manifest_of(scene: Scene) -> dict[str, Any]:
-    """Table, tracks, views, exposed photos, origin and code bits; poses and other arrays are stored apart."""
+    """Table, tracks, views, exposed photos, origin, code bits, how it is drawn; poses and other arrays stand apart."""
     return {
         "origin": scene.origin.tolist(),
         "code_bits": scene.code_bits,
+        "antialiased": scene.antialiased,
         "instances": [_instance_entry(instance) for instance in scene.table],
         "actors": [_track_entry(actor) for actor in scene.actors],
         "views": [_view_entry(view) for view in scene.views],
@@ -86,6 +87,7 @@ def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Sc
         views=_views(manifest["views"], arrays),
         origin=_shaped(np.array(manifest["origin"], np.float64), (3,), "origin"),
         code_bits=int(manifest["code_bits"]),
+        antialiased=_is_antialiased(manifest.get("antialiased", False)),
         extra={name.removeprefix("extra."): array for name, array in arrays.items() if name.startswith("extra.")},
         exposures=_exposures(manifest.get("exposures"), arrays),
     )
@@ -179,6 +181,12 @@ def _exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures 
     times = _shaped(arrays["exposure_times"].astype(np.float64), (len(keys),), "exposure_times")
     matrices = _shaped(_floats(arrays, "exposure_matrices"), (len(keys), 3, 4), "exposure_matrices")
     return Exposures(tuple(keys), times, matrices)
+
+
+def _is_antialiased(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f"'antialiased' is {value!r}, neither true nor false")
+    return value
 
 
 def _sky(faces: ndarray) -> Sky:

@@ -14,6 +14,7 @@ Axes are those of the .ply.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,12 +46,17 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .sog archive. Raises DataError where anything about it is wrong, also where names lead out of it."""
     with opened_archive(Path(path)) as store:
-        return scene_from_gaussians(read_gaussians(store, META, options))
+        return read_meta(store, META, options)
 
 
-def read_gaussians(store: Store, name: str = META, options: ReadOptions = WHOLE) -> Gaussians:
-    """The Gaussians of one meta.json, whose images lie where it does. Raises DataError."""
+def read_meta(store: Store, name: str, options: ReadOptions = WHOLE) -> Scene:
+    """The scene of one meta.json, whose images lie where it does. Raises DataError."""
     meta = parsed_meta(store.json(name), store.path)
+    return replace(scene_from_gaussians(read_gaussians(store, meta, options)), antialiased=meta.antialiased)
+
+
+def read_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) -> Gaussians:
+    """The Gaussians that a meta.json describes. Raises DataError."""
     check_plausible_count(store.path, meta.count, store.size)
     entries = None if meta.palette is None else _palette_entries(meta.palette, store)
     rest = 0 if entries is None else entries.shape[1]

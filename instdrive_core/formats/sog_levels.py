@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,8 +17,8 @@ import numpy as np
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import check_plausible_count
-from instdrive_core.formats.sog import META, PASSING, read_gaussians
-from instdrive_core.formats.sog_meta import parsed_meta
+from instdrive_core.formats.sog import META, PASSING, read_gaussians, read_meta
+from instdrive_core.formats.sog_meta import SogMeta, parsed_meta
 from instdrive_core.formats.sog_store import REMEDY, FolderStore, checked_name
 from instdrive_core.formats.unfilled import BESIDE_BYTES, TO_READ, WHOLE, ReadOptions, check_room, row_bytes
 from instdrive_core.scene.gaussians import Gaussians, concatenated
@@ -54,9 +54,9 @@ def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHO
     path = Path(path)
     folder = path if path.is_dir() else path.parent
     if path.name == LOD_META or (path.is_dir() and (folder / LOD_META).is_file()):
-        return scene_from_gaussians(_read_streamed(folder, level, options))
+        return _read_streamed(folder, level, options)
     if path.is_file() or (folder / META).is_file():
-        return scene_from_gaussians(read_gaussians(FolderStore(folder), META if path.is_dir() else path.name, options))
+        return read_meta(FolderStore(folder), META if path.is_dir() else path.name, options)
     chunks = _chunk_folders(folder)
     if not chunks:
         problem = f"the folder holds no {META}, {LOD_META} or folders called LEVEL_CHUNK"
@@ -64,8 +64,9 @@ def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHO
     chosen = _level_at_least(level, {number for number, _ in chunks})
     sources = [(chunks[key], META) for key in sorted(chunks) if key[0] == chosen]
     if len(sources) == 1:
-        return scene_from_gaussians(read_gaussians(FolderStore(sources[0][0]), META, options))
-    return scene_from_gaussians(_joined([_thinned(chunk, options) for chunk in _opened(sources, folder, options)]))
+        return read_meta(FolderStore(sources[0][0]), META, options)
+    metas = _metas_of(sources, folder)
+    return _joined([_thinned(chunk, options) for chunk in _opened(sources, metas, folder, options)], metas)
 
 
 def _chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
@@ -79,7 +80,7 @@ def _level_at_least(level: int, levels: set[int]) -> int:
     return min((number for number in levels if number >= level), default=max(levels))
 
 
-def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Gaussians:
+def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
     content = FolderStore(folder).json(LOD_META)
     names = content.get("filenames")
     if not isinstance(names, list):
@@ -95,9 +96,11 @@ def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Gaussians:
     if content.get("environment") is not None:
         used.append(content["environment"])
     shown = [sum(part.count for part in rows) for rows in parts.values()]
-    chunks = _opened([_source(folder, name) for name in used], folder, options, shown)
+    sources = [_source(folder, name) for name in used]
+    metas = _metas_of(sources, folder)
+    chunks = _opened(sources, metas, folder, options, shown)
     kept = [_thinned(_rows_of(chunk, rows, folder), options) for rows, chunk in zip(parts.values(), chunks)]  # noqa: B905
-    return _joined([*kept, *(_thinned(chunk, options) for chunk in chunks)])
+    return _joined([*kept, *(_thinned(chunk, options) for chunk in chunks)], metas)
 
 
 def _thinned(chunk: Gaussians, options: ReadOptions) -> Gaussians:
@@ -111,16 +114,23 @@ def _source(folder: Path, name: Any) -> tuple[Path, str]:
     return folder / parts.parent, parts.name
 
 
+def _metas_of(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
+    if len(set(sources)) < len(sources):
+        raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
+    return [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
+
+
 def _opened(
-    sources: list[tuple[Path, str]], folder: Path, options: ReadOptions, shown: Sequence[int] = ()
+    sources: list[tuple[Path, str]],
+    metas: list[SogMeta],
+    folder: Path,
+    options: ReadOptions,
+    shown: Sequence[int] = (),
 ) -> Iterator[Gaussians]:
     """Each chunk in turn, whole, while all of them together can be believed and fit into memory.
 
     `shown` is how many rows of the first chunks will be kept; of the others, all.
     """
-    if len(set(sources)) < len(sources):
-        raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
-    metas = [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
     rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
     largest = max((meta.count for meta in metas), default=0)
     # Chunks are read whole, and joined by a copy.
@@ -128,9 +138,9 @@ def _opened(
     count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
     check_room(folder, count, 2 * row_bytes(rest, 0), options, passing)
     count = size = 0
-    for place, name in sources:
+    for (place, _), meta in zip(sources, metas, strict=True):
         store = FolderStore(place)
-        chunk = read_gaussians(store, name)
+        chunk = read_gaussians(store, meta)
         count, size = count + len(chunk), size + store.size
         check_plausible_count(folder, count, size)
         yield chunk
@@ -175,12 +185,11 @@ def _rows_of(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussians:
     return chunk.select(np.concatenate([np.arange(part.start, part.start + part.count) for part in parts]))
 
 
-def _joined(parts: list[Gaussians]) -> Gaussians:
+def _joined(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
     """One after the other; SH degrees are raised to the highest, as chunks without colours by view have none."""
-    if len(parts) == 1:
-        return parts[0]
     rest = max(part.sh_rest.shape[1] for part in parts)
     for part in parts:
         missing = rest - part.sh_rest.shape[1]
         part.sh_rest = np.pad(part.sh_rest, ((0, 0), (0, missing), (0, 0)))
-    return concatenated(parts)
+    joined = concatenated(parts) if len(parts) > 1 else parts[0]
+    return replace(scene_from_gaussians(joined), antialiased=all(meta.antialiased for meta in metas))

@@ -48,6 +48,7 @@ class SogMeta:
     log_scales: Float32[ndarray, "3 256"]
     sh_dc: Float32[ndarray, "3 256"]
     opacity_logits: Float32[ndarray, "256"]
+    antialiased: bool
     palette: Palette | None
     means_files: tuple[Any, Any]
     quats_file: Any
@@ -80,6 +81,7 @@ def parsed_meta(content: dict[str, Any], path: Path) -> SogMeta:
         log_scales=tables[0],
         sh_dc=tables[1],
         opacity_logits=opacity_logits,
+        antialiased=content.get("antialias") is True or content.get("model") == "antialiased",
         palette=_palette(content, version, path),
         means_files=_files(means, "means", 2, path),
         quats_file=_files(_object(content, "quats", path), "quats", 1, path)[0],

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from instdrive_core.formats import spz_values as values
 from instdrive_core.formats.atomic import atomic_file
 from instdrive_core.formats.plausible_count import check_plausible_count
 from instdrive_core.formats.spz_axes import RUB, axes_named_by, flips_from
-from instdrive_core.formats.spz_container import EXTENSIONS, SpzHeader, read_container, write_container
+from instdrive_core.formats.spz_container import ANTIALIASED, EXTENSIONS, SpzHeader, read_container, write_container
 from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
 from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
@@ -74,7 +75,7 @@ def read_spz(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
                 source, target = options.places(rows.start, rows.stop)
                 _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
     flips_from(system).apply(gaussians)
-    return scene_from_gaussians(gaussians)
+    return replace(scene_from_gaussians(gaussians), antialiased=bool(header.flags & ANTIALIASED))
 
 
 def write_spz(
@@ -96,7 +97,8 @@ def write_spz(
         for rows in _row_blocks(len(scene)):
             part, numbers = getattr(gaussians, field)[rows], np.arange(rows.start, rows.stop)
             check_numbers(path, attribute, part, numbers, allow_infinite)
-    header = SpzHeader(version, len(scene), gaussians.sh_degree, _fractional_bits(path, gaussians, version))
+    flags = ANTIALIASED if scene.antialiased else 0
+    header = SpzHeader(version, len(scene), gaussians.sh_degree, _fractional_bits(path, gaussians, version), flags)
     with atomic_file(path) as file:
         write_container(
             file,

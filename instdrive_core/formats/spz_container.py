@@ -30,6 +30,8 @@ HARMONICS_WIDTHS = (0, 9, 24, 45, 72)
 EXTENSIONS = "extensions"
 """Name of the last block that `read_blocks` yields."""
 REMEDY = "Copy the file again, or export it again from the program that made it"
+ANTIALIASED = 1
+"""Flag of scenes that were trained with antialiasing."""
 _HAS_EXTENSIONS = 2
 _MAX_EXTENSION_BYTES = 1 << 20
 _LEGACY_HEADER, _HEADER, _TOC_ENTRY = struct.Struct("<4sIIBBBB"), struct.Struct("<4sIIBBBBI12x"), struct.Struct("<QQ")

@@ -13,7 +13,7 @@ from instdrive_core.rasterize.bin import TILE
 from instdrive_core.rasterize.fragment import FLOOR, exponent_of, power_of_two
 from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
-from instdrive_core.rasterize.project import DEPTH, camera_row, project
+from instdrive_core.rasterize.project import DEPTH, OPACITY, camera_row, project
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -30,6 +30,8 @@ class Contributors:
     weights: Float32[ndarray, " k"]
     depths: Float32[ndarray, " k"]
     """z in metres."""
+    opacities: Float32[ndarray, " k"]
+    """Of the splats, as drawn."""
 
 
 def pixel_contributors(
@@ -77,13 +79,14 @@ def contributors_among(
         alphas[blended],
         before - behind[blended],
         projection.splats[blended, DEPTH],
+        projection.splats[blended, OPACITY],
     )
 
 
-def winner_of(contributors: Contributors, opacities: Float[ndarray, " n"], rule: PickRule = DEFAULT_PICK_RULE) -> int:
-    """The row that this pixel stands for, as `preview` finds it; -1 for none. `opacities` are those of all N splats."""
+def winner_of(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) -> int:
+    """The row that this pixel stands for, as `preview` finds it; -1 for none."""
     total = contributors.weights.sum()
-    solid = (opacities[contributors.rows] >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
+    solid = (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
     if solid.any():
         nearest = int(np.argmax(solid))
         if contributors.weights[nearest] >= rule.min_share * total:

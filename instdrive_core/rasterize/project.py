@@ -28,7 +28,7 @@ class Projection:
     rows: Int32[ndarray, " v"]
     """Row of each visible splat in the arrays given."""
     splats: Float32[ndarray, "v 8"]
-    """mean x, y (pixels); conic xx, xy, yy (1/pixel²); opacity; depth z (metres); the largest
+    """mean x, y (pixels); conic xx, xy, yy (1/pixel²); opacity as drawn; depth z (metres); the largest
     ½ dᵀ·conic·d at which the splat still reaches the alpha limit, times two."""
     covariances: Float32[ndarray, "v 3"]
     """2D covariance xx, xy, yy (pixel²), low-pass included."""
@@ -90,7 +90,7 @@ def project_rows(
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FLAGS)
 def _project(means, quats, log_scales, opacities, view, constants, splats, covariances, depths):
-    near, low_pass, min_alpha = constants[0], constants[1], constants[2]
+    near, low_pass, min_alpha, antialiased = constants[0], constants[1], constants[2], constants[5] > 0
     fx, fy, cx, cy, width, height = view[12], view[13], view[14], view[15], view[16], view[17]
     one, two, half = np.float32(1), np.float32(2), np.float32(0.5)
     for i in numba.prange(len(means)):
@@ -127,8 +127,13 @@ def _project(means, quats, log_scales, opacities, view, constants, splats, covar
 
         # |U0 × U1|² equals xx·yy - xy² without the cancellation that makes thin splats singular in float32
         c0, c1, c2 = u01 * u12 - u02 * u11, u02 * u10 - u00 * u12, u00 * u11 - u01 * u10
-        determinant = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
+        sharp = c0 * c0 + c1 * c1 + c2 * c2
+        determinant = sharp + low_pass * (xx + yy + low_pass)
         xx, yy = xx + low_pass, yy + low_pass
+        if antialiased:
+            opacity = opacity * np.sqrt(sharp / determinant)
+            if not opacity >= min_alpha:
+                continue
         limit = two * np.log(opacity / min_alpha)
         reach_x, reach_y = np.sqrt(limit * xx), np.sqrt(limit * yy)
         if not (determinant < np.float32(1e30) and px + reach_x > half and px - reach_x < width - half):

@@ -48,13 +48,18 @@ def fragments(
 
     axes = matrix_from_quaternion(quats[rows].astype(np.float64)) * np.exp(log_scales[rows].astype(np.float64))[:, None]
     flat = jacobian @ view[:3, :3] @ axes
-    conics = np.linalg.inv(flat @ flat.transpose(0, 2, 1) + settings.low_pass * np.eye(2))
+    sharp = flat @ flat.transpose(0, 2, 1)
+    widened = sharp + settings.low_pass * np.eye(2)
+    conics = np.linalg.inv(widened)
+    drawn = opacities[rows].astype(np.float64)
+    if settings.antialiased:
+        drawn = drawn * np.sqrt(np.maximum(np.linalg.det(sharp), 0) / np.linalg.det(widened))
 
     centers = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=-1)
     pixels = np.stack(np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5), axis=-1)
     offsets = pixels - centers[:, None, None]
     powers = 0.5 * np.einsum("vhwi,vij,vhwj->vhw", offsets, conics, offsets)
-    return Fragments(rows, z, opacities[rows, None, None] * np.exp(-powers))
+    return Fragments(rows, z, drawn[:, None, None] * np.exp(-powers))
 
 
 def kept(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[ndarray, "v h w"]:

@@ -95,8 +95,11 @@ def render_backward(
     opacities; every channel gets its own gradient. The same input gives the same bits.
 
     Raises:
-        ValueError: `geometry_channels` is not between 0 and the number of channels.
+        ValueError: `geometry_channels` is not between 0 and the number of channels, or the picture was antialiased,
+            of which no gradients are known.
     """
+    if context.settings.antialiased:
+        raise ValueError("gradients of antialiased pictures are not known; render without")
     count = context.blended.image.shape[2]
     if not 0 <= geometry_channels <= count:
         raise ValueError(f"geometry_channels is {geometry_channels}, expected 0 … {count}")

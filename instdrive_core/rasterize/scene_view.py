@@ -9,7 +9,7 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, preview
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.settings import RasterSettings, settings_for
 from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.scene.camera import Camera
@@ -21,7 +21,7 @@ def view_scene(
     camera: Camera,
     time: float,
     drawn: Bool[ndarray, " n"] | None = None,
-    settings: RasterSettings = DEFAULT_SETTINGS,
+    settings: RasterSettings | None = None,
     rule: PickRule = DEFAULT_PICK_RULE,
 ) -> Preview:
     """Draw the scene as it is at `time` (seconds); its colour has the sky, or black, behind it.
@@ -29,6 +29,7 @@ def view_scene(
     Args:
         drawn: mask of the splats to draw, as `SplatState.drawn` gives it; all by default. Actors that do not exist
             at `time` are not drawn either.
+        settings: those that the scene was trained for by default.
     """
     gaussians = scene.gaussians
     poses, present = scene.at(time)
@@ -39,6 +40,7 @@ def view_scene(
         opacities = np.where(drawn, opacities, np.float32(0))
     if not present.all():
         opacities = np.where(present[scene.nodes], opacities, np.float32(0))
+    settings = settings or settings_for(scene)
     frame = preview(means, quats, gaussians.log_scales, opacities, colors, camera, settings, rule)
     return replace(frame, color=frame.color + sky_behind(scene.sky, camera, frame.alpha))
 

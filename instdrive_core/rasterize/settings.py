@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from instdrive_core.scene.scene import Scene
+
 
 @dataclass(frozen=True)
 class RasterSettings:
@@ -23,6 +25,8 @@ class RasterSettings:
     """Fragments are never more opaque than this."""
     min_transmittance: float = 1e-4
     """A pixel is finished before the fragment that would leave no more than this of the light behind it."""
+    antialiased: bool = False
+    """Whether a splat's opacity falls as the low-pass widens it, so that what it hides in all stays the same."""
 
     def __post_init__(self) -> None:
         if not 1 / 256 <= self.min_alpha < self.max_alpha < 1:
@@ -30,10 +34,15 @@ class RasterSettings:
                 f"min_alpha {self.min_alpha} and max_alpha {self.max_alpha} do not fit 1/256 ≤ min < max < 1"
             )
 
-    def as_row(self) -> Float32[ndarray, " 5"]:
+    def as_row(self) -> Float32[ndarray, " 6"]:
         """The constants in the order above, as the kernels take them."""
         return np.array(astuple(self), np.float32)
 
 
 DEFAULT_SETTINGS = RasterSettings()
 """Those of 3DGS and gsplat."""
+
+
+def settings_for(scene: Scene) -> RasterSettings:
+    """The constants that a scene was trained to be drawn with."""
+    return RasterSettings(antialiased=True) if scene.antialiased else DEFAULT_SETTINGS

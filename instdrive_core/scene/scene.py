@@ -42,6 +42,9 @@ class Scene:
     """Per-splat columns (n,) that the program does not know; kept from file to file."""
     exposures: Exposures | None = None
     """How the training photos came out; pictures drawn of the scene leave it out."""
+    antialiased: bool = False
+    """Whether it was trained so that a splat fades as the low-pass filter of pictures widens it (Mip-Splatting, Yu et
+    al. 2024). Drawn otherwise, small splats come out too opaque."""
 
     def __post_init__(self) -> None:
         count = len(self.gaussians)

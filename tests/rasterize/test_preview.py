@@ -84,7 +84,7 @@ def test_one_pixel_alone_agrees_with_the_frame() -> None:
         assert (np.diff(contributors.depths) >= 0).all()
         blended = (contributors.weights[:, None] * splats.channels[contributors.rows]).sum(axis=0)
         np.testing.assert_allclose(blended, frame.color[y, x], atol=1e-5)
-        agreeing += winner_of(contributors, splats.opacities) == frame.winner[y, x]
+        agreeing += winner_of(contributors) == frame.winner[y, x]
     assert agreeing >= 399
 
 
@@ -102,10 +102,10 @@ def test_a_floater_before_a_car_does_not_win() -> None:
     contributors = pixel_contributors(*splats.arrays()[:4], camera, 26, 18)
     assert contributors.rows[0] == 0
     assert contributors.alphas[0] > 0.3
-    assert frame.winner[18, 26] == winner_of(contributors, splats.opacities) == 1
+    assert frame.winner[18, 26] == winner_of(contributors) == 1
     nearest_wins = PickRule(min_share=0.0)
     assert preview(*splats.arrays(), camera, rule=nearest_wins).winner[18, 26] == 0
-    assert winner_of(contributors, splats.opacities, nearest_wins) == 0
+    assert winner_of(contributors, nearest_wins) == 0
 
 
 def test_a_solid_splat_before_a_car_wins() -> None:
@@ -134,6 +134,6 @@ def test_nothing_to_show() -> None:
     assert (frame.winner == -1).all()
     assert not frame.color.any()
     contributors = pixel_contributors(*none.arrays()[:4], camera, 3, 4)
-    assert winner_of(contributors, none.opacities) == -1
+    assert winner_of(contributors) == -1
     with pytest.raises(ValueError, match="outside"):
         pixel_contributors(*none.arrays()[:4], camera, 53, 4)
