@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import astuple
@@ -120,6 +121,7 @@ class RandomEdits:
             "shrink_selection": lambda: {"distance": pick((None, 0.2)), "time": self._float(0, 0.5)},
             "solo_instances": lambda: {"ids": ids()},
             "split_instance": lambda: {"id": one(), "gap": pick((0.25, 1.0, 3.0))},
+            "turn_scene": self._turn,
         }
 
     def _pick(self, values: Any) -> Any:
@@ -156,6 +158,13 @@ class RandomEdits:
         numbers = {"translation": self._shift(), "rotation": rotation, "scale": scale, "time": self._float(0, 0.5)}
         return {"ids": self._ids(), **numbers, **switches}
 
+    def _turn(self) -> dict[str, Any]:
+        """Mostly quarter turns; scales that do not grow or shrink the scene out of all bounds."""
+        if self._rng.random() < 0.3:
+            return {"rotation": self._rng.normal(0, 1, 4).tolist(), "scale": self._float(0.8, 1.25)}
+        half = math.sqrt(0.5)
+        return {"rotation": self._pick(([half, half, 0.0, 0.0], [half, -half, 0.0, 0.0], [half, 0.0, half, 0.0]))}
+
     def _hole(self) -> dict[str, Any]:
         means = self._document.scene.gaussians.means
         x, y = means[self._rng.integers(len(means)), :2].tolist()
@@ -176,6 +185,8 @@ def document_digest(document: Document) -> bytes:
     arrays += [scene.instance_ids, scene.codewords, scene.nodes, *scene.gaussians.arrays().values()]
     arrays += [array for track in scene.actors for array in (track.times, track.world_from_box, track.dimensions)]
     arrays += [scene.extra[name] for name in sorted(scene.extra)]
+    arrays += [view.camera.world_from_camera for view in scene.views]
+    arrays += [document.orientation, *([scene.sky.faces] if scene.sky is not None else [])]
     for array in arrays:
         digest.update(f"{array.dtype.str} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).data)

@@ -17,7 +17,7 @@ from instdrive_core.instances.table import Instance
 from instdrive_core.scene.entry_palette import PaletteFullError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import composed
+from instdrive_core.scene.transforms import moved
 
 MAX_NODES = 1 << 16
 """Nodes are named with 16 bits."""
@@ -86,11 +86,7 @@ class AppendEdit(Edit):
         document.first_free_id = self._free_before
 
     def _shift_rows(self, document: Document, rows: ndarray) -> None:
-        matrix = np.c_[np.eye(3), np.array(self.shift)]
-
-        def change(values: ndarray) -> ndarray:
-            return composed(matrix, values.reshape(3, 4)).reshape(-1)
-
+        change = moved(np.c_[np.eye(3), np.array(self.shift)])
         try:
             document.transforms.assign(rows, document.transforms.add_changed(rows, change))
         except PaletteFullError as error:

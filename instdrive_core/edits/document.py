@@ -20,7 +20,7 @@ from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag, SplatState
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import TransformPalette, current_means
+from instdrive_core.scene.transforms import Similarity, TransformPalette, current_means
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,8 @@ class Document:
         self._buffers = RowBuffers()
         self.track_version = 0
         """Rises when an actor's track changes."""
+        self.orientation: Similarity = np.eye(3, 4)
+        """From the file's axes to the world's: what turned the whole scene. Written by `edits/turn_scene.py`."""
         self.rows_version = 0
         """Rises when splats are added, or taken away again by undo."""
         self.new_rows = DirtyRows(len(scene))
@@ -150,6 +152,15 @@ class Document:
     def first_track(self, node: int) -> Track:
         """An actor's track before any edit of it: as it came with the scene, or with the edit that added it."""
         return self._first_tracks[self.scene.actors[node - 1].id]
+
+    @property
+    def first_tracks(self) -> Mapping[str, Track]:
+        """By the track's ID, what `first_track` gives."""
+        return dict(self._first_tracks)
+
+    def set_first_tracks(self, tracks: Mapping[str, Track]) -> None:
+        """Say anew how tracks were before any edit: for edits of the whole scene, which are no edits of one track."""
+        self._first_tracks = dict(tracks)
 
     def append_rows(self, added: Scene) -> None:
         """Add splats at the end, neither coloured nor moved, with no state bit set; told by edits of kind `AppendEdit`.

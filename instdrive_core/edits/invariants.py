@@ -25,6 +25,9 @@ def fingerprint(document: Document) -> str:
     for palette in (document.colors, document.transforms):
         arrays += [("entries", palette.indices), ("values", palette.values)]
     arrays += [(f"track {number}", track.world_from_box) for number, track in enumerate(scene.actors)]
+    arrays += [(f"camera {number}", view.camera.world_from_camera) for number, view in enumerate(scene.views)]
+    arrays += [("sky", scene.sky.faces)] if scene.sky is not None else []
+    arrays += [("orientation", document.orientation)]
     for name, array in arrays:
         digest.update(f"{name} {array.dtype} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).data)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -29,7 +28,7 @@ from instdrive_core.edits.poses import PoseEdit
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import Similarity, composed
+from instdrive_core.scene.transforms import Similarity, moved
 
 SCALE_LIMITS = (0.01, 100.0)
 
@@ -94,7 +93,7 @@ class MoveInstances(PoseEdit):
             # An actor's path takes the rigid part; its splats, in their box frame, only the size.
             parts.append((np.flatnonzero(np.isin(document.scene.nodes, nodes)), self.scale * np.eye(3, 4)))
         size_before = len(document.transforms)
-        entries = changed_entries(document.transforms, [(rows, _then(change)) for rows, change in parts])
+        entries = changed_entries(document.transforms, [(rows, moved(change)) for rows, change in parts])
         rows = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in parts)])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
         tracks = {node: moved_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
@@ -119,11 +118,6 @@ class MoveInstances(PoseEdit):
             place = matrix[:, :3] @ center + matrix[:, 3]
             matrix[2, 3] += ground_under(document, self.ids, place) - bottom_of(document, self.ids, matrix, self.time)
         return matrix
-
-
-def _then(matrix: Similarity) -> Callable[[ndarray], ndarray]:
-    """The change of an entry's values that adds a move to it."""
-    return lambda values: composed(matrix, values.reshape(3, 4)).reshape(-1)
 
 
 def moved_track(track: Track, matrix: Similarity, scale: float, time: float) -> Track:

@@ -10,15 +10,18 @@ import numpy as np
 from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.edits.poses import PoseEdit
+from instdrive_core.scene.transforms import sent_home
 
 
 @dataclass
 class ResetMoves(PoseEdit):
     """Put instances back to where the scene's file has them, in their trained size; of a moving actor its whole track.
 
-    A copy goes back to where its original was trained.
+    Where the whole scene was turned since, that is where the turn has put them. A copy goes back to where its original
+    was trained.
     """
 
     kind: ClassVar[str] = "reset_moves"
@@ -33,16 +36,19 @@ class ResetMoves(PoseEdit):
         return f"Reset the move of {ids_in_words(self.ids)}"
 
     def do(self, document: Document) -> bool:
-        """Name the identity again, and give actors their first tracks."""
+        """Name the homes again, and give actors their first tracks."""
         scene, rows = document.scene, editable(document, self.ids)
         nodes = sorted(set(scene.nodes[rows].tolist()) - {0})
         if nodes:  # an actor's instances were moved together
             rows = np.union1d(rows, np.flatnonzero(np.isin(scene.nodes, nodes)))
-        rows = rows[document.transforms.indices[rows] > 0]
+        palette = document.transforms
+        is_away = (palette.matrices != palette.homes).any(axis=(1, 2))
+        rows = rows[is_away[palette.indices[rows]]]
         first = {node: document.first_track(node) for node in nodes}
         moved = {node: track for node, track in first.items() if track is not scene.actors[node - 1]}
         if not len(rows) and not moved:
             return False
         touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in self.ids]
-        self.put(document, rows, np.zeros(len(rows), np.uint16), moved, touched, len(document.transforms))
+        size_before = len(palette)
+        self.put(document, rows, changed_entries(palette, [(rows, sent_home)]), moved, touched, size_before)
         return True

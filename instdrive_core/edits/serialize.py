@@ -33,6 +33,7 @@ from instdrive_core.edits.select import (
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.solo import SoloInstances
 from instdrive_core.edits.split import SplitInstance
+from instdrive_core.edits.turn_scene import TurnScene
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
 
@@ -71,6 +72,7 @@ EDITS: dict[str, type[Edit]] = {
         ShrinkSelection,
         SoloInstances,
         SplitInstance,
+        TurnScene,
     )
 }
 """Every edit by its kind."""

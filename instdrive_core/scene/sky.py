@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Float64, Int32
 from numpy import ndarray
 
 
@@ -22,6 +22,18 @@ class Sky:
         indices, weights = cube_taps(directions.reshape(-1, 3), self.faces.shape[1])
         taken = self.faces.reshape(-1, 3)[indices]
         return np.einsum("nk,nkc->nc", weights, taken).reshape(*directions.shape[:-1], 3)
+
+
+def texel_directions(resolution: int) -> Float64[ndarray, "6 {resolution} {resolution} 3"]:
+    """World directions, of lengths from 1 to √3, through the middles of all texels, in the order of `Sky.faces`."""
+    across = (np.arange(resolution) + 0.5) * 2 / resolution - 1
+    directions = np.empty((6, resolution, resolution, 3))
+    for face in range(6):
+        axis, sign = face // 2, 1 - 2 * (face % 2)
+        directions[face, ..., axis] = sign
+        directions[face, ..., (axis + 1) % 3] = across
+        directions[face, ..., (axis + 2) % 3] = across[:, None]
+    return directions
 
 
 def cube_taps(

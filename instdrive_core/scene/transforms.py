@@ -2,9 +2,14 @@
 
 A splat at x, in its node's own frame, is drawn at s R x + t, turned by R and s times as large, and its view-dependent
 colour turns with it. All of it can be baked into the stored parameters.
+
+Beside what is drawn an entry remembers its home: where the splat belongs when it is not moved by itself. That is where
+the file has it, or where the whole scene was turned to since.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numba
 import numpy as np
@@ -20,22 +25,50 @@ Similarity = Float64[ndarray, "3 4"]
 """[s R | t]."""
 
 
+EntryChange = Callable[[Float64[ndarray, "24"]], Float64[ndarray, "24"]]
+"""What becomes of an entry as it is stored."""
+
+
 class TransformPalette(EntryPalette):
-    """A similarity per entry, float64; entry 0 moves nothing."""
+    """A similarity per entry and the home that it was moved from, float64; entry 0 moves nothing."""
 
     name = "transform palette"
 
     def __init__(self, count: int) -> None:
-        super().__init__(count, np.eye(3, 4).reshape(-1))
+        super().__init__(count, np.tile(np.eye(3, 4).reshape(-1), 2))
 
     @property
     def matrices(self) -> Float64[ndarray, "p 3 4"]:
         """[s R | t] of each entry, a read-only view."""
-        return self.values.reshape(-1, 3, 4)
+        return self.values[:, :12].reshape(-1, 3, 4)
+
+    @property
+    def homes(self) -> Float64[ndarray, "p 3 4"]:
+        """[s R | t] of each entry's home, a read-only view."""
+        return self.values[:, 12:].reshape(-1, 3, 4)
 
     def add(self, matrix: Similarity) -> int:
-        """As `add_values`."""
-        return self.add_values(matrix.reshape(-1))
+        """As `add_values`, of a move from where the file has things."""
+        return self.add_values(np.concatenate([matrix.reshape(-1), np.eye(3, 4).reshape(-1)]))
+
+
+def moved(matrix: Similarity) -> EntryChange:
+    """A move on top of what an entry does; its home stays."""
+    return lambda values: np.concatenate([_composed_part(matrix, values[:12]), values[12:]])
+
+
+def rehomed(matrix: Similarity) -> EntryChange:
+    """The same for the entry and its home: whatever was moved has the same way back."""
+    return lambda values: np.concatenate([_composed_part(matrix, part) for part in (values[:12], values[12:])])
+
+
+def sent_home(values: Float64[ndarray, "24"]) -> Float64[ndarray, "24"]:
+    """The entry of what is at home."""
+    return np.tile(values[12:], 2)
+
+
+def _composed_part(matrix: Similarity, part: Float64[ndarray, "12"]) -> Float64[ndarray, "12"]:
+    return composed(matrix, part.reshape(3, 4)).reshape(-1)
 
 
 def composed(outer: Similarity, inner: Similarity) -> Similarity:
@@ -43,6 +76,12 @@ def composed(outer: Similarity, inner: Similarity) -> Similarity:
     result = outer[:, :3] @ inner
     result[:, 3] += outer[:, 3]
     return result
+
+
+def inverted(matrix: Similarity) -> Similarity:
+    """The way back."""
+    linear = matrix[:, :3].T / (matrix[:, 0] @ matrix[:, 0])
+    return np.c_[linear, -linear @ matrix[:, 3]]
 
 
 def scale_of(matrix: Float[ndarray, "3 4"]) -> float:
@@ -59,7 +98,8 @@ def current_means(
         means, entries = means[rows], entries[rows]
     if not entries.any():
         return means
-    return _moved(np.ascontiguousarray(means), np.ascontiguousarray(entries), palette.matrices)
+    inputs = (np.ascontiguousarray(array) for array in (means, entries, palette.matrices))
+    return _moved(*inputs)
 
 
 @numba.njit(cache=True, error_model="numpy")

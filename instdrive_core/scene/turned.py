@@ -1,0 +1,51 @@
+"""What is in a scene beside its splats, turned, scaled and shifted with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
+
+from instdrive_core.instances.table import Bounds
+from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.sky import Sky, texel_directions
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import Similarity, scale_of
+
+
+def turned_pose(pose: Float[ndarray, "*n 4 4"], matrix: Similarity) -> Float[ndarray, "*n 4 4"]:
+    """Rigid poses after [s R | t]: the frames are turned and go along, their own unit stays a metre."""
+    result = pose.copy()
+    result[..., :3, :3] = matrix[:, :3] / scale_of(matrix) @ pose[..., :3, :3]
+    result[..., :3, 3] = pose[..., :3, 3] @ matrix[:, :3].T + matrix[:, 3]
+    return result
+
+
+def turned_track(track: Track, matrix: Similarity) -> Track:
+    """The whole drive after [s R | t], and a box that is s times as large."""
+    poses = turned_pose(track.world_from_box, matrix)
+    return replace(track, world_from_box=poses, dimensions=track.dimensions * scale_of(matrix))
+
+
+def turned_view(view: CameraView, matrix: Similarity) -> CameraView:
+    """A photo's camera after [s R | t]: of a scene that went along it sees the same picture."""
+    return replace(
+        view, camera=replace(view.camera, world_from_camera=turned_pose(view.camera.world_from_camera, matrix))
+    )
+
+
+def turned_sky(sky: Sky, rotation: Float[ndarray, "3 3"]) -> Sky:
+    """The sky that shows along d what `sky` shows along Rᵀ d: exact for quarter turns, else sampled between texels."""
+    directions = texel_directions(sky.faces.shape[1])
+    # Row by row, as d R = Rᵀ d.
+    return Sky(sky.colors(directions @ np.asarray(rotation, np.float64)))
+
+
+def turned_bounds(bounds: Bounds, matrix: Similarity) -> Bounds:
+    """The box around a box after [s R | t]; it fits as tightly as before where R is a quarter turn."""
+    spans = matrix[:, :3, None] * np.array(bounds).T  # axis of the result, axis of the box, end of the box
+    low = (spans.min(axis=2).sum(axis=1) + matrix[:, 3]).tolist()
+    high = (spans.max(axis=2).sum(axis=1) + matrix[:, 3]).tolist()
+    return (low[0], low[1], low[2]), (high[0], high[1], high[2])

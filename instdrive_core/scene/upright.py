@@ -1,0 +1,57 @@
+"""Which way is up: names of the axes, and the rotation that stands a scene upright."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+AXES: tuple[Axis, ...] = get_args(Axis)
+"""In the order that `direction_of` counts them in."""
+UP: Axis = "+z"
+"""What is up in every scene of this program."""
+_EXACT = 1e-9
+"""What a quarter turn's matrix may be off by before it is none."""
+
+
+def direction_of(axis: Axis) -> Float64[ndarray, "3"]:
+    """The unit vector along an axis."""
+    direction = np.zeros(3)
+    direction["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
+    return direction
+
+
+def nearest_axis(direction: Float[ndarray, "3"]) -> tuple[Axis, float]:
+    """The axis next to a direction of any length above 0, and the angle between them in degrees."""
+    unit = np.asarray(direction, np.float64) / np.linalg.norm(direction)
+    axis = max(AXES, key=lambda name: float(direction_of(name) @ unit))
+    cross = np.linalg.norm(np.cross(direction_of(axis), unit))  # unlike the cosine, exact for small angles
+    return axis, float(np.degrees(np.arctan2(cross, direction_of(axis) @ unit)))
+
+
+def upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
+    """The shortest rotation that takes `up`, of any length above 0, to +z; exact for axes.
+
+    What points along -z is turned about y, so that forward stays forward.
+    """
+    x, y, z = np.asarray(up, np.float64) / np.linalg.norm(up)
+    if z < -1 + 1e-12:
+        return np.diag([-1.0, 1.0, -1.0])
+    # Rodrigues' formula for the axis (y, -x, 0), whose length is the sine and z the cosine of the angle.
+    share = 1 / (1 + z)
+    rotation = np.array([[1 - x * x * share, -x * y * share, -x], [-x * y * share, 1 - y * y * share, -y], [x, y, z]])
+    return snapped(rotation)
+
+
+def snapped(rotation: Float64[ndarray, "3 3"]) -> Float64[ndarray, "3 3"]:
+    """The quarter turn where a matrix is one but for rounding, else the matrix: quarter turns keep every coordinate."""
+    whole = np.round(rotation)
+    return whole + 0.0 if np.abs(rotation - whole).max() < _EXACT else rotation
+
+
+def is_quarter_turn(rotation: Float64[ndarray, "3 3"]) -> bool:
+    """Whether axes go to axes."""
+    return bool((np.abs(rotation).max(axis=1) == 1).all())
