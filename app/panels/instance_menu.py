@@ -27,24 +27,34 @@ def instance_menu(ui: Ui, instance_id: int) -> None:
     imgui.same_line()
     imgui.text(instance.name if len(ids) == 1 else f"{len(ids)} instances")
     imgui.separator()
-    _visibility(ui, document, ids)
+    locked = _is_locked(document, ids)
+    _visibility(ui, document, ids, locked)
     imgui.separator()
-    _kinds(ui, document, instance_id, ids)
+    imgui.begin_disabled(locked)
+    _names(ui, document, instance_id, ids)
+    imgui.end_disabled()
+    _kinds(ui, document, instance_id)
     imgui.separator()
+    imgui.begin_disabled(locked)
     _repairs(ui, document, instance_id, ids)
     imgui.separator()
     _item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.reset_colors(ids))
     imgui.dummy(ImVec2(0, 1))
     if preset_row(ui, "menu", ids):
         imgui.close_current_popup()
+    imgui.end_disabled()
 
 
-def _visibility(ui: Ui, document: Document, ids: Ids) -> None:
-    session = ui.session
+def _is_locked(document: Document, ids: Ids) -> bool:
     counts = document.counts()
     chosen = np.isin(counts.ids, ids)
-    hidden = not counts.drawn[chosen].any()
-    locked = bool((counts.locked >= counts.count - counts.deleted)[chosen].all())
+    return bool((counts.locked >= counts.count - counts.deleted)[chosen].all())
+
+
+def _visibility(ui: Ui, document: Document, ids: Ids, locked: bool) -> None:
+    session = ui.session
+    counts = document.counts()
+    hidden = not counts.drawn[np.isin(counts.ids, ids)].any()
     solo = set(ids) == set(session.solo.ids)
     _item(ui, "delete", "edit.delete", "Delete", lambda: _delete(session, ids), not locked)
     _item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.hide(ids, not hidden))
@@ -60,8 +70,8 @@ def _delete(session: EditorSession, ids: Ids) -> None:
         session.delete(ids)
 
 
-def _kinds(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
-    session, instance = ui.session, document.scene.table[instance_id]
+def _names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
+    session = ui.session
     if len(ids) == 1:
         _item(ui, "rename", "edit.rename", "Rename…", lambda: session.ask_name(instance_id))
     opened = icon_submenu("ICON_FA_TAG", "Set class")
@@ -76,6 +86,10 @@ def _kinds(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
             session.ask("class", ids)
         ui.mark("menu.class")
         imgui.end_menu()
+
+
+def _kinds(ui: Ui, document: Document, instance_id: int) -> None:
+    session, instance = ui.session, document.scene.table[instance_id]
     what = f"class {instance.class_name}" if instance.class_name else "what has no class"
     _item(ui, "select_class", "select.class", f"Select {what}", lambda: session.select_class(instance.class_name))
     if document.scene.code_bits:

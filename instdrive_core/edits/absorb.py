@@ -10,6 +10,7 @@ from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bodies import body_of_rows, is_compact, of_main_node
+from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.frozen_copy import fingerprint
@@ -90,9 +91,10 @@ class AbsorbFloaters(RelabelEdit):
 def floaters_of(document: Document, instance_id: int) -> ndarray:
     """Rows that `AbsorbFloaters` would take: neither locked nor deleted, of the instance's node.
 
-    Raises EditError where the instance is no compact body.
+    Raises EditError where the instance is locked or no compact body.
     """
     known_instance(document, instance_id)
+    check_unlocked(document, (instance_id,))
     flags = document.state.flags
     members = document.rows_of((instance_id,))
     alive = members[(flags[members] & Flag.DELETED) == 0]

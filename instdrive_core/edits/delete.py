@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -95,6 +95,14 @@ def editable(document: Document, ids: tuple[int, ...]) -> ndarray:
         reason = "locked; unlock it first" if locked else "deleted already"
         raise EditError(f"{ids_in_words(ids)}: every splat is {reason}")
     return free
+
+
+def check_unlocked(document: Document, ids: Iterable[int]) -> None:
+    """Raises EditError where any of these instances is locked: its name, class and splats are not to change."""
+    for instance_id in ids:
+        flags = document.state.flags[document.rows_of((instance_id,))]
+        if ((flags & (Flag.DELETED | Flag.LOCKED)) == Flag.LOCKED).any():
+            raise EditError(f"instance {instance_id} is locked; unlock it first")
 
 
 def _deletion(rows: ndarray) -> Iterator[FlagChange]:

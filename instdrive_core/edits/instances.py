@@ -11,6 +11,7 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.base import Edit, ids_in_words
+from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError
@@ -148,8 +149,9 @@ class RenameInstance(Edit):
         return f"Rename instance {self.id} to {self.name}"
 
     def do(self, document: Document) -> bool:
-        """Replace the table's entry."""
+        """Replace the table's entry. Raises EditError where the instance is locked."""
         self._before = known_instance(document, self.id)
+        check_unlocked(document, (self.id,))
         return _replaced(document, self._before, replace(self._before, name=self.name))
 
     def undo(self, document: Document) -> None:
@@ -177,8 +179,9 @@ class SetInstanceClass(Edit):
         return f"Set class of instance {self.id} to {self.class_name or 'unknown'}"
 
     def do(self, document: Document) -> bool:
-        """Replace the table's entry."""
+        """Replace the table's entry. Raises EditError where the instance is locked."""
         self._before = known_instance(document, self.id)
+        check_unlocked(document, (self.id,))
         return _replaced(document, self._before, replace(self._before, class_name=self.class_name))
 
     def undo(self, document: Document) -> None:
@@ -219,6 +222,7 @@ class MergeInstances(Edit):
             )
         if not others:
             return False
+        check_unlocked(document, (self.into, *(instance.id for instance in others)))
         rows = document.rows_of([instance.id for instance in others])
         self._rows, self._ids_before = rows.astype(np.int32), document.scene.instance_ids[rows]
         self._table_before = (target, *others)

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance, new_instances
 from instdrive_core.edits.parameters import checked_ids
@@ -44,7 +45,11 @@ class ReassignSelected(RelabelEdit):
         if self.into == 0:
             return [Relabeling(rows, None)]
         nodes = np.unique(document.scene.nodes[rows]).tolist()
-        target = self._target(document, int(rows[0])) if self.into is None else known_instance(document, self.into)
+        if self.into is None:
+            target = self._target(document, int(rows[0]))
+        else:
+            target = known_instance(document, self.into)
+            check_unlocked(document, (self.into,))
         if nodes != [target.node]:
             raise EditError(
                 "the selected splats move with another object than the instance that shall get them; "

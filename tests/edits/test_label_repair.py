@@ -9,7 +9,7 @@ from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.instances import MergeInstances, RenameInstance
+from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import SelectInstances
@@ -223,6 +223,34 @@ def test_locked_splats_are_not_absorbed_and_surfaces_have_no_inside():
     document.apply(LockInstances((ROAD,)))
     document.apply(AbsorbFloaters(CAR))
     assert (document.scene.instance_ids[where["inside"]] == ROAD).all()
+    document.apply(LockInstances((ROAD,), locked=False))
     for surface in (ROAD, WALL):
         with pytest.raises(EditError, match="no compact body"):
             document.apply(AbsorbFloaters(surface))
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        MergeInstances((1,), 2),
+        MergeInstances((2,), 1),
+        RenameInstance(1, "taxi"),
+        SetInstanceClass(1, "Truck"),
+        ReassignSelected(1),
+        AbsorbFloaters(1),
+        SplitInstance(1, 0.5),
+    ],
+    ids=lambda edit: edit.title,
+)
+def test_what_is_locked_keeps_its_splats_name_and_class(edit):
+    document = Document(three_clumps())
+    document.apply(SelectInstances((2,)))
+    document.apply(LockInstances((1,)))
+    before = state_of(document)
+    with pytest.raises(EditError, match="unlock it first"):
+        document.apply(edit)
+    assert state_of(document) == before
+    document.apply(LockInstances((1,), locked=False))
+    if not isinstance(edit, AbsorbFloaters):  # clumps have no inside
+        document.apply(edit)
+        assert state_of(document) != before
