@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,7 +14,7 @@ from instdrive_core.scene.selection import Flag
 
 
 class Reporter:
-    """Appends a line whenever something that is reported has changed."""
+    """Appends a line whenever something that is reported has changed; every frame changes the file's time."""
 
     def __init__(self, path: Path) -> None:
         self._file: TextIO = path.open("w", encoding="utf-8")
@@ -26,6 +27,7 @@ class Reporter:
             self._file.write(line + "\n")
             self._file.flush()
             self._last = line
+        os.utime(self._file.fileno() if os.utime in os.supports_fd else self._file.name)
 
     def close(self) -> None:
         """Close the file."""

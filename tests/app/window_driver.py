@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -14,10 +15,13 @@ import pytest
 from instdrive_app.virtual_display import virtual_display
 from instdrive_core.scene.camera import Camera
 
-PATIENCE = 60.0
-"""Seconds to wait for the window to come to a state, on a busy machine."""
-FIRST_PATIENCE = 300.0
-"""The same for the first picture: where nothing is compiled yet, that takes half a minute of a core."""
+PATIENCE = 240.0
+"""Seconds to wait for the window to come to a state: where nothing is compiled yet, half a minute of a core that others
+use as well. Waiting costs nothing where all is well."""
+NO_KEY = "Pause"
+"""Means nothing to the editor, and wakes it where it is idle: then it draws but once a second."""
+DOUBLE_CLICK = 0.5
+"""Seconds after which a second click at the same place is a click of its own."""
 
 
 @contextmanager
@@ -49,11 +53,12 @@ class WindowDriver:
     def __init__(self, scene, folder, size=(1280, 720), state=None):
         self._report = folder / "report.jsonl"
         self._errors = (folder / "stderr.txt").open("w+")
-        command = [sys.executable, "-m", "instdrive_app.main", "edit", str(scene), "--report", str(self._report)]
-        command += ["--size", str(size[0]), str(size[1]), "--no-remember-layout"]
+        command = [sys.executable, "-X", "faulthandler", "-m", "instdrive_app.main", "edit", str(scene)]
+        command += ["--report", str(self._report), "--size", str(size[0]), str(size[1]), "--no-remember-layout"]
         # Its own, unless another driver's is given: what that one left is offered to this one.
         environment = {**os.environ, "INSTDRIVE_STATE": str(state or folder / "state")}
         self._process = subprocess.Popen(command, stderr=self._errors, env=environment)
+        self._clicked = (0.0, 0.0, 0.0)
 
     @property
     def state(self):
@@ -80,11 +85,43 @@ class WindowDriver:
                 return state
             time.sleep(0.05)
         shown = {key: value for key, value in state.items() if key not in ("widgets", "camera")}
-        raise AssertionError(f"waited {patience:.0f} s for: {what}. The window reports {shown}")
+        raise AssertionError(
+            f"waited {patience:.0f} s for: {what}. The window reports {shown}; its threads were at\n{self._stacks()}"
+        )
+
+    def wait_for_frames(self, count=2):
+        """Until the window has drawn so often since now, or has ended; with two it has heard of what was done before.
+
+        However slow the machine is: what lasts over some frames is seen, and what has not changed over some is at rest.
+        """
+        start, drawn, nudged = time.monotonic(), self._drawn_at(), False
+        while count > 0 and self._process.poll() is None:
+            now = self._drawn_at()
+            waited = time.monotonic() - start
+            if now != drawn:
+                drawn, count = now, count - 1
+            elif not nudged and waited > 0.06:
+                self._xdotool("key", NO_KEY)
+                nudged = True
+            elif waited > PATIENCE:
+                raise AssertionError(f"no frame in {PATIENCE:.0f} s; the window's threads were at\n{self._stacks()}")
+            else:
+                time.sleep(0.004)
+
+    def _drawn_at(self):
+        """Changes with every frame: the report is touched by each."""
+        return self._report.stat().st_mtime_ns if self._report.exists() else 0
+
+    def _stacks(self):
+        """Where all threads of the editor are; this ends it."""
+        self._process.send_signal(signal.SIGABRT)
+        self._process.wait(PATIENCE)
+        self._errors.seek(0)
+        return self._errors.read()
 
     def wait_until_open(self):
         """The state, once the scene is open, sharp and calm."""
-        self.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open", FIRST_PATIENCE)
+        self.wait_for(lambda state: state["open"] and state["settled"], "the scene to be open")
         return self.wait_until_calm()
 
     def wait_for_selection(self, *ids):
@@ -104,17 +141,16 @@ class WindowDriver:
         return self.wait_for(lambda state: any(text in message for message in state.get("messages", ())), text)
 
     def wait_until_calm(self, seconds=0.4):
-        """The state, once it has not changed for a while: panels have found their places, the picture is sharp."""
+        """The state, once it has not changed for a while and some frames: panels have found their places."""
         end = time.monotonic() + PATIENCE
-        seen, since = None, time.monotonic()
         while time.monotonic() < end:
-            state = self.state
-            if state != seen:
-                seen, since = state, time.monotonic()
-            elif time.monotonic() - since > seconds:
-                return state
-            time.sleep(0.05)
-        raise AssertionError("the window does not come to rest")
+            state, still_until = self.state, time.monotonic() + seconds
+            self.wait_for_frames(3)
+            while self.state == state:
+                if time.monotonic() > still_until:
+                    return state
+                time.sleep(0.05)
+        raise AssertionError(f"the window does not come to rest; its threads were at\n{self._stacks()}")
 
     def wait_for_widget(self, name):
         """The middle of a widget, once it is drawn and has not moved for a moment."""
@@ -123,15 +159,14 @@ class WindowDriver:
 
     def wait_for_rect(self, name):
         """Left, top, right, bottom of a widget, once it is drawn and has not moved for a moment."""
-        seen = None
+        self.wait_for(lambda state: name in state["widgets"], f"the widget {name!r}")
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             rect = self.state["widgets"].get(name)
-            if rect is not None and rect == seen:
+            self.wait_for_frames()
+            if rect is not None and rect == self.state["widgets"].get(name):
                 return rect
-            seen = rect
-            time.sleep(0.1)
-        raise AssertionError(f"no widget {name!r}; there are {sorted(self.state['widgets'])}")
+        raise AssertionError(f"the widget {name!r} does not stay; there are {sorted(self.state['widgets'])}")
 
     def pixel_of(self, point):
         """Where a world point is in the window."""
@@ -153,15 +188,19 @@ class WindowDriver:
         self._xdotool("mousemove", round(x) - 1, round(y), "mousemove", round(x), round(y))
 
     def click(self, x, y, *modifiers, button=1):
-        """Press and release, with modifier keys held; both last over several frames."""
+        """Press and release, with modifier keys held; both last over some frames."""
+        last_x, last_y, when = self._clicked
+        if abs(x - last_x) + abs(y - last_y) < 20:
+            time.sleep(max(0.0, when + DOUBLE_CLICK - time.monotonic()))
         self.move(x, y)
         for modifier in modifiers:
             self._xdotool("keydown", modifier)
-        time.sleep(0.15)
+        self.wait_for_frames()
         self._xdotool("mousedown", button)
-        time.sleep(0.15)
+        self.wait_for_frames()
         self._xdotool("mouseup", button)
-        time.sleep(0.1)
+        self._clicked = (x, y, time.monotonic())
+        self.wait_for_frames()
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
 
@@ -179,14 +218,15 @@ class WindowDriver:
         self.move(*path[0])
         for modifier in modifiers:
             self._xdotool("keydown", modifier)
-        time.sleep(0.1)
+        self.wait_for_frames()
         self._xdotool("mousedown", button)
         for x, y in path[1:]:
+            self.wait_for_frames()
             self._xdotool("mousemove", round(x), round(y))
-            time.sleep(0.05)
+        self.wait_for_frames()
         before_release()
         self._xdotool("mouseup", button)
-        time.sleep(0.1)
+        self.wait_for_frames()
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
 
@@ -196,7 +236,7 @@ class WindowDriver:
         for modifier in modifiers:
             self._xdotool("keydown", modifier)
         self._xdotool("keydown", key)
-        time.sleep(0.12)
+        self.wait_for_frames()
         self._xdotool("keyup", key)
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
@@ -204,6 +244,7 @@ class WindowDriver:
     def type(self, text):
         """Type text into what has the keyboard."""
         self._xdotool("type", "--delay", "15", text)
+        self.wait_for_frames()
 
     def enter_path(self, path):
         """Put a path into the file dialog that is about to open, and accept it."""
@@ -227,7 +268,7 @@ class WindowDriver:
                 asked = True  # the last report names the button also after it was clicked
                 self.click_widget("question.Don't save")
             time.sleep(0.1)
-        return self._process.wait(1)
+        return self._process.wait(PATIENCE)
 
     def _last_widgets(self):
         lines = self._report.read_text(encoding="utf-8").rsplit("\n", 2)
