@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_app.render.pickable_splats import PickableSplats
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot
 from instdrive_core.edits.document import Document
-from instdrive_core.rasterize.pixel import Contributors, contributors_among, rows_near, winner_of
+from instdrive_core.rasterize.pixel import Contributors, fragments_among, rows_near, winner_of
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
 from instdrive_core.rasterize.settings import settings_for
+
+
+class Below(NamedTuple):
+    """Instances at a place of a picture, front to back."""
+
+    seen: tuple[int, ...]
+    """The one that the pixel stands for, then those that light still comes from."""
+    hidden: tuple[int, ...]
+    """Those behind: what is in front lets nothing of them through."""
+
+
+_NOTHING = Below((), ())
 
 
 class Picker:
@@ -20,16 +34,21 @@ class Picker:
 
     def __init__(self) -> None:
         self._splats: PickableSplats | None = None
-        self._answer: tuple[tuple, tuple[int, ...]] | None = None
+        self._answer: tuple[tuple, Below] | None = None
 
     def instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
-        """Instances at a position of the picture: the one that the pixel stands for, then those behind it.
+        """Instances at a position of the picture: the one that the pixel stands for, then all behind it.
 
         Empty outside the picture, and where the pixel stands for nothing or for a splat without an instance.
         """
+        below = self.below(document, snapshot, x, y)
+        return below.seen + below.hidden
+
+    def below(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> Below:
+        """The same, parted into what is seen there and what is hidden."""
         camera, column, row = snapshot.camera, int(np.floor(x)), int(np.floor(y))
         if not (0 <= column < camera.width and 0 <= row < camera.height):
-            return ()
+            return _NOTHING
         if self._splats is None or self._splats.document is not document:
             self._splats, self._answer = PickableSplats(document), None
         pose = camera.world_from_camera.tobytes()
@@ -46,23 +65,28 @@ def _versions(document: Document) -> tuple:
     return (*looks, document.geometry_version, document.rows_version, document.table_version)
 
 
-def _found(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> tuple[int, ...]:
+def _found(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> Below:
     camera, opacities, ids = snapshot.camera, splats.opacities, splats.document.scene.instance_ids
     settings = settings_for(splats.document.scene)
     near = rows_near(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
     shape = splats.means[near], *splats.shapes(near), opacities[near]
-    contributors = contributors_among(near, *shape, camera, column, row, settings)
+    fragments = fragments_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-    winner = winner_of(contributors, rule)
+    winner = winner_of(fragments.blended, rule)
     first = int(ids[winner]) if winner >= 0 else 0
     if first == 0:
-        return ()
-    behind = ids[_solid_rows_behind(contributors, winner, snapshot.id_opacity)]
-    return tuple(dict.fromkeys([first, *(i for i in behind.tolist() if i)]))
+        return _NOTHING
+    behind = _solid_behind(fragments, winner, snapshot.id_opacity)
+    seen = _each_once(first, ids[fragments.rows[behind & (fragments.weights > 0)]])
+    return Below(seen, tuple(i for i in _each_once(first, ids[fragments.rows[behind]]) if i not in seen))
 
 
-def _solid_rows_behind(contributors: Contributors, winner: int, min_opacity: float) -> ndarray:
-    """Rows from the winner's depth on, whose fragments the ID view would draw."""
-    start = int(np.argmax(contributors.rows == winner))
-    solid = (contributors.opacities >= min_opacity) & (contributors.alphas >= ID_ALPHA_CUT)
-    return contributors.rows[start:][solid[start:]]
+def _solid_behind(fragments: Contributors, winner: int, min_opacity: float) -> Bool[ndarray, " k"]:
+    """Which fragments, from the winner's depth on, the ID view would draw."""
+    solid = (fragments.opacities >= min_opacity) & (fragments.alphas >= ID_ALPHA_CUT)
+    solid[: int(np.argmax(fragments.rows == winner))] = False
+    return solid
+
+
+def _each_once(first: int, ids: UInt32[ndarray, " k"]) -> tuple[int, ...]:
+    return tuple(dict.fromkeys([first, *(i for i in ids.tolist() if i)]))

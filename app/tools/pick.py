@@ -7,6 +7,7 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.render.shown_frame import instance_shown_at
 from instdrive_app.session import EditorSession
 from instdrive_app.state import FrameSnapshot
+from instdrive_core.edits.document import Document
 
 SAME_PLACE = 4.0
 """Pixels within which a second click means the same place."""
@@ -57,7 +58,7 @@ class PickTool:
     def _first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
         """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so.
 
-        What is locked is looked through.
+        What is locked is looked through, as far as light comes through it: nothing unseen is taken by a first click.
         """
         document = self._session.document
         if document is None:
@@ -65,15 +66,18 @@ class PickTool:
         shown = instance_shown_at(document, snapshot, x, y)
         if shown is not None and not (shown and document.instance_flags(shown).is_locked):
             return shown
-        below = self._below(x, y, snapshot)
-        return below[0] if below else 0
+        return next(iter(self._unlocked(document, self._picker.below(document, snapshot, x, y).seen)), 0)
 
     def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
+        """What clicks at one place take in turn, what is behind solid things included."""
         document = self._session.document
         if document is None:
             return ()
-        found = self._picker.instances_at(document, snapshot, x, y)
-        return tuple(instance for instance in found if not document.instance_flags(instance).is_locked)
+        return self._unlocked(document, self._picker.instances_at(document, snapshot, x, y))
+
+    @staticmethod
+    def _unlocked(document: Document, ids: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(instance for instance in ids if not document.instance_flags(instance).is_locked)
 
     def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
         """How often this place was clicked before, plainly and from the same viewpoint."""

@@ -22,16 +22,25 @@ _CHUNK = 1 << 14
 
 @dataclass(frozen=True)
 class Contributors:
-    """The fragments blended at one pixel, front to back."""
+    """Fragments at one pixel, front to back."""
 
     rows: Int32[ndarray, " k"]
     alphas: Float32[ndarray, " k"]
     """α′."""
     weights: Float32[ndarray, " k"]
+    """Of the pixel's colour; 0 where what is in front lets no light through."""
     depths: Float32[ndarray, " k"]
     """z in metres."""
     opacities: Float32[ndarray, " k"]
     """Of the splats, as drawn."""
+
+    @property
+    def blended(self) -> Contributors:
+        """Those that the pixel's colour is made of."""
+        seen = np.flatnonzero(self.weights)
+        return Contributors(
+            self.rows[seen], self.alphas[seen], self.weights[seen], self.depths[seen], self.opacities[seen]
+        )
 
 
 def pixel_contributors(
@@ -51,10 +60,10 @@ def pixel_contributors(
     """
     near = rows_near(means, log_scales, opacities, camera, x, y, settings)
     shape = means[near], quats[near], log_scales[near], opacities[near]
-    return contributors_among(near, *shape, camera, x, y, settings)
+    return fragments_among(near, *shape, camera, x, y, settings).blended
 
 
-def contributors_among(
+def fragments_among(
     near: Int64[ndarray, " k"],
     means: Float[ndarray, "k 3"],
     quats: Float[ndarray, "k 4"],
@@ -65,21 +74,24 @@ def contributors_among(
     y: int,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Contributors:
-    """What is blended at pixel (column x, row y), given only the rows `near` it and their splats."""
+    """All that reaches pixel (column x, row y), given only the rows `near` it and their splats; what is hidden behind
+    solid things, too."""
     means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
     projection = project(means, quats, log_scales, opacities, camera, settings)
     left, top = x // TILE * TILE, y // TILE * TILE
     alphas = np.zeros(len(projection.rows), np.float32)
     _alphas_at(projection.splats, np.float32(left), np.float32(top), x - left, y - top, settings.as_row(), alphas)
     behind = np.cumprod(1 - alphas)
-    blended = np.flatnonzero((alphas > 0) & (behind > np.float32(settings.min_transmittance)))
-    before = np.concatenate([np.ones(1, np.float32), behind])[blended]
+    reaching = np.flatnonzero(alphas > 0)
+    behind_each = behind[reaching]
+    before = np.concatenate([np.ones(1, np.float32), behind])[reaching]
+    weights = np.where(behind_each > np.float32(settings.min_transmittance), before - behind_each, np.float32(0))
     return Contributors(
-        near[projection.rows[blended]].astype(np.int32),
-        alphas[blended],
-        before - behind[blended],
-        projection.splats[blended, DEPTH],
-        projection.splats[blended, OPACITY],
+        near[projection.rows[reaching]].astype(np.int32),
+        alphas[reaching],
+        weights,
+        projection.splats[reaching, DEPTH],
+        projection.splats[reaching, OPACITY],
     )
 
 

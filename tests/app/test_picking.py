@@ -203,6 +203,24 @@ def test_clicking_again_takes_the_one_behind_and_comes_around(tool, street):
     assert tool.click(Click(x, y), snapshot_of(street, 2)) == street_at(street, 2, x, y), "so does another viewpoint"
 
 
+def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
+    tool, session = tool
+    snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
+    street.scene.gaussians.opacity_logits[street.rows_of((BLUE_CAR,))] = 8.0  # nothing shines through
+    street.scene.gaussians.log_scales[street.rows_of((BLUE_CAR,))] += 0.7
+    below = Picker().below(street, snapshot, x, y)
+    assert below.seen == (BLUE_CAR,)
+    assert below.hidden
+    assert tool.click(Click(x, y), snapshot) == BLUE_CAR
+    assert tool.click(Click(x, y), snapshot) == below.hidden[0]
+    alone = Document(baked(street, 0.0))
+    alone.apply(HideInstances((BLUE_CAR,)))
+    assert below.hidden[0] == Picker().instances_at(alone, snapshot, x, y)[0], "the one that would be seen without it"
+    session.lock((BLUE_CAR,))
+    tool.hover(x, y, snapshot)
+    assert session.state.hovered == 0, "a locked thing hides what is behind it: a click takes nothing unseen"
+
+
 def street_at(document, index, x, y):
     return Picker().instances_at(document, snapshot_of(document, index), x, y)[0]
 
