@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from numpy import ndarray
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.history import History
 from instdrive_core.edits.row_index import RowIndex
+from instdrive_core.edits.row_kernels import counted_flags
+from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.scene.dirty_rows import DirtyRows
 from instdrive_core.scene.palette import ColorPalette
@@ -120,11 +122,13 @@ class Document:
 
     def rows_of(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
         """Rows of any of these instances, rising, deleted ones included. Raises EditError for an unknown ID."""
-        ids = tuple(instance_ids)
-        unknown = [instance_id for instance_id in ids if instance_id not in self.scene.table]
-        if unknown:
-            raise EditError(f"the scene has no instance {unknown[0]}; its {len(self.scene.table)} IDs are in the table")
+        ids = self._known(instance_ids)
         return self._instance_index().rows(ids)
+
+    def row_parts(self, instance_ids: Sequence[int]) -> RowParts:
+        """The rows of each of these instances, one after the other, deleted ones included. Raises as `rows_of`."""
+        ids = self._known(instance_ids)
+        return RowParts(*self._instance_index().parts(ids))
 
     def rows_of_codeword(self, codeword: int) -> Int64[ndarray, " k"]:
         """Rows with this codeword, rising, deleted ones included; none where the scene has no codewords."""
@@ -232,6 +236,13 @@ class Document:
         if ids_changed:
             self._by_instance, self._counts = None, None
 
+    def _known(self, instance_ids: Iterable[int]) -> tuple[int, ...]:
+        ids = tuple(instance_ids)
+        unknown = [instance_id for instance_id in ids if instance_id not in self.scene.table]
+        if unknown:
+            raise EditError(f"the scene has no instance {unknown[0]}; its {len(self.scene.table)} IDs are in the table")
+        return ids
+
     def _instance_index(self) -> RowIndex:
         if self._by_instance is None:
             self._by_instance = RowIndex(self.scene.instance_ids)
@@ -239,10 +250,10 @@ class Document:
 
     def _counted(self) -> InstanceCounts:
         index = self._instance_index()
-        groups = index.group_of_row
+        numbers = counted_flags(index.group_of_row, self.state.flags, len(index.keys))
 
-        def with_flag(flag: Flag) -> ndarray:
-            return np.bincount(groups[self.state.rows_with(flag)], minlength=len(index.keys))
+        def with_flag(flag: Flag) -> Int64[ndarray, " m"]:
+            return numbers[:, (np.arange(16) & flag) != 0].sum(axis=1)
 
         columns = {
             "count": index.counts,

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Int, UInt16
+from jaxtyping import Float, Int, Int64, UInt16
 from numpy import ndarray
 
+from instdrive_core.scene.named_entries import named_entries
 from instdrive_core.scene.per_splat import PerSplatArray, read_only
 
 MAX_ENTRIES = 1 << 16
@@ -51,20 +52,32 @@ class EntryPalette(PerSplatArray):
 
         Raises PaletteFullError where all 65,536 entries are taken.
         """
+        return self.add_all(values[None])[0]
+
+    def add_all(self, values: Float[ndarray, "k w"]) -> list[int]:
+        """As `add_values` for one entry after another. Raises PaletteFullError, with nothing added, where one fails."""
         values = np.ascontiguousarray(values, self._values.dtype)
-        key = values.tobytes()
-        if key in self._entry_of:
-            return self._entry_of[key]
-        index = len(self._keys)
-        if index == MAX_ENTRIES:
-            raise PaletteFullError(f"the {self.name} holds {MAX_ENTRIES} entries, no other fits")
-        if index == len(self._values):
-            self._values = np.concatenate([self._values, np.zeros_like(self._values)])
-        self._values[index] = values
-        self._keys.append(key)
-        self._entry_of[key] = index
-        self.version += 1
-        return index
+        data, width, size = values.tobytes(), values.itemsize * values.shape[1], len(self._keys)
+        found, fresh = [], []
+        for row in range(len(values)):
+            key = data[row * width : (row + 1) * width]
+            index = self._entry_of.get(key)
+            if index is None:
+                index = len(self._keys)
+                if index == MAX_ENTRIES:
+                    self._forget(size)
+                    raise PaletteFullError(f"the {self.name} holds {MAX_ENTRIES} entries, no other fits")
+                self._keys.append(key)
+                self._entry_of[key] = index
+                fresh.append(row)
+            found.append(index)
+        if fresh:
+            if len(self._keys) > len(self._values):
+                spare = np.zeros((max(2 * len(self._values), len(self._keys)) - size, self._values.shape[1]))
+                self._values = np.concatenate([self._values[:size], spare.astype(self._values.dtype)])
+            self._values[size : len(self._keys)] = values[fresh]
+            self.version += 1
+        return found
 
     def add_changed(
         self, rows: Int[ndarray, " m"], change: Callable[[Float[ndarray, " w"]], Float[ndarray, " w"]]
@@ -73,21 +86,42 @@ class EntryPalette(PerSplatArray):
 
         Raises PaletteFullError, with nothing added, where they do not all fit.
         """
-        named, place = np.unique(self._rows[rows], return_inverse=True)
-        size = len(self)
-        try:
-            entries = [self.add_values(change(self._values[entry].copy())) for entry in named.tolist()]
-        except PaletteFullError:
-            self.truncate(size)
-            raise
-        return np.array(entries, np.uint16)[place]
+
+        def one_by_one(values: ndarray, _: ndarray) -> ndarray:
+            return np.array([change(entry.copy()) for entry in values]).reshape(len(values), -1)
+
+        return self.add_changed_parts(rows, np.array([0, len(rows)]), one_by_one)
+
+    def add_changed_parts(
+        self,
+        rows: Int[ndarray, " m"],
+        bounds: Int64[ndarray, " p"],
+        change: Callable[[Float[ndarray, "k w"], Int64[ndarray, " k"]], Float[ndarray, "k w"]],
+    ) -> UInt16[ndarray, " m"]:
+        """As `add_changed` for one part of the rows after another, each of which is changed in its own way.
+
+        Args:
+            rows: of all parts.
+            bounds: where each part begins, and the number of rows.
+            change: of the values of k entries, each named by the part whose number it gets.
+
+        Raises PaletteFullError, with nothing added, where they do not all fit.
+        """
+        named = named_entries(self._rows, np.asarray(rows, np.int64), bounds, len(self))
+        if not len(named.entries):
+            return np.zeros(0, np.uint16)
+        return np.array(self.add_all(change(self._values[named.entries], named.parts)), np.uint16)[named.place]
 
     def truncate(self, size: int) -> None:
         """Drop the entries from `size` on; no splat may still name one of them."""
-        for key in self._keys[max(size, 1) :]:
-            del self._entry_of[key]
+        if max(size, 1) < len(self._keys):
+            self._forget(max(size, 1))
             self.version += 1
-        del self._keys[max(size, 1) :]
+
+    def _forget(self, size: int) -> None:
+        for key in self._keys[size:]:
+            del self._entry_of[key]
+        del self._keys[size:]
 
     def assign(self, rows: Int[ndarray, " m"], entries: UInt16[ndarray, " m"]) -> UInt16[ndarray, " m"]:
         """Name an entry for each row; returns the entries named before (the delta an edit stores)."""

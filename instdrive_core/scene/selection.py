@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
+from instdrive_core.scene.bit_changes import change_bits
 from instdrive_core.scene.per_splat import PerSplatArray, read_only
 
 
@@ -49,9 +50,7 @@ class SplatState(PerSplatArray):
 
     def change(self, rows: Int[ndarray, " m"], flag: Flag, on: bool) -> Int[ndarray, " k"]:
         """Set or clear a bit; returns the rows that really changed (the delta an edit stores)."""
-        bit = np.uint8(flag)
-        before = (self._rows[rows] & bit) == bit
-        changed = np.asarray(rows)[before != on]
-        flags = self._rows[changed]
-        self._write(changed, flags | bit if on else flags & ~bit)
+        changed, low, high = change_bits(self._rows, np.asarray(rows, np.int64), np.uint8(flag), on)
+        if len(changed):
+            self._touch(low, high)
         return changed

@@ -1,0 +1,53 @@
+"""Which palette entries groups of rows name: in one walk over the rows, however many groups there are."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from jaxtyping import Int32, Int64, UInt16
+from numpy import ndarray
+
+
+class NamedEntries(NamedTuple):
+    """Every pair of a part of rows and an entry that any of its rows names: by part, then by entry."""
+
+    entries: Int64[ndarray, " k"]
+    parts: Int64[ndarray, " k"]
+    place: Int32[ndarray, " m"]
+    """The pair of each row, in the order of the rows that were asked about."""
+
+
+def named_entries(
+    indices: UInt16[ndarray, " n"], rows: Int64[ndarray, " m"], bounds: Int64[ndarray, " p"], size: int
+) -> NamedEntries:
+    """The entries that rows name, of a palette of `size` entries; part k of the rows begins at ``bounds[k]``."""
+    return NamedEntries(*_pairs(indices, rows, bounds, size))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pairs(indices, rows, bounds, size):
+    parts = len(bounds) - 1
+    pair_of = np.full(size, -1, np.int64)
+    place = np.empty(len(rows), np.int32)
+    entries, owners, count = np.empty(2 * parts + 16, np.int64), np.empty(2 * parts + 16, np.int64), 0
+    for part in range(parts):
+        first = count
+        for k in range(bounds[part], bounds[part + 1]):
+            entry = indices[rows[k]]
+            if pair_of[entry] < first:  # not named by this part so far
+                if count == len(entries):
+                    entries = np.concatenate((entries, np.empty(count, np.int64)))
+                    owners = np.concatenate((owners, np.empty(count, np.int64)))
+                entries[count], owners[count] = entry, part
+                pair_of[entry] = count
+                count += 1
+            place[k] = pair_of[entry]
+        if count - first > 1:
+            entries[first:count] = np.sort(entries[first:count])
+            for pair in range(first, count):
+                pair_of[entries[pair]] = pair
+            for k in range(bounds[part], bounds[part + 1]):
+                place[k] = pair_of[indices[rows[k]]]
+    return entries[:count].copy(), owners[:count].copy(), place
