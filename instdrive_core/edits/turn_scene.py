@@ -8,16 +8,17 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64, Int64, UInt16
+from jaxtyping import Float64, UInt16
 from numpy import ndarray
 
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.entries import changed_entries
+from instdrive_core.edits.frozen_copy import fingerprint, frozen_copy
 from instdrive_core.edits.instances import recount, restore_entries
 from instdrive_core.edits.parameters import Vector, checked_number, checked_numbers, checked_vector
 from instdrive_core.errors import EditError
-from instdrive_core.instances.table import Instance
+from instdrive_core.instances.table import Bounds, Instance
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.sky import Sky
@@ -58,6 +59,8 @@ class TurnScene(Edit):
     """Quaternion wxyz of any length above 0."""
     scale: float = 1.0
     """New metres per old one: 0.01 for a scene in centimetres."""
+    _bounds: tuple[bytes, dict[int, Bounds]] | None = field(default=None, init=False, repr=False, compare=False)
+    """Of the turned instances, where they have to be counted: of which document, and by instance."""
     _before: _Before | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -94,11 +97,24 @@ class TurnScene(Edit):
         name = f"Turn the scene, {axis} up" if angle < _SAME else "Turn the scene"
         return f"{name}, and scale it {scaled}" if scaled else name
 
+    def prepare(self, document: Document) -> None:
+        """Bound the instances as they will be, which may take half a second: `do` on an equal document is then quick.
+
+        Quarter turns need none. Give a frozen copy to do this on another thread.
+        """
+        if is_quarter_turn(self.linear / self.scale):
+            return
+        turned = TurnScene(self.rotation, self.scale)
+        turned.do(frozen_copy(document))
+        self._bounds = turned._bounds
+
     def do(self, document: Document) -> bool:
         """Point all rows at composed entries, and replace what is no splat."""
         matrix = np.c_[self.linear, np.zeros(3)]
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
+        counted = not is_quarter_turn(self.linear / self.scale)
+        key = fingerprint(document) if counted else b""
         scene, palette = document.scene, document.transforms
         size = len(palette)
         entries = self._entries(document, matrix)
@@ -111,9 +127,17 @@ class TurnScene(Edit):
         if scene.sky is not None:
             scene.sky = turned_sky(scene.sky, self.linear / self.scale)
         document.orientation = composed(matrix, document.orientation)
-        self._turn_table(document, matrix)
+        if not counted:
+            self._turn_table(document, matrix)
+        else:
+            self._bound_again(document, key)
         document.instances_changed(ids_changed=False)
         return True
+
+    @property
+    def _growth(self) -> Similarity:
+        """What happens in the frames of boxes."""
+        return np.c_[self.scale * np.eye(3), np.zeros(3)]
 
     def undo(self, document: Document) -> None:
         """Point the rows back, drop the entries that this edit added, and restore the rest."""
@@ -129,17 +153,11 @@ class TurnScene(Edit):
 
     def _entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
         """Of all rows. An actor's are turned by its track: in the box's frame they only grow."""
-        palette, driving = document.transforms, document.scene.nodes > 0
-        growth = np.c_[self.scale * np.eye(3), np.zeros(3)]
-        groups = [np.flatnonzero(~driving), np.flatnonzero(driving)]
-        # One row stands for all that name the same entry: a million of them would take a while to sort.
-        named = [_first_rows(palette.indices, rows) for rows in groups]
-        new = changed_entries(palette, [(named[0], rehomed(matrix)), (named[1], rehomed(growth))])
-        entries = palette.indices.copy()
-        for rows, group, found in zip(groups, named, np.split(new, [len(named[0])]), strict=True):
-            replaced = np.zeros(len(palette), np.uint16)
-            replaced[palette.indices[group]] = found
-            entries[rows] = replaced[palette.indices[rows]]
+        nodes = document.scene.nodes
+        rows = [np.flatnonzero(nodes == 0), np.flatnonzero(nodes)]
+        changes = [(rows[0], rehomed(matrix)), (rows[1], rehomed(self._growth))]
+        entries = np.empty(len(nodes), np.uint16)
+        entries[np.concatenate(rows)] = changed_entries(document.transforms, changes)
         return entries
 
     def _turn_tracks(self, document: Document, matrix: Similarity) -> None:
@@ -150,17 +168,16 @@ class TurnScene(Edit):
         document.set_actors(tuple(turned[id(track)] for track in scene.actors))
 
     def _turn_table(self, document: Document, matrix: Similarity) -> None:
-        """Bounds; those of actors lie in the boxes' frames."""
-        growth = np.c_[self.scale * np.eye(3), np.zeros(3)]
+        """Bounds after a quarter turn; those of actors lie in the boxes' frames."""
         for entry in tuple(document.scene.table):
-            bounds = turned_bounds(entry.bounds, growth if entry.node else matrix)
+            bounds = turned_bounds(entry.bounds, self._growth if entry.node else matrix)
             document.scene.table.set(replace(entry, bounds=bounds))
-        if not is_quarter_turn(self.linear / self.scale):
-            recount(document, [entry.id for entry in document.scene.table if not entry.node])
 
-
-def _first_rows(entries: UInt16[ndarray, " n"], rows: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
-    """For each entry that any of `rows` names, one of those rows; in the order of the entries."""
-    row_of = np.full(int(entries[rows].max(initial=0)) + 1, -1)
-    row_of[entries[rows]] = rows
-    return row_of[row_of >= 0]
+    def _bound_again(self, document: Document, key: bytes) -> None:
+        """Bounds of what stands askew to its old ones: counted, or known from the last time."""
+        table = document.scene.table
+        if self._bounds is None or self._bounds[0] != key:
+            recount(document, [entry.id for entry in table if entry.count])
+            self._bounds = key, {entry.id: entry.bounds for entry in table}
+        for entry in tuple(table):
+            table.set(replace(entry, bounds=self._bounds[1][entry.id]))

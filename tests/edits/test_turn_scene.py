@@ -10,6 +10,7 @@ from benchmarks.random_edits import document_digest
 from instdrive_core.edits.bake import baked, frozen_at
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.duplicate import DuplicateInstances
+from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.invariants import broken_invariants
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reset_moves import ResetMoves
@@ -127,6 +128,22 @@ def test_bounds_are_those_of_the_splats():
             rows = document.rows_of((entry.id,))
             rows = rows[document.scene.nodes[rows] == entry.node]
             np.testing.assert_allclose(entry.bounds, middle_bounds(document.means_of(rows)), atol=1e-5)
+
+
+def test_prepared_aside_it_gives_the_same_and_only_for_what_it_was_prepared_for():
+    edit, prepared, plain = TurnScene(ANY_TURN, 3.0), Document(random_scene()), Document(random_scene())
+    edit.prepare(frozen_copy(prepared))
+    for document, turn in ((prepared, edit), (plain, TurnScene(ANY_TURN, 3.0))):
+        document.apply(turn)
+    assert document_digest(prepared) == document_digest(plain)
+    late, early = TurnScene(ANY_TURN, 3.0), Document(random_scene())
+    late.prepare(frozen_copy(early))
+    for turn in (late, TurnScene(ANY_TURN, 3.0)):
+        document = Document(random_scene())
+        document.apply(MoveInstances((2,), (1.0, 0.0, 0.0)))
+        document.apply(turn)
+        bounds = middle_bounds(document.means_of(document.rows_of((2,))))
+        np.testing.assert_allclose(document.scene.table[2].bounds, bounds, atol=1e-5)
 
 
 def test_drives_are_scaled_with_the_street():
