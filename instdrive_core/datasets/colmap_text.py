@@ -13,6 +13,7 @@ from instdrive_core.datasets.colmap_model import REMEDY, ColmapImage, camera_of,
 from instdrive_core.datasets.lens import Lens
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
+from instdrive_core.plain_file import plain_file
 from instdrive_core.scene.camera import Camera
 
 _PROMISE = re.compile(r"#\s*Number of (?:cameras|images|points):\s*(\d+)")
@@ -67,7 +68,7 @@ def _entries(file: Path, lines_each: int) -> Iterator[tuple[int, str]]:
     """Number and first line of each entry; of the others only that they exist. Blank first lines are passed over."""
     promised, found = None, 0
     try:
-        with file.open(encoding="utf-8") as lines:
+        with plain_file(file).open(encoding="utf-8") as lines:
             numbered = enumerate(lines, 1)
             for number, line in numbered:
                 promise = _PROMISE.match(line)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.errors import DataError
+from instdrive_core.plain_file import plain_file
 
 _REMEDY = "Get the file again"
 
@@ -15,7 +16,7 @@ _REMEDY = "Get the file again"
 def read_json(file: Path) -> Any:
     """The parsed file. Raises DataError where it is missing or broken."""
     try:
-        return json.loads(file.read_text(encoding="utf-8"))
+        return json.loads(plain_file(file).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
     except (OSError, ValueError, RecursionError) as error:

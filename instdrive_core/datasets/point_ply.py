@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
+from instdrive_core.plain_file import plain_file
 
 _REMEDY = "Export the points again"
 _MAX_HEADER = 1 << 16
@@ -51,7 +52,7 @@ def read_point_ply(path: Path) -> ListedPoints:
     Raises DataError where anything about the file is wrong.
     """
     try:
-        with path.open("rb") as file:
+        with plain_file(path).open("rb") as file:
             header = _header(file, path)
             rows = _rows(file, header, path)
     except OSError as error:

@@ -36,6 +36,7 @@ from instdrive_core.datasets.pickled_table import (
     columns_of,
 )
 from instdrive_core.errors import DataError, UntrustedDataError
+from instdrive_core.plain_file import plain_file
 
 MAX_DECOMPRESSED_BYTES = 64 * 2**20
 """Limit for one unpacked file; a PandaSet sweep unpacks to 8 MB. Also bounds how many objects a file can ask for."""
@@ -96,6 +97,7 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
 def _content(path: Path) -> bytes:
     """The unpacked bytes of the file, which may be gzipped."""
     try:
+        plain_file(path)
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
             content = file.read(MAX_DECOMPRESSED_BYTES + 1)
     except FileNotFoundError as error:

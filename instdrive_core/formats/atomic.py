@@ -12,6 +12,7 @@ from typing import BinaryIO
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.temporaries import temporary_beside
+from instdrive_core.plain_file import plain_file
 
 Check = Callable[[Path, Path], None]
 """Gets a finished temporary file and the name that it is about to take; raises DataError to keep it from that."""
@@ -33,7 +34,8 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
     """A file name beside `path` to write to; the file takes the place of `path` when the block ends without an error.
 
     At any moment, also after a power cut, `path` is the old file or the new one, whole. Missing folders are made. What
-    an earlier writer of the same name left behind when it was killed is removed.
+    an earlier writer of the same name left behind when it was killed is removed. A link stays: what it leads to is
+    replaced.
 
     Args:
         path: the file to be written.
@@ -43,6 +45,7 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
     """
     path = Path(path)
     try:
+        path = plain_file(Path(os.path.realpath(path)) if path.is_symlink() else path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary_beside(path.with_name(temporary_for or path.name)) as temporary:
             mode = temporary.path.stat().st_mode

@@ -17,6 +17,7 @@ from instdrive_core.formats.sog_levels import is_sog_folder, read_sog_folder
 from instdrive_core.formats.splat import read_splat, write_splat
 from instdrive_core.formats.spz import read_spz, write_spz
 from instdrive_core.formats.unfilled import TO_READ, WHOLE, ReadOptions, grown
+from instdrive_core.plain_file import plain_file
 from instdrive_core.scene.scene import Scene
 
 SIBR = ".sibr.ply"
@@ -80,7 +81,7 @@ def _read(path: Path, options: ReadOptions) -> Scene:
     try:
         if path.is_dir():
             return _open_folder(path, options)
-        return _format_of(path).read(path, options=options)
+        return _format_of(path).read(plain_file(path), options=options)
     except OSError as error:
         raise DataError(
             path, f"the file cannot be read ({error.strerror or error})", "Check its permissions"
@@ -104,7 +105,8 @@ def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
 
 def format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[Path, Scene], None]]:
     """The format that `save_scene` takes for a path, and its writer. Raises DataError where there is none."""
-    fmt = _folder_format() if path.is_dir() or not path.suffix else _format_of(path)
+    is_folder = path.is_dir() or not (path.suffix or _formats_fitting(path))
+    fmt = _folder_format() if is_folder else _format_of(path)
     if sibr:
         if fmt.suffix not in (".ply", SIBR):
             raise DataError(path, "SIBR viewers read plain .ply files only", "Give a name that ends in .ply")
@@ -124,9 +126,13 @@ def _open_folder(folder: Path, options: ReadOptions) -> Scene:
     raise DataError(folder, problem, "Open a run folder that training has written a scene to, or a scene file")
 
 
+def _formats_fitting(path: Path) -> list[Format]:
+    """By the whole name: pathlib finds no suffix in ``.ply``."""
+    return [fmt for fmt in FORMATS if fmt.suffix and path.name.lower().endswith(fmt.suffix)]
+
+
 def _format_of(path: Path) -> Format:
-    fitting = [fmt for fmt in FORMATS if fmt.suffix and path.name.lower().endswith(fmt.suffix)]
-    if fitting:
+    if fitting := _formats_fitting(path):
         # The longest: a .compressed.ply ends in .ply too.
         return max(fitting, key=lambda fmt: len(fmt.suffix))
     known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix)

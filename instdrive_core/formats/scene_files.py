@@ -10,6 +10,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.formats.scene_folder import MANIFEST, files_of_scene_folder
 from instdrive_core.formats.sog import META
 from instdrive_core.formats.sog_levels import is_sog_folder
+from instdrive_core.plain_file import plain_file
 
 _SOG_SUFFIXES = (".json", ".webp", ".png")
 
@@ -55,5 +56,5 @@ def identity_of(path: Path) -> FileIdentity:
 
 
 def _digest(file: Path) -> str:
-    with file.open("rb") as content:
+    with plain_file(file).open("rb") as content:
         return hashlib.file_digest(content, "sha256").hexdigest()

@@ -24,6 +24,7 @@ from instdrive_core.formats.atomic import atomic_path, write_bytes
 from instdrive_core.formats.scene_arrays import digest_of, read_arrays
 from instdrive_core.formats.scene_manifest import manifest_of, scene_from_parts
 from instdrive_core.formats.unfilled import WHOLE, ReadOptions
+from instdrive_core.plain_file import plain_file
 from instdrive_core.scene.scene import Scene
 
 MANIFEST = "scene.json"
@@ -136,7 +137,7 @@ def _stored_photo(photo: str, folder: Path) -> str:
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(path.read_bytes())
+        manifest = json.loads(plain_file(path).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
         raise _damaged(path, error) from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:
@@ -158,7 +159,7 @@ def _read_parts(
         manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]
         try:
-            return manifest, *read_arrays(path, folder, options)
+            return manifest, *read_arrays(plain_file(path), folder, options)
         except FileNotFoundError as error:
             if attempt == _ATTEMPTS - 1:
                 raise _damaged(path, error) from error

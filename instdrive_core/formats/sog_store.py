@@ -19,6 +19,7 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.errors import DataError, UntrustedDataError
+from instdrive_core.plain_file import plain_file
 
 REMEDY = "Copy the scene again with all its files, or export it again"
 _MAX_JSON_BYTES = 16 << 20
@@ -123,7 +124,7 @@ class ZipStore(Store):
 def opened_archive(path: Path) -> Iterator[ZipStore]:
     """The members of a .sog. Raises DataError where it is no zip archive."""
     try:
-        archive = zipfile.ZipFile(path)
+        archive = zipfile.ZipFile(plain_file(path))
     except _BAD_MEMBER as error:
         raise DataError(path, f"the file is no whole zip archive ({error})", REMEDY) from error
     with archive:

@@ -20,6 +20,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.imported_file import REMEDY, check_count, check_size
 from instdrive_core.masks.labelmap import nearest
 from instdrive_core.masks.painting import Painting
+from instdrive_core.plain_file import plain_file
 
 ARRAYS = ("masks", "segmentations")
 """Names of the array, the first that is there."""
@@ -32,7 +33,7 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     """The masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     painting = Painting(height, width)
     try:
-        with zipfile.ZipFile(file) as archive:
+        with zipfile.ZipFile(plain_file(file)) as archive:
             name = _array_in(file, archive)
             with archive.open(f"{name}.npy") as stream:
                 for number, mask in enumerate(_masks(file, name, stream, (width, height))):

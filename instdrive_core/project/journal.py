@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from instdrive_core.plain_file import plain_file
+
 _CHECKSUM = 8
 """Hexadecimal digits before each line, and a space."""
 
@@ -48,7 +50,7 @@ class Journal:
 
 def read_journal(path: Path) -> Iterator[dict[str, Any]]:
     """The lines up to the first that is torn or damaged. Raises OSError where the file cannot be read."""
-    with path.open("rb") as file:
+    with plain_file(path).open("rb") as file:
         for line in file:
             checksum, _, text = line[:-1].partition(b" ")
             if not line.endswith(b"\n") or checksum != b"%0*x" % (_CHECKSUM, zlib.crc32(text)):

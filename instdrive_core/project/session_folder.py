@@ -15,6 +15,7 @@ from typing import Any
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import write_bytes
 from instdrive_core.formats.file_lock import FileLock
+from instdrive_core.plain_file import plain_file
 from instdrive_core.project.bounded_json import parsed_json
 from instdrive_core.project.edit_log import ReadLog
 from instdrive_core.project.journal import read_journal
@@ -67,7 +68,7 @@ def write_session(folder: Path, path: Path, base: RecordedSource) -> None:
 def read_session(folder: Path) -> ReadSession:
     """What can be recovered from a folder: edits up to the first line that is torn. Raises DataError."""
     try:
-        entry = parsed_json((folder / SESSION).read_bytes())
+        entry = parsed_json(plain_file(folder / SESSION).read_bytes())
         if (entry["format"], entry["version"]) != (FORMAT_NAME, FORMAT_VERSION):
             raise ValueError(f"it is of version {entry['version']!r}, this program reads {FORMAT_VERSION}")
         path, base = Path(entry["path"]), recorded_from_json(entry["base"])

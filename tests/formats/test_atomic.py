@@ -96,3 +96,27 @@ def test_a_library_that_makes_its_files_private_does_not_make_ours(tmp_path):
         temporary.write_bytes(b"content")
         temporary.chmod(0o600)
     assert replaced.stat().st_mode == plain.stat().st_mode
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need no rights on POSIX only")
+@pytest.mark.parametrize("there", [True, False])
+def test_what_a_link_leads_to_is_replaced_and_the_link_stays(tmp_path, there):
+    real, link = tmp_path / "disk" / "a.bin", tmp_path / "link"
+    real.parent.mkdir()
+    if there:
+        real.write_bytes(b"old")
+    link.symlink_to("disk/a.bin")
+    write_bytes(link, b"new")
+    assert link.is_symlink()
+    assert real.read_bytes() == b"new"
+    assert names(tmp_path) == ["disk", "link"]
+    assert names(real.parent) == ["a.bin"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_a_pipe_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DataError, match="pipe"):
+        write_bytes(tmp_path / "pipe", b"new")
+    assert names(tmp_path) == ["pipe"]
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)

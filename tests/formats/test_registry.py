@@ -33,3 +33,9 @@ def test_unknown_endings_are_not_written(tmp_path):
     with pytest.raises(DataError, match=r"'\.obj'"):
         save_scene(tmp_path / "scene.obj", random_scene())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_that_is_only_an_ending_is_a_file(tmp_path):
+    save_scene(tmp_path / ".ply", random_scene(count=5, actors=0))
+    assert (tmp_path / ".ply").is_file()
+    assert len(open_scene(tmp_path / ".ply")) == 5
