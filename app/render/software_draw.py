@@ -13,7 +13,7 @@ from numpy import ndarray
 from instdrive_app.render.placed_splats import PlacedSplats
 from instdrive_app.render.renderer import DRAFT_FACTOR, FLAT_MODES, camera_key, round_figure, snapshot_key
 from instdrive_app.render.sky_pass import BACKDROP
-from instdrive_app.render.software_picture import add_backdrop, add_outlines, color_picture, depth_picture, id_picture
+from instdrive_app.render.software_picture import add_outlines, color_picture, depth_picture, id_picture
 from instdrive_app.render.software_scene import SceneState
 from instdrive_app.render.software_thread import Superseded
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot, ViewMode
@@ -109,11 +109,11 @@ class SoftwareDraw:
         write_colors(found, _color_source(placed), placed.means, camera.position)
         check()
         rule = PickRule(min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-        blended = drawn_preview(found, camera, workspace, settings, rule)
         if state.sky is not None and snapshot.show_sky:
+            blended = drawn_preview(found, camera, workspace, settings, rule)
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:
-            add_backdrop(blended.color, blended.alpha, BACKDROP)
+            blended = drawn_preview(found, camera, workspace, settings, rule, BACKDROP)
         self._blended, self._winner = blended, blended.winner.copy()
 
     def _adapt(self, seconds: float, count: int) -> None:

@@ -18,13 +18,6 @@ _LOW_BITS = 16
 _SELECTED = np.uint8(Flag.SELECTED)
 
 
-def add_backdrop(
-    color: Float32[ndarray, "h w 3"], alpha: Float32[ndarray, "h w"], backdrop: tuple[float, float, float]
-) -> None:
-    """Put a plain RGB colour behind a blended picture, in place."""
-    _add_backdrop(color, alpha, np.array(backdrop, np.float32))
-
-
 def color_picture(color: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
     """RGB in [0, 1], clipped."""
     picture = np.empty((*color.shape[:2], 4), np.uint8)
@@ -76,15 +69,6 @@ def _id_tables() -> tuple[UInt8[ndarray, "65536 3"], UInt8[ndarray, "256 3"]]:
 
 
 _LOW_COLORS, _HIGH_COLORS = _id_tables()
-
-
-@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _add_backdrop(color, alpha, backdrop):
-    for y in numba.prange(color.shape[0]):
-        for x in range(np.uint64(color.shape[1])):
-            through = np.float32(1) - alpha[y, x]
-            for channel in range(np.uint64(3)):
-                color[y, x, channel] += through * backdrop[channel]
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")

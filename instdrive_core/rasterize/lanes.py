@@ -206,6 +206,22 @@ def lane_bits(typingctx, condition):
 
 
 @intrinsic
+def lanes_with(typingctx, bits):
+    """The condition that holds in the lanes whose bits are set in a uint16: what `lane_bits` takes apart."""
+    return lane_mask(types.uint16), lambda context, builder, signature, args: builder.bitcast(args[0], _BITS)
+
+
+@intrinsic
+def without(typingctx, condition, exception):
+    """Where the condition holds and the exception does not."""
+
+    def codegen(context, builder, signature, args):
+        return builder.and_(args[0], builder.not_(args[1]))
+
+    return lane_mask(lane_mask, lane_mask), codegen
+
+
+@intrinsic
 def spread(typingctx, value):
     """A float32 in every lane."""
     return lanes(types.float32), lambda context, builder, signature, args: _spread(builder, args[0])

@@ -48,7 +48,7 @@ class Preview:
     """One frame."""
 
     color: Float32[ndarray, "h w 3"]
-    """Σ w·colour: premultiplied by alpha."""
+    """Σ w·colour, premultiplied by alpha, over what lies behind."""
     alpha: Float32[ndarray, "h w"]
     depth: Float32[ndarray, "h w"]
     """Expected depth Σ w·z / Σ w in metres along the viewing axis; 0 where nothing is drawn."""
@@ -82,10 +82,12 @@ def drawn_preview(
     workspace: Workspace,
     settings: RasterSettings = DEFAULT_SETTINGS,
     rule: PickRule = DEFAULT_PICK_RULE,
+    behind: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Preview:
     """Draw what `projected` found with the same camera and settings; its visible rows have their colours.
 
-    The images lie in the workspace: they last until the next call with the same one.
+    `behind` is the RGB of what shows where splats let light through. The images lie in the workspace: they last until
+    the next call with the same one.
     """
     packed = packed_splats(found, settings, workspace)
     tiles = preview_tiles(packed, camera.width, camera.height, workspace)
@@ -97,5 +99,5 @@ def drawn_preview(
         workspace.array("winner", shape, np.int32),
     )
     images = (result.color, result.alpha, result.depth, result.winner)
-    blend_preview(packed, tiles, settings, rule.as_row(), images)
+    blend_preview(packed, tiles, settings, rule.as_row(), np.array(behind, np.float32), images)
     return result

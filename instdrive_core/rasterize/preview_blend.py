@@ -1,9 +1,9 @@
 """Front-to-back blending of a preview: colour, depth and the splat that each pixel stands for, in one walk.
 
-Tiles are blended as in `blend`, a row of sixteen pixels at a time. Who wins a pixel is decided on the way: the first
-solid splat claims it, and the one with which its transmittance falls to a half is noted. That is the median splat too
-unless the pixel stays somewhat transparent: only such pixels, and only where they ask for their median splat, are
-walked a second time.
+Tiles are blended a block of 4 × 4 pixels at a time. Who wins a pixel is decided on the way: the first solid splat
+claims it, and the one with which its transmittance falls to a half is noted. That is the median splat too unless the
+pixel stays somewhat transparent: only such pixels, and only where they ask for their median splat, are walked a second
+time.
 """
 
 from __future__ import annotations
@@ -14,62 +14,71 @@ from jaxtyping import Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.rasterize.bin import TILE
-from instdrive_core.rasterize.blend import (
-    BATCH,
-    ROW,
-    STRIDE,
-    TILES_PER_TASK,
-    aligned_zeros,
-    any_alive,
-    open_tile,
-)
-from instdrive_core.rasterize.fragment import FAST, FLOOR, power_of_two
+from instdrive_core.rasterize.blend import TILES_PER_TASK
+from instdrive_core.rasterize.fragment import FAST, power_of_two
 from instdrive_core.rasterize.lanes import (
     add_scaled,
     any_lane,
     choose,
     greatest,
     lane_bits,
+    lanes_with,
     least,
     load,
     load_block,
     lowest_bit,
-    magnitude,
     members_with,
     prefetch,
     spread,
     store,
     store_block,
+    without,
+)
+from instdrive_core.rasterize.preview_output import judge, write_tile, write_winners
+from instdrive_core.rasterize.preview_scratch import (
+    BATCH,
+    BEFORE_HALF,
+    BLOCKS,
+    COLUMN,
+    GOAL,
+    HALF,
+    KEPT_BATCHES,
+    LANES,
+    LINE,
+    STRIDE,
+    TRANSMITTANCE,
+    VALUES,
+    WINNER,
+    WINNER_WEIGHT,
+    new_scratch,
+    open_tile,
 )
 from instdrive_core.rasterize.preview_splats import (
+    AT_A,
+    AT_B,
     AT_BASE,
+    AT_C,
+    AT_COV_XX,
+    AT_COV_XY,
+    AT_COV_YY,
     AT_OPACITY,
     AT_ROW,
     AT_VALUES,
     AT_X,
-    AT_XX,
-    AT_XY,
     AT_Y,
-    AT_YY,
     SPLAT_FLOATS,
 )
 from instdrive_core.rasterize.preview_tiles import PreviewTiles
 from instdrive_core.rasterize.settings import RasterSettings
 
 _WIDTH = np.uint64(SPLAT_FLOATS)
-# Planes of a tile. Winners are kept as 1 + place in the tile's list, exact in float32 up to 2²⁴; 0 = none yet.
-_PLANES = tuple(STRIDE * np.uint64(plane) for plane in range(12))
-_TRANSMITTANCE, _X, _Y, _WINNER, _WINNER_WEIGHT, _HALF, _BEFORE_HALF, _GOAL, _VALUES = _PLANES[:9]
-_SCRATCH = int(_VALUES) + 4 * int(STRIDE)
-# A staged splat: the exponent at dx = 0 for the tile's sixteen rows, its slope there, then mean x and xx, the alpha
-# from which its fragments are solid, and its number in the tile.
-_STAGED_BASE, _STAGED_SLOPE, _STAGED_X, _STAGED_XX, _STAGED_SOLID, _STAGED_NUMBER, _STAGED = (
-    np.uint64(place) for place in (0, 16, 32, 33, 34, 35, 48)
-)
+# A staged splat is its line, but for a·dx + b·dy and c·dy at the tile's corner in the places of its mean, and the
+# alpha from which its fragments are solid in the place of its opacity.
+_STAGED_U, _STAGED_V, _STAGED_SOLID = AT_X, AT_Y, AT_OPACITY
 _NEVER = np.float32(2)
 """No fragment has this alpha."""
 _SLACK = np.float32(1e-4)
-"""Of exponents, so that rounding never loses a row with a fragment that the alpha test would keep."""
+"""Of exponents, so that rounding never loses a block with a fragment that is drawn."""
 
 
 def blend_preview(
@@ -77,212 +86,172 @@ def blend_preview(
     tiles: PreviewTiles,
     settings: RasterSettings,
     rule: Float32[ndarray, " 4"],
+    behind: Float32[ndarray, " 3"],
     images: tuple[Float32[ndarray, "h w 3"], Float32[ndarray, "h w"], Float32[ndarray, "h w"], Int32[ndarray, "h w"]],
 ) -> None:
-    """Write colour (premultiplied), alpha, depth and winner as `Preview` holds them. `rule` is a `PickRule`'s row."""
-    lists = (tiles.starts, tiles.splats)
+    """Write colour, alpha, depth and winner as `Preview` holds them. `rule` is a `PickRule`'s row, `behind` an RGB."""
+    color, alpha, depth, winner = images
+    pictures = color.reshape(-1), alpha.reshape(-1), depth.reshape(-1), winner.reshape(-1).view(np.float32)
+    size = np.array([*alpha.shape, tiles.columns], np.int64)
+    limits = settings.min_alpha, settings.max_alpha, settings.min_transmittance, 0.125 * np.log2(settings.min_alpha)
+    lists = tiles.starts, tiles.splats
     with numba.parallel_chunksize(1):
-        _blend(packed.reshape(-1), packed.view(np.int32), lists, tiles.columns, settings.as_row(), rule, images)
+        _blend(packed.reshape(-1), *lists, size, np.array(limits, np.float32), rule, behind, pictures)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _stage(scratch, work, packed, splats, start, stop, first, left, top, constants, rule):
-    """Prepare a batch of splats: exponents of each row, which rows they reach, where their values are."""
-    staged, places, masks = work[0], work[1], work[2]
-    lines = load(scratch, _X)  # 0 … 15, here down the rows
-    zero, one = np.float32(0), np.uint64(1)
-    faintest = np.float32(0.125) * np.log2(constants[2]) - _SLACK
-    for i in range(np.uint64(BATCH)):
-        masks[i] = np.uint16(0)
+def _fetch(packed, splats, start, stop):
+    """Have splats fetched that will soon be staged."""
     for pair in range(start, stop):
-        i = pair - start
-        at, target = np.uint64(splats[pair]) * _WIDTH, i * _STAGED
-        places[i] = at
-        dy = lines - (packed[at + AT_Y] - top)
-        base, slope = packed[at + AT_BASE] + packed[at + AT_YY] * dy * dy, packed[at + AT_XY] * dy
-        x, xx = packed[at + AT_X] - left, packed[at + AT_XX]
-        store(staged, target + _STAGED_BASE, base)
-        store(staged, target + _STAGED_SLOPE, slope)
-        staged[target + _STAGED_X], staged[target + _STAGED_XX] = x, xx
-        staged[target + _STAGED_SOLID] = rule[1] if packed[at + AT_OPACITY] >= rule[0] else _NEVER
-        staged[target + _STAGED_NUMBER] = np.float32(np.int64(pair - first + one))
-        # The exponent is a parabola along a row; the row is reached where its top within the tile is drawn.
-        peak = least(greatest(slope * (np.float32(-0.5) / xx), zero - x), np.float32(TILE - 1) - x)
-        masks[i] = lane_bits(base + peak * (slope + peak * xx) >= faintest)
+        prefetch(packed, np.uint64(splats[pair]) * _WIDTH)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _weigh_row(scratch, work, row, todo, constants):
-    """Weights of the splats `todo` (a set of bits) in one row, and where the values of those with any are."""
-    staged, places, weights, kept_places = work[0], work[1], work[3], work[4]
-    min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
+def _stage(scratch, first, packed, splats, start, stop, corner, limits, rule):
+    """Prepare a batch of splats in the slots from `first` on: what they are in the tile, which blocks they reach."""
+    staged, blocks = scratch.staged, scratch.blocks
+    columns, lines = load(scratch.corners, np.uint64(0)), load(scratch.corners, BLOCKS)
+    zero, span, faintest = np.float32(0), np.float32(3), limits[3] - _SLACK
+    solid = max(rule[1], limits[0])
+    for slot in range(first, first + np.uint64(BATCH)):
+        blocks[slot] = np.uint16(0)
+    for pair in range(start, stop):
+        slot, at = first + pair - start, np.uint64(splats[pair]) * _WIDTH
+        target = slot * LANES
+        a, b, c = packed[at + AT_A], packed[at + AT_B], packed[at + AT_C]
+        x, y = packed[at + AT_X] - corner[0], packed[at + AT_Y] - corner[1]
+        store(staged, target, load(packed, at))
+        staged[target + _STAGED_U], staged[target + _STAGED_V] = -(a * x + b * y), -c * y
+        staged[target + _STAGED_SOLID] = solid if packed[at + AT_OPACITY] >= rule[0] else _NEVER
+        # Offsets of each block's columns and lines. If the mean lies outside, the exponent is largest on the side that
+        # is nearest to it along one of the axes.
+        left, upper = columns - x, lines - y
+        right, lower = left + span, upper + span
+        near_x, near_y = greatest(left, least(right, zero)), greatest(upper, least(lower, zero))
+        xy = packed[at + AT_COV_XY]
+        best_x = least(greatest((xy / packed[at + AT_COV_YY]) * near_y, left), right)
+        best_y = least(greatest((xy / packed[at + AT_COV_XX]) * near_x, upper), lower)
+        u, v = a * near_x + b * best_y, c * best_y
+        other_u, other_v = a * best_x + b * near_y, c * near_y
+        nearest = least(u * u + v * v, other_u * other_u + other_v * other_v)
+        blocks[slot] = lane_bits(nearest <= packed[at + AT_BASE] - faintest)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _alpha(staged, at, columns, lines, limits):
+    """Of a staged splat's fragments; 0 for those that are not drawn."""
+    u = staged[at + _STAGED_U] + staged[at + AT_B] * lines + staged[at + AT_A] * columns
+    v = staged[at + _STAGED_V] + staged[at + AT_C] * lines
+    exponent = staged[at + AT_BASE] - v * v - u * u
+    return choose(exponent >= limits[3], least(power_of_two(exponent), limits[1]), np.float32(0))
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _blend_block(scratch, block, first, todo, limits):
+    """Blend the splats `todo` (bits; slots from `first` on) into one block."""
+    planes, staged, at_block = scratch.planes, scratch.staged, block * LANES
+    min_transmittance = limits[2]
     zero, half, one = np.float32(0), np.float32(0.5), np.uint64(1)
-    at_row = row * ROW
-    columns, before = load(scratch, _X), load(scratch, _TRANSMITTANCE + at_row)
-    winner, winner_weight = load(scratch, _WINNER + at_row), load(scratch, _WINNER_WEIGHT + at_row)
-    half_at, before_half = load(scratch, _HALF + at_row), load(scratch, _BEFORE_HALF + at_row)
-    undecided = any_lane(before > half) | any_lane((before > zero) & (winner <= zero))
-    kept = np.uint64(0)
-    while todo != np.uint64(0):
-        i = lowest_bit(todo)
+    columns, lines = load(planes, COLUMN + at_block), load(planes, LINE + at_block)
+    before, values = load(planes, TRANSMITTANCE + at_block), load_block(4, planes, VALUES + at_block, STRIDE)
+    winner, winner_weight = load(planes, WINNER + at_block), load(planes, WINNER_WEIGHT + at_block)
+    half_at, before_half = load(planes, HALF + at_block), load(planes, BEFORE_HALF + at_block)
+    still_open, bright = lanes_with(scratch.open[block]), lanes_with(scratch.bright[block])
+    unclaimed = lanes_with(scratch.unclaimed[block])
+    while todo != np.uint64(0) and any_lane(still_open):
+        at = (first + lowest_bit(todo)) * LANES
         todo &= todo - one
-        at = i * _STAGED
-        dx = columns - staged[at + _STAGED_X]
-        slope = staged[at + _STAGED_SLOPE + row] + staged[at + _STAGED_XX] * dx
-        raw = power_of_two(greatest(staged[at + _STAGED_BASE + row] + dx * slope, FLOOR))
-        drawn = raw >= min_alpha
-        after = before - before * choose(drawn, least(raw, max_alpha), zero)
-        goes_on = after > min_transmittance  # never true again once the sign is negative
-        weight = choose(goes_on, before - after, zero)
-        store(weights, kept * ROW, weight)
-        kept_places[kept] = places[i] + AT_VALUES
-        kept += np.uint64(any_lane(weight > zero))  # without a branch: the next takes the place of one without weight
-        if undecided:
-            number = spread(staged[at + _STAGED_NUMBER])
-            claims = (weight > zero) & (raw >= staged[at + _STAGED_SOLID]) & (winner <= zero)
-            winner, winner_weight = choose(claims, number, winner), choose(claims, weight, winner_weight)
-            halves = goes_on & (after <= half) & (before > half)
-            half_at, before_half = choose(halves, number, half_at), choose(halves, before, before_half)
-        before = choose(goes_on, after, zero - magnitude(before))
-    store(scratch, _TRANSMITTANCE + at_row, before)
-    store(scratch, _WINNER + at_row, winner)
-    store(scratch, _WINNER_WEIGHT + at_row, winner_weight)
-    store(scratch, _HALF + at_row, half_at)
-    store(scratch, _BEFORE_HALF + at_row, before_half)
-    return kept
+        alpha = _alpha(staged, at, columns, lines, limits)
+        after = before - before * alpha
+        still_open = still_open & (after > min_transmittance)
+        weight = choose(still_open, before - after, zero)
+        values = add_scaled(values, weight, staged, at + AT_VALUES)
+        if any_lane(bright) or any_lane(unclaimed):
+            row = spread(staged[at + AT_ROW])
+            claims = still_open & unclaimed & (alpha >= staged[at + _STAGED_SOLID])
+            unclaimed = without(unclaimed, claims)
+            winner, winner_weight = choose(claims, row, winner), choose(claims, weight, winner_weight)
+            halves = still_open & bright & (after <= half)
+            bright = without(bright, halves)
+            half_at, before_half = choose(halves, row, half_at), choose(halves, before, before_half)
+        before = choose(still_open, after, before)
+    scratch.open[block], scratch.bright[block] = lane_bits(still_open), lane_bits(bright)
+    scratch.unclaimed[block] = lane_bits(unclaimed)
+    store(planes, TRANSMITTANCE + at_block, before)
+    store_block(planes, VALUES + at_block, STRIDE, values)
+    store(planes, WINNER + at_block, winner)
+    store(planes, WINNER_WEIGHT + at_block, winner_weight)
+    store(planes, HALF + at_block, half_at)
+    store(planes, BEFORE_HALF + at_block, before_half)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _reach_goal(scratch, work, row, todo, constants):
+def _reach_goal(scratch, block, first, todo, limits):
     """Make winners of the splats with which a pixel's transmittance falls to its goal, and finish those pixels."""
-    staged = work[0]
-    min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
-    zero, one = np.float32(0), np.uint64(1)
-    at_row = row * ROW
-    columns, before = load(scratch, _X), load(scratch, _TRANSMITTANCE + at_row)
-    winner, goal = load(scratch, _WINNER + at_row), load(scratch, _GOAL + at_row)
-    while todo != np.uint64(0):
-        i = lowest_bit(todo)
+    planes, staged, at_block = scratch.planes, scratch.staged, block * LANES
+    one = np.uint64(1)
+    columns, lines = load(planes, COLUMN + at_block), load(planes, LINE + at_block)
+    before, winner = load(planes, TRANSMITTANCE + at_block), load(planes, WINNER + at_block)
+    goal, still_open = load(planes, GOAL + at_block), lanes_with(scratch.open[block])
+    while todo != np.uint64(0) and any_lane(still_open):
+        at = (first + lowest_bit(todo)) * LANES
         todo &= todo - one
-        at = i * _STAGED
-        dx = columns - staged[at + _STAGED_X]
-        slope = staged[at + _STAGED_SLOPE + row] + staged[at + _STAGED_XX] * dx
-        raw = power_of_two(greatest(staged[at + _STAGED_BASE + row] + dx * slope, FLOOR))
-        after = before - before * choose(raw >= min_alpha, least(raw, max_alpha), zero)
-        goes_on = after > min_transmittance
-        wins = goes_on & (before > after) & (after <= goal)
-        winner = choose(wins, spread(staged[at + _STAGED_NUMBER]), winner)
-        before = choose(goes_on, choose(wins, zero - after, after), zero - magnitude(before))
-    store(scratch, _TRANSMITTANCE + at_row, before)
-    store(scratch, _WINNER + at_row, winner)
-
-
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _add_values(scratch, work, packed, row, kept):
-    """Add weight · (depth, colour) of the splats kept to one row."""
-    weights, places = work[3], work[4]
-    target = _VALUES + row * ROW
-    four = load_block(4, scratch, target, STRIDE)
-    for j in range(kept):
-        four = add_scaled(four, load(weights, j * ROW), packed, places[j])
-    store_block(scratch, target, STRIDE, four)
-
-
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _walk(scratch, work, packed, splats, start, stop, left, top, constants, rule, median):
-    """Blend a tile's splats; with `median` only find the splats that undecided pixels stand for."""
-    masks, first = work[2], start
-    end = min(start + np.uint64(BATCH), stop)
-    while start < end:
-        upcoming = min(end + np.uint64(BATCH), stop)
-        for pair in range(end, upcoming):  # while this batch is blended
-            prefetch(packed, np.uint64(splats[pair]) * _WIDTH)
-        _stage(scratch, work, packed, splats, start, end, first, left, top, constants, rule)
-        for row in range(ROW):
-            todo = members_with(masks, row)
-            if todo != np.uint64(0) and any_lane(load(scratch, _TRANSMITTANCE + row * ROW) > np.float32(0)):
-                if median:
-                    _reach_goal(scratch, work, row, todo, constants)
-                else:
-                    kept = _weigh_row(scratch, work, row, todo, constants)
-                    _add_values(scratch, work, packed, row, kept)
-        start, end = end, upcoming
-        if not any_alive(scratch, _TRANSMITTANCE):
-            break
-
-
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _judge(scratch, rule):
-    """Judge the winners. Pixels that stand for their median splat get it where it is known; the others that do start
-    afresh, and whether there are any is returned."""
-    one, half, undecided = np.float32(1), np.float32(0.5), np.int32(0)
-    for q in range(ROW * ROW):
-        total = one - abs(scratch[_TRANSMITTANCE + q])
-        winner = scratch[_WINNER + q]
-        floating = (winner > np.float32(0)) & (scratch[_WINNER_WEIGHT + q] < rule[2] * total)
-        asks = floating | ((winner == np.float32(0)) & (total >= rule[3]))
-        goal = one - half * total
-        known = asks & (scratch[_BEFORE_HALF + q] > goal)  # at least a half: no splat before reached it
-        scratch[_WINNER + q] = scratch[_HALF + q] if known else winner
-        scratch[_GOAL + q] = goal
-        restarts = asks & (not known)
-        scratch[_TRANSMITTANCE + q] = one if restarts else -one
-        undecided += np.int32(restarts)
-    return undecided > 0
-
-
-@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _write_tile(scratch, left, top, images, height, width):
-    """Copy a blended tile into the images."""
-    color, alpha, depth = images
-    zero = np.float32(0)
-    for line in range(min(ROW, height - top)):
-        for column in range(min(ROW, width - left)):
-            q, pixel = line * ROW + column, (top + line) * width + left + column
-            total = np.float32(1) - abs(scratch[_TRANSMITTANCE + q])
-            alpha[pixel] = total
-            depth[pixel] = scratch[_VALUES + q] / total if total > zero else zero
-            for channel in range(np.uint64(3)):
-                color[pixel * np.uint64(3) + channel] = scratch[_VALUES + (np.uint64(1) + channel) * STRIDE + q]
+        before = before - before * _alpha(staged, at, columns, lines, limits)
+        wins = still_open & (before <= goal)
+        winner = choose(wins, spread(staged[at + AT_ROW]), winner)
+        still_open = without(still_open, wins)
+    scratch.open[block] = lane_bits(still_open)
+    store(planes, TRANSMITTANCE + at_block, before)
+    store(planes, WINNER + at_block, winner)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _write_winners(scratch, left, top, winner, rows, splats, start, height, width):
-    """From numbers in the tile's list to rows of the scene."""
-    for line in range(min(ROW, height - top)):
-        for column in range(min(ROW, width - left)):
-            number = np.int64(scratch[_WINNER + line * ROW + column])
-            pixel = (top + line) * width + left + column
-            if number == 0:
-                winner[pixel] = -1
-            else:
-                winner[pixel] = rows[np.uint64(splats[start + np.uint64(number - 1)]), AT_ROW]
+def _any_open(scratch):
+    """Whether a pixel of the tile still lets light through."""
+    found = np.uint16(0)
+    for block in range(BLOCKS):
+        found |= scratch.open[block]
+    return found != np.uint16(0)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def _walk(scratch, packed, splats, start, stop, corner, limits, rule, median):
+    """Blend a tile's splats; with `median`, after that, only find the splats that undecided pixels stand for."""
+    first, last = np.uint64(0), np.uint64((KEPT_BATCHES - 1) * BATCH)
+    end = min(start + np.uint64(BATCH), stop)
+    while start < end:
+        upcoming = min(end + np.uint64(BATCH), stop)
+        if not median or first == last:  # what was staged before that is still there
+            _fetch(packed, splats, end, upcoming)  # while this batch is blended
+            _stage(scratch, first, packed, splats, start, end, corner, limits, rule)
+        reached = scratch.blocks[first : first + np.uint64(BATCH)]
+        for block in range(BLOCKS):
+            todo = members_with(reached, block)
+            if todo != np.uint64(0) and scratch.open[block] != np.uint16(0):
+                if median:
+                    _reach_goal(scratch, block, first, todo, limits)
+                else:
+                    _blend_block(scratch, block, first, todo, limits)
+        start, end, first = end, upcoming, min(first + np.uint64(BATCH), last)
+        if not _any_open(scratch):
+            break
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _blend(packed, rows, lists, columns, constants, rule, images):
-    height, width, _ = images[0].shape
-    flat = (images[0].reshape(-1), images[1].reshape(-1), images[2].reshape(-1))
-    winner = images[3].reshape(-1)
-    starts, splats, tiles = lists[0], lists[1], len(lists[0]) - 1
+def _blend(packed, starts, splats, size, limits, rule, behind, pictures):
+    height, width, columns, tiles = np.uint64(size[0]), np.uint64(size[1]), size[2], len(starts) - 1
+    color, alpha, depth, winner = pictures[0], pictures[1], pictures[2], pictures[3]
     for task in numba.prange((tiles + TILES_PER_TASK - 1) // TILES_PER_TASK):
-        scratch = aligned_zeros(_SCRATCH)
-        work = (
-            aligned_zeros(BATCH * np.int64(_STAGED)),
-            np.empty(BATCH, np.uint64),
-            np.empty(BATCH, np.uint16),
-            aligned_zeros(BATCH * TILE),
-            np.empty(BATCH, np.uint64),
-        )
+        scratch = new_scratch()
         for tile in range(task * TILES_PER_TASK, min(tiles, (task + 1) * TILES_PER_TASK)):
-            left, top = tile % columns * TILE, tile // columns * TILE
+            left, top = np.uint64(tile % columns * TILE), np.uint64(tile // columns * TILE)
             start, stop = np.uint64(starts[tile]), np.uint64(starts[tile + 1])
-            scratch[np.int64(_WINNER) :] = 0
-            open_tile(scratch, _TRANSMITTANCE, _X, _Y, width - left, height - top)
-            x, y = np.float32(left), np.float32(top)
-            _walk(scratch, work, packed, splats, start, stop, x, y, constants, rule, False)
-            corner, size = (np.uint64(left), np.uint64(top)), (np.uint64(height), np.uint64(width))
-            _write_tile(scratch, corner[0], corner[1], flat, size[0], size[1])
-            if _judge(scratch, rule):
-                _walk(scratch, work, packed, splats, start, stop, x, y, constants, rule, True)
-            _write_winners(scratch, corner[0], corner[1], winner, rows, splats, start, size[0], size[1])
+            following = np.uint64(starts[min(tile + 2, tiles)])
+            _fetch(packed, splats, stop, min(stop + np.uint64(BATCH), following))
+            corner = np.float32(left), np.float32(top)
+            open_tile(scratch, width - left, height - top)
+            _walk(scratch, packed, splats, start, stop, corner, limits, rule, False)
+            write_tile(scratch, left, top, (color, alpha, depth), behind, height, width)
+            if judge(scratch, rule):
+                _walk(scratch, packed, splats, start, stop, corner, limits, rule, True)
+            write_winners(scratch, left, top, winner, height, width)

@@ -9,18 +9,27 @@ from numpy import ndarray
 
 from instdrive_core.maths.depth_order import nearest_first
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.fragment import FAST, exponent_of
+from instdrive_core.rasterize.fragment import EIGHTH, FAST
 from instdrive_core.rasterize.lanes import prefetch
-from instdrive_core.rasterize.project import DEPTH, OPACITY, POWER_LIMIT, SPLAT_WIDTH, project_rows
+from instdrive_core.rasterize.project import (
+    CONIC_XX,
+    DEPTH,
+    MEAN_X,
+    MEAN_Y,
+    OPACITY,
+    POWER_LIMIT,
+    SPLAT_WIDTH,
+    project_rows,
+)
 from instdrive_core.rasterize.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
 SPLAT_FLOATS = 16
 """Per splat: one cache line."""
-# Its columns: the six numbers of `exponent_of` relative to pixel (0, 0); depth and colour, which are blended;
-# opacity; the row, as the bits of an int32; the 2D covariance and the power limit, from which its tiles follow.
-AT_X, AT_Y, AT_BASE, AT_XX, AT_XY, AT_YY = (np.uint64(k) for k in range(6))
-AT_VALUES, AT_OPACITY, AT_ROW = np.uint64(6), np.uint64(10), np.uint64(11)
+# Its columns. The exponent at offset d from the mean is base - (a·dx + b·dy)² - (c·dy)²; the mean is relative to the
+# centre of pixel (0, 0). Then opacity and the row, as the bits of an int32; depth and colour, which are blended; the 2D
+# covariance and the power limit, from which its tiles follow.
+AT_A, AT_B, AT_X, AT_C, AT_Y, AT_BASE, AT_OPACITY, AT_ROW, AT_VALUES = (np.uint64(k) for k in range(9))
 AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT = (np.uint64(k) for k in range(12, 16))
 _LINE_COVARIANCE, _LINE_COLOR = np.uint64(SPLAT_WIDTH), np.uint64(SPLAT_WIDTH + 3)
 _AHEAD = np.uint64(12)
@@ -80,17 +89,20 @@ def packed_splats(found: Projected, settings: RasterSettings, workspace: Workspa
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FAST)
 def _pack(order, lines, constants, packed, packed_bits):
-    count, flat, zero = np.uint64(len(order)), lines.reshape(-1), np.float32(0)
+    count, flat, half = np.uint64(len(order)), lines.reshape(-1), np.float32(0.5)
+    scale, faintest = half * EIGHTH, np.float32(0.125) * np.log2(constants[2])
     for place in numba.prange(len(order)):
         v, row = np.uint64(place), np.uint64(order[place])
         ahead = np.uint64(order[min(v + _AHEAD, count - np.uint64(1))])
         prefetch(flat, ahead * np.uint64(SPLAT_FLOATS))
-        x, y, base, xx, xy, yy = exponent_of(lines, row, zero, zero, constants[2])
-        packed[v, AT_X], packed[v, AT_Y], packed[v, AT_BASE] = x, y, base
-        packed[v, AT_XX], packed[v, AT_XY], packed[v, AT_YY] = xx, xy, yy
+        limit, yy = lines[row, POWER_LIMIT], lines[row, _LINE_COVARIANCE + np.uint64(2)]
+        a = np.sqrt(scale * lines[row, CONIC_XX])
+        packed[v, AT_A], packed[v, AT_B] = a, -a * lines[row, _LINE_COVARIANCE + np.uint64(1)] / yy
+        packed[v, AT_C], packed[v, AT_BASE] = np.sqrt(scale / yy), scale * limit + faintest
+        packed[v, AT_X], packed[v, AT_Y] = lines[row, MEAN_X] - half, lines[row, MEAN_Y] - half
+        packed[v, AT_OPACITY], packed[v, AT_LIMIT] = lines[row, OPACITY], limit
         packed[v, AT_VALUES] = lines[row, DEPTH]
         for channel in range(np.uint64(3)):
             packed[v, AT_VALUES + np.uint64(1) + channel] = lines[row, _LINE_COLOR + channel]
             packed[v, AT_COV_XX + channel] = lines[row, _LINE_COVARIANCE + channel]
-        packed[v, AT_OPACITY], packed[v, AT_LIMIT] = lines[row, OPACITY], lines[row, POWER_LIMIT]
         packed_bits[v, AT_ROW] = order[place]

@@ -14,6 +14,8 @@ from instdrive_core.rasterize.lanes import (
     block_sums,
     choose,
     greatest,
+    lane_bits,
+    lanes_with,
     least,
     load,
     load_block,
@@ -25,6 +27,7 @@ from instdrive_core.rasterize.lanes import (
     store,
     store_block,
     store_first,
+    without,
     zero_block,
 )
 
@@ -126,3 +129,20 @@ def test_members_of_sets_are_found_as_bits() -> None:
         found, lowest = _bits(sets, np.uint64(bit))
         assert found == sum(1 << k for k in members)
         assert lowest == members[0]
+
+
+@numba.njit(error_model="numpy")
+def _conditions(a, bits, out):
+    x = load(a, ZERO)
+    given, above = lanes_with(bits), x > np.float32(0)
+    store(out, ZERO, choose(given, x, np.float32(9)))
+    return lane_bits(given), lane_bits(above), lane_bits(without(above, given))
+
+
+def test_conditions_and_bits_are_each_others_reverse() -> None:
+    a, out, bits = _numbers(16), np.zeros(16, np.float32), np.uint16(0b1010_0000_0000_0111)
+    given, above, only_above = _conditions(a, bits, out)
+    assert given == bits
+    assert above == sum(1 << k for k in range(16) if a[k] > 0)
+    assert only_above == above & ~int(bits)
+    np.testing.assert_array_equal(out, np.where([int(bits) >> k & 1 for k in range(16)], a, 9))

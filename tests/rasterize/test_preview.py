@@ -30,7 +30,7 @@ def test_large_and_tiny_splats_beside_each_other() -> None:
     splats = large.joined(random_splats(camera, 4000, 3, seed=7))
     splats.log_scales[300:] -= np.float32(2.5)
     frame, raster = preview(*splats.arrays(), camera), render(*splats.arrays(), camera)
-    np.testing.assert_allclose(frame.color, raster.image, atol=2e-5)
+    np.testing.assert_allclose(frame.color, raster.image, rtol=3e-6, atol=2e-5)  # sums of hundreds in float32
     np.testing.assert_allclose(frame.alpha, raster.alpha, atol=2e-5)
 
 

@@ -1,0 +1,101 @@
+"""The end of a preview's tile: its pictures are written, and its winners judged."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from instdrive_core.rasterize.fragment import FAST
+from instdrive_core.rasterize.lane_rows import interleaved, member, rows_of_blocks, store_up_to
+from instdrive_core.rasterize.lanes import (
+    block_of,
+    choose,
+    lane_bits,
+    lanes_with,
+    load,
+    load_block,
+    spread,
+    store,
+    store_block,
+    without,
+)
+from instdrive_core.rasterize.preview_scratch import (
+    BEFORE_HALF,
+    BLOCKS,
+    GOAL,
+    HALF,
+    LANES,
+    SIDE,
+    STRIDE,
+    TRANSMITTANCE,
+    VALUES,
+    WINNER,
+    WINNER_WEIGHT,
+)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def write_tile(scratch, left, top, pictures, behind, height, width):
+    """Copy a blended tile into colour, alpha and depth; what shows through is of the colour `behind`."""
+    planes, (color, alpha, depth) = scratch.planes, pictures
+    zero, one, three = np.float32(0), np.float32(1), np.uint64(3)
+    for q in range(BLOCKS):
+        store(planes, GOAL + q * LANES, load(planes, TRANSMITTANCE + q * LANES))
+    _lay_in_rows(planes, GOAL)
+    for channel in range(np.uint64(4)):
+        _lay_in_rows(planes, VALUES + channel * STRIDE)
+    across = np.int64(width - left)
+    for line in range(min(LANES, height - top)):
+        at, pixel = line * LANES, (top + line) * width + left
+        through = load(planes, GOAL + at)
+        total = one - through
+        store_up_to(across, alpha, pixel, total)
+        store_up_to(across, depth, pixel, choose(total > zero, load(planes, VALUES + at) / total, zero))
+        first = VALUES + STRIDE + at
+        red = load(planes, first) + through * behind[0]
+        green = load(planes, first + STRIDE) + through * behind[1]
+        blue = load(planes, first + STRIDE + STRIDE) + through * behind[2]
+        parts = interleaved(block_of(red, green, blue))
+        store_up_to(3 * across, color, three * pixel, member(parts, 0))
+        store_up_to(3 * across - 16, color, three * pixel + LANES, member(parts, 1))
+        store_up_to(3 * across - 32, color, three * pixel + LANES + LANES, member(parts, 2))
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
+def judge(scratch, rule):
+    """Judge the winners. Pixels that stand for their median splat get it where it is known; the others that do start
+    afresh, and whether there are any is returned."""
+    planes, one, half, restarting = scratch.planes, np.float32(1), np.float32(0.5), np.uint16(0)
+    for block in range(BLOCKS):
+        at = block * LANES
+        total = one - load(planes, TRANSMITTANCE + at)
+        unclaimed, goal = lanes_with(scratch.unclaimed[block]), one - half * total
+        covered = lane_bits(unclaimed & (total >= rule[3]))
+        claimed = without(lanes_with(scratch.inside[block]), unclaimed)
+        floating = lane_bits(claimed & (rule[2] * total > load(planes, WINNER_WEIGHT + at)))
+        asks = covered | floating
+        known = asks & lane_bits(load(planes, BEFORE_HALF + at) > goal)  # at least a half: no splat before reached it
+        store(planes, WINNER + at, choose(lanes_with(known), load(planes, HALF + at), load(planes, WINNER + at)))
+        store(planes, GOAL + at, goal)
+        store(planes, TRANSMITTANCE + at, spread(one))
+        scratch.open[block] = asks ^ known
+        restarting |= asks ^ known
+    return restarting != np.uint16(0)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def write_winners(scratch, left, top, winner, height, width):
+    """Copy a judged tile's winners; `winner` holds rows, as the bits of an int32."""
+    planes = scratch.planes
+    _lay_in_rows(planes, WINNER)
+    for line in range(min(LANES, height - top)):
+        row = load(planes, WINNER + line * LANES)
+        store_up_to(np.int64(width - left), winner, (top + line) * width + left, row)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def _lay_in_rows(planes, plane):
+    """From blocks of 4 × 4 to rows of 16 pixels, in place."""
+    for four in range(SIDE):
+        at = plane + four * SIDE * LANES
+        store_block(planes, at, LANES, rows_of_blocks(load_block(4, planes, at, LANES)))

@@ -1,0 +1,85 @@
+"""A tile of a preview while it is blended: what is kept per pixel, and the splats that are staged for it.
+
+A tile is sixteen blocks of 4 × 4 pixels, each as wide as a register: fewer blocks than rows of sixteen are reached by
+a splat of a few pixels. One flat float32 array holds everything that is per pixel, in planes, block by block.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from jaxtyping import Float32, UInt16
+from numpy import ndarray
+
+from instdrive_core.rasterize.bin import PIXELS, TILE
+from instdrive_core.rasterize.blend import aligned_zeros
+from instdrive_core.rasterize.lanes import lane_bits, load, spread
+
+SIDE, BLOCKS, LANES = np.uint64(4), np.uint64(16), np.uint64(16)
+BATCH = 64
+"""Splats staged at once, one bit of a uint64 each; after each batch a finished tile is left."""
+KEPT_BATCHES = 4
+"""Staged splats of a tile's first batches are there for a second walk; later ones share the last place."""
+STRIDE = np.uint64(PIXELS + TILE)
+"""Planes lie one line apart, so that they do not fall on the same cache sets."""
+# Winners are rows, as the bits of an int32; -1 for none.
+_PLANES = tuple(STRIDE * np.uint64(plane) for plane in range(12))
+TRANSMITTANCE, WINNER, WINNER_WEIGHT, HALF, BEFORE_HALF, GOAL, VALUES = _PLANES[:7]
+COLUMN, LINE = _PLANES[10:]
+
+
+class Scratch(NamedTuple):
+    """One task's memory. Bits of blocks: one uint16 each, a bit per pixel."""
+
+    planes: Float32[ndarray, " planes*272"]
+    corners: Float32[ndarray, " 32"]
+    """First column of each block, first line of each."""
+    inside: UInt16[ndarray, " 16"]
+    """Pixels within the image."""
+    open: UInt16[ndarray, " 16"]
+    """Those that still let light through."""
+    bright: UInt16[ndarray, " 16"]
+    """Those that let through more than half of it."""
+    unclaimed: UInt16[ndarray, " 16"]
+    """Those that no solid splat has claimed."""
+    staged: Float32[ndarray, " slots*16"]
+    """A cache line per splat."""
+    blocks: UInt16[ndarray, " slots"]
+    """Which blocks each staged splat reaches, a bit per block."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def new_scratch():
+    """Memory for tiles, one after the other."""
+    planes, corners = aligned_zeros(np.int64(LINE + STRIDE)), aligned_zeros(2 * np.int64(BLOCKS))
+    for block in range(16):
+        corners[block], corners[16 + block] = block % 4 * 4, block // 4 * 4
+        for lane in range(16):
+            place = block * 16 + lane
+            planes[np.int64(COLUMN) + place] = block % 4 * 4 + lane % 4
+            planes[np.int64(LINE) + place] = block // 4 * 4 + lane // 4
+    bits = np.zeros((4, 16), np.uint16)
+    slots = KEPT_BATCHES * BATCH
+    staged, blocks = aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
+    return Scratch(planes, corners, bits[0], bits[1], bits[2], bits[3], staged, blocks)
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def open_tile(scratch, width, height):
+    """Nothing blended yet; `width` and `height`: from the tile's corner to the image's."""
+    planes, none = scratch.planes, np.int32(-1)
+    for q in range(np.uint64(PIXELS)):
+        planes[TRANSMITTANCE + q] = np.float32(1)
+    for q in range(WINNER_WEIGHT, COLUMN):
+        planes[q] = np.float32(0)
+    bits = planes.view(np.int32)
+    for q in range(np.uint64(PIXELS)):
+        bits[WINNER + q] = none
+    width, height = spread(np.float32(width)), spread(np.float32(height))
+    for block in range(BLOCKS):
+        at = block * LANES
+        inside = lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
+        scratch.inside[block], scratch.open[block] = inside, inside
+        scratch.bright[block], scratch.unclaimed[block] = inside, inside
