@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from collections.abc import Callable
 from pathlib import Path
 
@@ -50,8 +51,8 @@ class Exporting:
 
     def proposed_beside(self, path: str) -> Path:
         """The same in the folder of the path as it is typed."""
-        folder = Path(path).expanduser()
-        return (folder if folder.is_dir() else folder.parent) / self._proposed_name()
+        folder = Path(os.path.expanduser(path))  # these never raise, whatever is typed
+        return (folder if os.path.isdir(folder) else folder.parent) / self._proposed_name()
 
     def _proposed_name(self) -> str:
         source, document = self._files.path, self._document()

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_app.autosave import Autosave
+from instdrive_app.file_names import name_problem
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.opening import Opened, opened, recovered
@@ -56,6 +57,9 @@ class Files:
 
         Where its scene has changed, `changed_project` is set instead; where only a part of it fits, `too_large`.
         """
+        if name_problem(path):
+            self._messages.error(name_problem(path))
+            return
 
         def failed(error: BaseException) -> bool:
             if isinstance(error, SceneTooLargeError) and error.keep_every is not None:

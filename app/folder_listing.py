@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from instdrive_app.file_names import is_text
+
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
@@ -39,12 +41,14 @@ class Entry:
 
 
 def listing(folder: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> list[Entry]:
-    """Folders, then files with one of the endings (lower case), each by name; hidden ones are left out.
+    """Folders, then files with one of the endings (lower case), each by name.
+
+    Left out is what is hidden, and what has a name that cannot be shown because it is no UTF-8 text.
 
     Nothing where the folder cannot be read. `holds_scene` tells folders that are scenes from those to go into.
     """
     try:
-        found = [path for path in folder.iterdir() if not path.name.startswith(".")]
+        found = [path for path in folder.iterdir() if not path.name.startswith(".") and is_text(path)]
     except OSError:
         return []
     entries = [entry for path in found if (entry := _entry(path, suffixes, holds_scene)) is not None]

@@ -1,8 +1,9 @@
-"""Inserting another scene: before the camera, on the ground, selected."""
+"""Inserting other scenes: before the camera, side by side, on the ground, selected."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from instdrive_core.scene.scene import Scene, placed
 
 NEAREST = 8.0
 """Metres before the camera at which a small thing is put; larger ones farther."""
+GAP = 1.0
+"""Metres between things inserted together."""
 EYE_HEIGHT = 1.6
 """Metres below the camera where no ground is found."""
 
@@ -41,28 +44,59 @@ class Inserting:
     ) -> None:
         self._state, self._document, self._jobs, self._messages, self._moving = state, document, jobs, messages, moving
 
-    def insert(self, path: Path) -> None:
-        """Insert all of a scene file or folder; it is selected and taken in hand."""
+    def insert(self, path: Path, *others: Path) -> None:
+        """Insert all of one or more scene files or folders, a step each; they are selected and taken in hand.
+
+        What cannot be read is told and left out.
+        """
+        self._insert_next((path, *others), None)
+
+    def _insert_next(self, paths: tuple[Path, ...], edge: float | None) -> None:
+        """Insert the first path, then the others; `edge`: where what was inserted before it ends (see `Spot`).
+
+        One after the other, because the ground is looked for beside the window, in a document that must not change.
+        """
         document, viewpoint, time = self._document(), self._state.viewpoint, self._state.time
-        if document is None:
+        if document is None or not paths:
             return
+        path, others = paths[0], paths[1:]
 
-        def work() -> tuple[InsertScene, str]:
+        def work() -> tuple[InsertScene, Spot]:
             source = (document.open_scene or open_scene)(path)
-            shift, note = translation_before(document, source, viewpoint, time)
-            return InsertScene.of(source, str(path), shift), note
+            spot = spot_before(document, source, viewpoint, time, edge)
+            return InsertScene.of(source, str(path), spot.translation), spot
 
-        def done(result: tuple[InsertScene, str]) -> None:
-            edit, note = result
-            if self._document() is document and self._moving.apply_and_select(edit, edit.added_instances):
+        def done(result: tuple[InsertScene, Spot]) -> None:
+            edit, spot = result
+            mode = "replace" if edge is None else "add"
+            if self._document() is document and self._moving.apply_and_select(edit, edit.added_instances, mode):
                 self._state.tool = "move"
-                self._messages.info(f"Inserted {path.name}{note}")
+                self._messages.info(f"Inserted {path.name}{spot.note}")
+                self._insert_next(others, spot.edge)
 
-        self._jobs.submit(f"Inserting {path.name}", work, done)
+        def failed(_: BaseException) -> bool:
+            self._insert_next(others, edge)
+            return False
+
+        self._jobs.submit(f"Inserting {path.name}", work, done, failed=failed)
 
 
-def translation_before(document: Document, source: Scene, viewpoint: Viewpoint, time: float) -> tuple[Vector, str]:
-    """Metres by which a scene has to be moved to stand before the camera, and what the user should know about it.
+@dataclass(frozen=True)
+class Spot:
+    """Where a scene is put."""
+
+    translation: Vector
+    """Metres by which it has to be moved."""
+    edge: float
+    """Where it ends then: metres to the right of the camera's axis."""
+    note: str
+    """What the user should know about it."""
+
+
+def spot_before(
+    document: Document, source: Scene, viewpoint: Viewpoint, time: float, edge: float | None = None
+) -> Spot:
+    """Before the camera on the ground; to the right of `edge` where something was put there already.
 
     Raises EditError where the scene has no splats.
     """
@@ -70,7 +104,10 @@ def translation_before(document: Document, source: Scene, viewpoint: Viewpoint, 
         raise EditError("the scene to be inserted has no splats")
     means = _solid_means(source, time)
     low, high = np.array(middle_bounds(means))
-    place = _place_before(viewpoint, float((high - low)[:2].max()))
+    size, right = (high - low)[:2], _rightwards(viewpoint)
+    half_width = float(np.abs(right[:2]) @ size) / 2
+    aside = 0.0 if edge is None else edge + GAP + half_width
+    place = _place_before(viewpoint, float(size.max())) + aside * right
     bottom = foot_of(means[:, 2])
     note = ""
     try:
@@ -78,7 +115,7 @@ def translation_before(document: Document, source: Scene, viewpoint: Viewpoint, 
     except EditError as error:
         ground, note = float(viewpoint.position[2]) - EYE_HEIGHT, f"; {error}, so it stands at the camera's foot height"
     x, y = (place - (low + high) / 2)[:2].tolist()
-    return (x, y, ground - bottom), note
+    return Spot((x, y, ground - bottom), aside + half_width, note)
 
 
 def _place_before(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
@@ -87,6 +124,13 @@ def _place_before(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
     if np.linalg.norm(ahead) < 0.2:
         return viewpoint.pivot
     return viewpoint.position + ahead / np.linalg.norm(ahead) * max(NEAREST, 1.5 * size)
+
+
+def _rightwards(viewpoint: Viewpoint) -> Float64[ndarray, "3"]:
+    """Unit vector to the right in the picture, level."""
+    right = viewpoint.world_from_camera[:3, 0] * [1.0, 1.0, 0.0]
+    length = np.linalg.norm(right)
+    return right / length if length > 0.2 else np.array([1.0, 0.0, 0.0])
 
 
 def _solid_means(source: Scene, time: float) -> Float64[ndarray, "n 3"]:

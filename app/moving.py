@@ -24,7 +24,7 @@ from instdrive_core.edits.move import SCALE_LIMITS, MoveInstances
 from instdrive_core.edits.parameters import Vector
 from instdrive_core.edits.placement import lane_at
 from instdrive_core.edits.reset_moves import ResetMoves
-from instdrive_core.edits.select import SelectInstances
+from instdrive_core.edits.select import SelectInstances, SelectMode
 from instdrive_core.errors import EditError
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import quaternion_from_matrix
@@ -144,16 +144,18 @@ class Moving:
         if not self.ids:
             return
         half = math.radians(wanted.yaw - before.yaw) / 2
-        edit = MoveInstances(
-            self.ids,
-            _vector(np.subtract(wanted.position, before.position)),
-            (math.cos(half), 0.0, 0.0, math.sin(half)),
-            limited_scale(wanted.scale / before.scale),
-            before.position,
-            self._state.time,
-            on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
+        self._apply(
+            lambda: MoveInstances(
+                self.ids,
+                _vector(np.subtract(wanted.position, before.position)),
+                (math.cos(half), 0.0, 0.0, math.sin(half)),
+                limited_scale(wanted.scale / before.scale),
+                before.position,
+                self._state.time,
+                on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
+            ),
+            gesture=gesture,
         )
-        self._apply(lambda: edit, gesture=gesture)
 
     def shift_along_lane(self, metres: float, gesture: str | None = None) -> None:
         """Move forwards along the lane, or back; what has the same `gesture` is one step, told from its beginning."""
@@ -185,13 +187,13 @@ class Moving:
         if self.apply_and_select(edit, len(ids)):
             self._state.tool = "move"
 
-    def apply_and_select(self, edit: AppendEdit, instances: int) -> bool:
+    def apply_and_select(self, edit: AppendEdit, instances: int, mode: SelectMode = "replace") -> bool:
         """Do an edit that adds so many instances, and select them, in one step; returns whether that was done."""
         document = self._opened
 
         def both() -> CompoundEdit:
             added = tuple(entry.id for entry in new_instances(document, [None] * instances))
-            return CompoundEdit((edit, SelectInstances(added)), edit.title)
+            return CompoundEdit((edit, SelectInstances(added, mode)), edit.title)
 
         return self._apply(both)
 
@@ -211,18 +213,18 @@ class Moving:
         lane = self.lane() if self.options.along_lane else None
         if lane is not None:  # looked for once: in a scene without cameras that takes longer than a frame
             shift = lane * (lane @ shift)
-        edit = MoveInstances(
-            drag.ids,
-            _vector(shift),
-            tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
-            limited_scale(scale),
-            _vector(drag.center),
-            drag.time,
-            yaw_only=self.yaw_only,
-            along_lane=self.options.along_lane and lane is None,  # then it says that no lane is known
-            on_ground=self.options.on_ground,
-        )
         try:
+            edit = MoveInstances(
+                drag.ids,
+                _vector(shift),
+                tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
+                limited_scale(scale),
+                _vector(drag.center),
+                drag.time,
+                yaw_only=self.yaw_only,
+                along_lane=self.options.along_lane and lane is None,  # then it says that no lane is known
+                on_ground=self.options.on_ground,
+            )
             drag.document.apply(edit, drag.gesture)
         except EditError as error:
             if not drag.told:  # else the same message would be told in every frame

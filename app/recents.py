@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os.path
 from pathlib import Path
 
 from instdrive_core.errors import DataError
@@ -22,7 +23,7 @@ class RecentFiles:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Those that are still there."""
-        return tuple(path for path in self._listed() if path.exists())
+        return tuple(path for path in self._listed() if os.path.exists(path))
 
     def add(self, path: Path) -> None:
         """Put a path at the top."""

@@ -73,8 +73,8 @@ class EditorSession:
         """What the user wants to do next, while asked about unsaved changes."""
         self.panel: str | None = None
         """Name of the panel to bring to the front in the next frame."""
-        self.dropped: Path | None = None
-        """A file dropped onto the window, to be taken up in the next frame."""
+        self.dropped: tuple[Path, ...] = ()
+        """Files dropped onto the window, to be taken up in the next frame."""
         self.quitting = False
 
     def enter(self, opened: Opened) -> None:

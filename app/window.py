@@ -14,6 +14,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_commands
+from instdrive_app.file_drops import accept_drops
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
 from instdrive_app.panels.status import StatusBar
@@ -153,7 +154,7 @@ class EditorWindow:
         self._session.wake = self._wake
         tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
-        self._accept_drops()
+        self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
         Thread(target=warm_up, name="warm-up", daemon=True).start()
         if self._options.report is not None:
             self._reporter = Reporter(self._options.report)
@@ -165,14 +166,8 @@ class EditorWindow:
 
         glfw.post_empty_event()
 
-    def _accept_drops(self) -> None:
-        import glfw  # not before imgui_bundle, which tells it to use the same library
-
-        def take(_: object, paths: list[str]) -> None:
-            if paths:
-                self._session.dropped = Path(paths[0])
-
-        glfw.set_drop_callback(glfw_utils.glfw_window_hello_imgui(), take)  # type: ignore[arg-type]
+    def _take_drop(self, paths: tuple[Path, ...]) -> None:
+        self._session.dropped += paths
 
     def _before_frame(self) -> None:
         self.ui.forget_marks()

@@ -39,7 +39,8 @@ DIALOGS = (
     "class",
     "rename",
 )
-LONG_NAME = "A parked delivery van with a rather long name, behind the second lamp post"
+LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
+"""As long as a name may be."""
 PATIENCE_FRAMES = 400
 
 
@@ -133,9 +134,13 @@ class Tour:
         session.dialog = "reassign"
         yield from self._look("dialog reassign")
         yield from self._escape()
-        session.dropped = self._scene
-        yield from self._look("dialog dropped")
-        yield from self._escape()
+        others = tuple(self._options.out / f"{number} {LONG_NAME}.ply" for number in range(5))
+        for other in others:
+            other.symlink_to(self._scene)
+        for name, dropped in (("dropped", (self._scene,)), ("several dropped", others)):
+            session.dropped = dropped
+            yield from self._look(f"dialog {name}")
+            yield from self._escape()
 
     def _menus(self) -> Iterator[None]:
         for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.commands.menus):

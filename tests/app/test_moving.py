@@ -367,6 +367,26 @@ def test_an_inserted_scene_stands_before_the_camera_on_the_ground(session, stree
     assert len(street.scene) == len(procedural_street())
 
 
+def test_several_scenes_stand_side_by_side_and_are_selected_together(session, street, tmp_path):
+    session.state.viewpoint = Viewpoint(look_at(np.array([0.0, 0, 2]), np.array([0.0, 10, 2])), LENS)
+    (tmp_path / "broken.ply").write_bytes(b"ply\nnonsense")
+    (tmp_path / "more").mkdir()
+    car, two = car_file(tmp_path), car_file(tmp_path / "more", instances=True)
+    paths = [car, tmp_path / "broken.ply", two, car]
+    steps = street.history.cursor
+    session.inserting.insert(*paths)
+    finish(session)
+    assert ["broken.ply" in error for error in errors(session)] == [True]
+    assert street.history.cursor == steps + 3
+    edges = []
+    for first, count in ((0, 1), (1, 2), (3, 1)):
+        means = street.means_of(street.rows_of(session.selected[first : first + count]))
+        low, high = np.quantile(means, [0.03, 0.97], axis=0)
+        assert 6 < (low[1] + high[1]) / 2 < 40, "before the camera"
+        edges += [low[0], high[0]]
+    assert np.all(np.diff(edges) > 0), "from left to right, with room between them"
+
+
 def test_a_scene_inserted_where_no_ground_is_stands_below_the_camera_and_that_is_told(session, street, tmp_path):
     session.state.viewpoint = Viewpoint(look_at(np.array([500.0, 0, 12]), np.array([500.0, 10, 12])), LENS)
     session.inserting.insert(car_file(tmp_path))

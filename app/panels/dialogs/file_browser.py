@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 import shutil
 import sys
 import time
@@ -101,8 +102,8 @@ class FileBrowser:
         imgui.set_next_item_width(-1)
         entered, self._text = imgui.input_text("##path", self._text, imgui.InputTextFlags_.enter_returns_true)
         ui.mark("dialog.path")
-        path = Path(self._text).expanduser()
-        folder = path if path.is_dir() and not holds_scene(path) else path.parent
+        path = Path(os.path.expanduser(self._text))  # unlike Path's method, leaves what is nobody's home
+        folder = path if os.path.isdir(path) and not holds_scene(path) else path.parent
         below = ImVec2(0, -imgui.get_frame_height() * 2.7)
         if imgui.begin_child("##places", ImVec2(11 * imgui.get_font_size(), below.y)):
             self._places(ui)
@@ -113,7 +114,7 @@ class FileBrowser:
         imgui.end_child()
         problem = purpose.problem(path)
         if problem:
-            imgui.text_colored(rgba(DIM if path.is_dir() else ERROR), problem)
+            imgui.text_colored(rgba(DIM if os.path.isdir(path) else ERROR), problem)
         else:
             dim_text(_consequence(purpose, path))
         if confirmed(ui, purpose.verb, entered, not problem):
@@ -188,9 +189,9 @@ class FileBrowser:
 
 def _consequence(purpose: FilePurpose, path: Path) -> str:
     """What happens to what is there."""
-    if purpose.writes and path.is_file():
+    if purpose.writes and os.path.isfile(path):
         return "The file there is replaced."
-    if purpose.writes and path.is_dir():
+    if purpose.writes and os.path.isdir(path):
         return "The scene there is replaced." if purpose.suffixes else "Files of the same names there are replaced."
     return " "
 

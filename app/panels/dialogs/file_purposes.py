@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path  # its questions say no to what cannot be looked at, such as names that are too long: Path's raise
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,34 +46,41 @@ class FilePurpose:
         return self._problem_of_new(path) if self.suffixes else _problem_of_filled(path)
 
     def _problem_of_old(self, path: Path) -> str:
-        if path.is_file() and path.name.lower().endswith(self.suffixes):
+        if os.path.isfile(path) and path.name.lower().endswith(self.suffixes):
             return ""
-        if self.folders and path.is_dir() and holds_scene(path):
+        if self.folders and holds_scene(path):
             return ""
         return "Choose a scene file or a folder that holds a scene"
 
     def _problem_of_new(self, path: Path) -> str:
         endings = " or ".join(self.suffixes)
-        if path.is_dir() and not (self.folders and holds_scene(path)):
+        if os.path.isdir(path) and not (self.folders and holds_scene(path)):
             return f"Add a file name that ends in {endings}"
         if not path.name.lower().endswith(self.suffixes) and (path.suffix or not self.folders):
             folder = ", or be that of a scene folder" if self.folders else ""
             return f"The name must end in {endings}{folder}"
-        return "" if path.parent.is_dir() else f"There is no folder {path.parent}"
+        return _problem_of_parent(path)
 
 
 def _problem_of_filled(path: Path) -> str:
     """Of a folder that many files are written into."""
-    if path.is_file() or path.name.lower().endswith(FILES):
+    if os.path.isfile(path) or path.name.lower().endswith(FILES):
         return "Many files are written: give the name of a folder"
-    if path.is_dir() and holds_scene(path):
+    if holds_scene(path):
         return "That folder holds a scene; give the name of another"
-    return "" if path.parent.is_dir() else f"There is no folder {path.parent}"
+    return _problem_of_parent(path)
+
+
+def _problem_of_parent(path: Path) -> str:
+    return "" if os.path.isdir(path.parent) else f"There is no folder {path.parent}"
 
 
 def holds_scene(folder: Path) -> bool:
-    """Whether a folder can be opened as a scene."""
-    return (folder / MANIFEST).is_file() or is_sog_folder(folder)
+    """Whether this is a folder that can be opened as a scene; one that cannot be looked into is not."""
+    try:
+        return folder.is_dir() and ((folder / MANIFEST).is_file() or is_sog_folder(folder))
+    except OSError:
+        return False
 
 
 def _open(session: EditorSession, path: Path) -> None:

@@ -1,0 +1,37 @@
+"""Names of files as they are told to the user."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from instdrive_core.wording import counted
+
+NAMED = 3
+"""Files that are told by name; of more, the number of the others."""
+
+
+def is_text(path: Path) -> bool:
+    """Whether the path can be shown: on Linux names are bytes, of any encoding."""
+    return str(path) == shown(path)
+
+
+def shown(path: Path | str) -> str:
+    """The path with U+FFFD for what is no text."""
+    return os.fsencode(path).decode("utf-8", "replace")
+
+
+def name_problem(path: Path) -> str:
+    """What hinders a path from being shown, in recents, titles and messages; empty where nothing does."""
+    if is_text(path):
+        return ""
+    return f"{shown(path.name or path)} cannot be opened: its path is not UTF-8 text. Rename it, then try again"
+
+
+def enumerated(paths: Sequence[Path]) -> str:
+    """``a.ply``, ``a.ply and b.ply``, ``a.ply, b.ply, c.ply and 4 others``."""
+    names = [path.name for path in paths]
+    if len(names) > NAMED + 1:
+        names = [*names[:NAMED], counted(len(names) - NAMED, "other")]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
