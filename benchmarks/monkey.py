@@ -51,6 +51,9 @@ class Options:
     """Let a monkey use the editor."""
 
     seconds: float = 30.0
+    """At most."""
+    actions: int = 1_000_000
+    """At most."""
     scene: Path | None = None
     """What to open; default: the sample scene. Works on a copy."""
     seed: int = 0
@@ -61,7 +64,7 @@ class Monkey:
 
     def __init__(self, window: EditorWindow, options: Options) -> None:
         self._window, self._session = window, window.session
-        self._random, self._seconds = random.Random(options.seed), options.seconds
+        self._random, self._seconds, self._most = random.Random(options.seed), options.seconds, options.actions
         self._hands = Hands()
         self.actions: Counter[str] = Counter()
         self.problems: list[str] = []
@@ -76,7 +79,7 @@ class Monkey:
         document = self._session.document
         before = fingerprint(document)
         end, next_check = time.monotonic() + self._seconds, 0.0
-        while time.monotonic() < end:
+        while time.monotonic() < end and self.actions.total() < self._most:
             yield from self._act()
             self._session.quitting = False
             if self._session.document is not document:

@@ -30,7 +30,7 @@ def test_every_example_is_listed_and_run():
 @pytest.mark.parametrize("name", WRITTEN)
 def test_example(name, tmp_path):
     command = [sys.executable, str(EXAMPLES / f"{name}.py"), str(SAMPLE), str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout
     for written in WRITTEN[name]:

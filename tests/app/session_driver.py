@@ -5,7 +5,7 @@ import time
 from instdrive_app.messages import Level
 
 
-def finish(session, seconds=60):
+def finish(session, seconds=240):
     """Frames until no job is left, neither in the queue nor aside."""
     end = time.monotonic() + seconds
     while session.jobs.current is not None:

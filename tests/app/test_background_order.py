@@ -37,7 +37,7 @@ class Gate:
 
     def _sort(self, *arguments):
         self.calls += 1
-        assert self._open.wait(20)
+        assert self._open.wait(120)
         return depth_order(*arguments)
 
     def shut(self):
@@ -55,7 +55,7 @@ def gate(monkeypatch):
 
 
 def eventually(condition):
-    end = time.monotonic() + 20
+    end = time.monotonic() + 120
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.002)

@@ -68,7 +68,7 @@ def test_the_scripted_session_shows_what_it_did(demo_folder):
     code = "import sys; from pathlib import Path; from instdrive_app.demo_command import play; "
     code += "play(Path(sys.argv[1]) / 'run', Path(sys.argv[1]))"
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    subprocess.run([sys.executable, "-c", code, str(demo_folder)], env=environment, check=True, timeout=180)
+    subprocess.run([sys.executable, "-c", code, str(demo_folder)], env=environment, check=True, timeout=500)
 
     scene = read_scene_folder(demo_folder / "run")
     session = json.loads((demo_folder / "session.json").read_text())

@@ -1,11 +1,13 @@
 """The thread that draws: only the latest frame, nobody waits, nothing is lost."""
 
 import threading
-import time
 
 import pytest
 
 from instdrive_app.render.software_thread import LatestFrame, Superseded
+
+PATIENCE = 120.0
+"""Seconds until a thread that never comes counts as a fault."""
 
 
 class Draw:
@@ -16,7 +18,7 @@ class Draw:
 
     def __call__(self, asked, newer):
         self.begun.release()
-        assert self.let_go.acquire(timeout=10)
+        assert self.let_go.acquire(timeout=PATIENCE)
         if newer() == "instead":
             raise Superseded
         if asked == "wrong":
@@ -39,13 +41,11 @@ def drawing():
 def test_taking_returns_at_once_while_a_frame_is_under_way(drawing):
     draw, frames, woken = drawing
     frames.ask(1)
-    assert draw.begun.acquire(timeout=10)
-    started = time.perf_counter()
+    assert draw.begun.acquire(timeout=PATIENCE)
     assert frames.take() is None
-    assert time.perf_counter() - started < 0.05
-    assert frames.busy
+    assert frames.busy, "it is still under way"
     draw.let_go.release()
-    assert woken.acquire(timeout=10)
+    assert woken.acquire(timeout=PATIENCE)
     assert frames.take() == 1
     assert frames.take() is None, "each is taken once"
 
@@ -53,7 +53,7 @@ def test_taking_returns_at_once_while_a_frame_is_under_way(drawing):
 def test_only_the_latest_of_the_frames_asked_for_meanwhile_is_drawn(drawing):
     draw, frames, _ = drawing
     frames.ask(1)
-    assert draw.begun.acquire(timeout=10)
+    assert draw.begun.acquire(timeout=PATIENCE)
     for frame in (2, 3, 4):
         frames.ask(frame)
     draw.let_go.release()
@@ -66,7 +66,7 @@ def test_only_the_latest_of_the_frames_asked_for_meanwhile_is_drawn(drawing):
 def test_a_frame_that_is_superseded_is_given_up(drawing):
     draw, frames, _ = drawing
     frames.ask(1)
-    assert draw.begun.acquire(timeout=10)
+    assert draw.begun.acquire(timeout=PATIENCE)
     frames.ask("instead")
     draw.let_go.release()
     draw.let_go.release()
@@ -88,9 +88,8 @@ def test_what_drawing_raises_reaches_who_asked_and_the_thread_goes_on(drawing):
 def test_patience_ends_with_the_frame_or_the_time(drawing):
     draw, frames, _ = drawing
     frames.ask(1)
-    started = time.perf_counter()
+    assert draw.begun.acquire(timeout=PATIENCE)
     assert frames.take(0.05) is None
-    assert 0.04 < time.perf_counter() - started < 1.0
+    assert frames.busy, "it is still under way"
     threading.Timer(0.05, draw.let_go.release).start()
-    assert frames.take(10.0) == 1
-    assert time.perf_counter() - started < 5.0
+    assert frames.take(1e6) == 1, "the tests' time limit is much shorter"

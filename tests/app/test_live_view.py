@@ -16,6 +16,7 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.render.renderer import Renderer
 from instdrive_app.render.software import SoftwareRenderer
 from instdrive_app.render.software_draw import SoftwareDraw
+from instdrive_app.render.software_thread import LatestFrame
 from instdrive_app.session import EditorSession
 from instdrive_app.state import EditorState
 from instdrive_app.tools.pick import PickTool
@@ -25,6 +26,8 @@ from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.errors import OptionError
 
 SIZE = (240, 136)
+PATIENCE = 120.0
+"""Seconds until a picture that never comes counts as a fault."""
 BLUE_CAR = FIRST_CAR + 1
 
 
@@ -71,7 +74,7 @@ def state_at(document, index=0, **changes):
 
 
 def settle(view, document, state, size=SIZE):
-    end = time.monotonic() + 20
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         picture = view.show(document, state, *size)
         if view.settled:
@@ -128,7 +131,7 @@ def slow(monkeypatch):
     gate, draw = threading.Event(), SoftwareDraw.__call__
 
     def held(self, request, newer=lambda: None):
-        assert gate.wait(20)
+        assert gate.wait(PATIENCE)
         return draw(self, request, newer)
 
     monkeypatch.setattr(software, "SoftwareDraw", type("Held", (SoftwareDraw,), {"__call__": held}))
@@ -136,14 +139,25 @@ def slow(monkeypatch):
     gate.set()
 
 
-def test_nobody_waits_for_a_frame_and_what_is_shown_is_what_pointing_reads(slow, cpu_view, street):
+@pytest.fixture
+def patience(monkeypatch):
+    """How long each look for a frame would have waited at most, in seconds."""
+    asked, take = [], LatestFrame.take
+
+    def noted(self, patience=0.0):
+        asked.append(patience)
+        return take(self, patience)
+
+    monkeypatch.setattr(LatestFrame, "take", noted)
+    return asked
+
+
+def test_nobody_waits_for_a_frame_and_what_is_shown_is_what_pointing_reads(slow, cpu_view, street, patience):
     state, view = state_at(street), cpu_view
-    taken = []
     for _ in range(5):
-        started = time.perf_counter()
         assert view.show(street, state, *SIZE).size == (1, 1), "a plain backdrop"
-        taken.append(time.perf_counter() - started)
-    assert np.median(taken) < 0.1
+    assert len(patience) == 5
+    assert max(patience) < 0.05, "no longer than a window's frame may take"
     assert view.snapshot is None
     assert not view.settled
     slow.set()
@@ -203,7 +217,7 @@ def test_a_moving_camera_gets_drafts_and_a_still_one_a_sharp_picture(cpu_view, s
     settle(view, street, state)
     session = EditorSession()
     session.show(street)
-    drafts, end = 0, time.monotonic() + 10
+    drafts, end = 0, time.monotonic() + PATIENCE
     while drafts < 3 and time.monotonic() < end:
         state.viewpoint = camera.look(state.viewpoint, 0.01, 0.0)
         view.show(street, state, *SIZE)

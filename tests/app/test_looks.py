@@ -41,7 +41,7 @@ def tour(request, tmp_path_factory):
     command = [sys.executable, str(TOUR), str(out), "--size", str(width), str(height), "--scale", str(scale)]
     if scale > 1:
         command += [word for state in MOST_TELLING for word in ("--only", state)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stderr
     states = json.loads((out / "looks.json").read_text())
     return {"pixels": [width * scale, height * scale], "states": states}

@@ -54,14 +54,14 @@ def test_pictures_are_read_beside_the_window_and_failures_told_once(view, tmp_pa
     told, ready = [], threading.Event()
     pictures = ReferencePictures(told.append, ready.set)
     assert pictures.get(view, Reference.PHOTO) is None or ready.is_set()
-    assert ready.wait(10)
+    assert ready.wait(120)
     first = pictures.get(view, Reference.PHOTO)
     assert first is not None
     assert pictures.get(view, Reference.PHOTO) is first, "kept, so that it is uploaded once"
     ready.clear()
     broken = replace(view, photo=str(tmp_path / "gone.png"))
     pictures.get(broken, Reference.PHOTO)
-    assert ready.wait(10)
+    assert ready.wait(120)
     for _ in range(3):
         assert pictures.get(broken, Reference.PHOTO) is None
     assert len(told) == 1
@@ -73,13 +73,13 @@ def test_photos_that_were_held_out_have_no_masks_and_nobody_is_told_off(view):
     told, ready = [], threading.Event()
     pictures = ReferencePictures(told.append, ready.set)
     pictures.get(view, Reference.MASKS)
-    assert ready.wait(10)
+    assert ready.wait(120)
     masks = pictures.get(view, Reference.MASKS)
     assert pictures.missing(view, Reference.MASKS) == ""
     ready.clear()
     held_out = replace(view, index=1, held_out=True)
     pictures.get(held_out, Reference.MASKS)
-    assert ready.wait(10)
+    assert ready.wait(120)
     assert pictures.get(held_out, Reference.MASKS) is None
     assert "Held out" in pictures.missing(held_out, Reference.MASKS)
     assert told == []
@@ -87,7 +87,7 @@ def test_photos_that_were_held_out_have_no_masks_and_nobody_is_told_off(view):
     ready.clear()
     unknown = replace(view, index=2)
     assert pictures.get(unknown, Reference.MASKS) is masks or ready.is_set(), "the last one, until it is known"
-    assert ready.wait(10)
+    assert ready.wait(120)
     assert pictures.get(unknown, Reference.MASKS) is None
     assert len(told) == 1
     pictures.close()

@@ -25,7 +25,7 @@ def play(scene, out):
     code = "import sys; from instdrive_app.script import run_scripted_session as run; run(sys.argv[1], sys.argv[2])"
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     command = [sys.executable, "-c", code, str(scene), str(out)]
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=500, check=False)
 
 
 @pytest.mark.gui

@@ -67,9 +67,7 @@ def test_nothing_starts_that_the_budget_does_not_hold(tmp_path):
 
 
 def test_a_cell_that_outlives_the_budget_is_stopped(tmp_path):
-    started = time.monotonic()
-    outcome = queue(tmp_path, "time.sleep(60)", budget=1.5).run(CHAIN)
-    assert time.monotonic() - started < 20
+    outcome = queue(tmp_path, "time.sleep(10**6)", budget=1.5).run(CHAIN)  # else the tests' time limit ends it
     assert outcome.done == outcome.failed == []
     assert queue(tmp_path).run(CHAIN).done == [cell.name for cell in CHAIN]
 
@@ -77,16 +75,16 @@ def test_a_cell_that_outlives_the_budget_is_stopped(tmp_path):
 def test_a_cell_ends_with_the_process_that_started_it(tmp_path):
     worker = (
         "import os, time; from pathlib import Path; from benchmarks.cell_work import end_with_parent;"
-        f"end_with_parent(); Path({str(tmp_path / 'pid')!r}).write_text(str(os.getpid())); time.sleep(60)"
+        f"end_with_parent(); Path({str(tmp_path / 'pid')!r}).write_text(str(os.getpid())); time.sleep(3600)"
     )
     root = Path(__file__).resolve().parents[2]
     parent = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {worker!r}], cwd={str(root)!r})"
     process = subprocess.Popen([sys.executable, "-c", parent])
     pid = tmp_path / "pid"
-    assert _within(60, lambda: pid.is_file() and pid.read_text() != "")
+    assert _within(240, lambda: pid.is_file() and pid.read_text() != "")
     process.kill()
     process.wait()
-    assert _within(20, lambda: not _runs(int(pid.read_text())))
+    assert _within(240, lambda: not _runs(int(pid.read_text())))
 
 
 def _runs(pid: int) -> bool:

@@ -23,8 +23,11 @@ linux_only = pytest.mark.skipif(sys.platform != "linux", reason="needs /proc and
 
 
 @linux_only
-def test_no_damaged_file_does_harm():
-    counts = fuzz(Options(seconds=60, files=400, seed=20))
+def test_no_damaged_file_does_harm(monkeypatch):
+    # Where others use the cores and nothing is compiled yet, reading a file may take long without being a hang.
+    monkeypatch.setattr("benchmarks.fuzz.HANG", 60.0)
+    monkeypatch.setattr("benchmarks.fuzz._START", 300.0)
+    counts = fuzz(Options(seconds=500, files=400, seed=20))
     wanted = {"files": 400, "crashes": 0, "hangs": 0, "overallocations": 0, "silent": 0}
     assert {name: counts[name] for name in wanted} == wanted, counts
     assert counts["read"] > 20

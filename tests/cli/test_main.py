@@ -1,9 +1,9 @@
 """The dispatcher: its table matches the commands, help is quick, errors are short."""
 
 import ast
+import resource
 import subprocess
 import sys
-import time
 import types
 from pathlib import Path
 
@@ -43,14 +43,22 @@ def test_version(capsys):
     assert capsys.readouterr().out == "instdrive 0.1.0\n"
 
 
-def test_help_and_version_come_at_once():
+def test_help_and_version_cost_little_more_than_starting_python():
+    """Importing numpy alone would cost seven times as much as starting; tests/test_imports.py names what is not."""
+    start = cpu_seconds("-c", "pass")
     for option in ("--help", "--version"):
-        times = []
-        for _ in range(3):
-            start = time.perf_counter()
-            subprocess.run([sys.executable, "-m", "instdrive_app.main", option], check=True, capture_output=True)
-            times.append(time.perf_counter() - start)
-        assert min(times) < 0.5
+        assert cpu_seconds("-m", "instdrive_app.main", option) < 5 * start
+
+
+def cpu_seconds(*arguments):
+    """The least of some tries: what others do on the machine counts for little."""
+    tries = []
+    for _ in range(5):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        tries.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(tries)
 
 
 def test_unknown_commands_are_named(capsys):
@@ -108,6 +116,6 @@ def test_wrong_options_exit_with_2_and_command_help_with_0(fake, capsys):
 
 def test_a_reader_that_has_seen_enough_gets_no_traceback():
     command = f"{sys.executable} -m instdrive_app.main train --help | head -1"
-    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=ROOT, timeout=300, check=False)
     assert done.stdout.startswith("usage: instdrive train")
     assert done.stderr == ""

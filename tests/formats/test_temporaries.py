@@ -21,7 +21,7 @@ from instdrive_core.formats.temporaries import temporary_beside
 with temporary_beside(Path(sys.argv[1])) as temporary:
     temporary.path.write_bytes(b"half")
     print(temporary.path.name, flush=True)
-    time.sleep(60)
+    time.sleep(3600)
 """
 
 

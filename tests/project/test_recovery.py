@@ -350,7 +350,7 @@ def test_documents_from_nowhere_are_refused(tmp_path, root):
 # A process that is killed
 
 EDIT_FOR_EVER = """
-import itertools, sys
+import itertools, sys, time
 from instdrive_core.edits.instances import RenameInstance
 from instdrive_core.project.open import open_document
 from instdrive_core.project.recovery import Recovery
@@ -359,6 +359,7 @@ recovery = Recovery.begin(document, sys.argv[1])
 for number in itertools.count():
     document.apply(RenameInstance(1, f"name {number}"))
     recovery.record()
+    time.sleep(0.001)  # else there would be many thousands to restore
     if number % 100 == 50:
         recovery.flush()
         print(number, flush=True)

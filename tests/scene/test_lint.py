@@ -142,14 +142,20 @@ def test_sh_that_is_never_used(used, empty):
     assert (finding.kind, finding.count, len(finding.rows)) == ("empty_sh", empty, 0)
 
 
-def test_a_million_splats_take_less_than_a_second():
-    scene = sound_scene(count=1_000_000, features=0)
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        linted(scene)
-        times.append(time.process_time() - start)
-    assert min(times) < 1
+def test_many_splats_take_less_time_than_sorting_them_by_place_twice():
+    """A million: a quarter of a second, 0.6 times as much as sorting them."""
+    scene = sound_scene(count=300_000, features=0)
+    linting, sorting = [], []
+    for _ in range(4):
+        linting.append(cpu_seconds(lambda: linted(scene)))
+        sorting.append(cpu_seconds(lambda: np.lexsort(scene.gaussians.means.T)))
+    assert min(linting) < 2 * min(sorting)
+
+
+def cpu_seconds(call):
+    start = time.process_time()
+    call()
+    return time.process_time() - start
 
 
 def test_one_splat_is_told_of_in_the_singular():

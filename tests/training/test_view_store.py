@@ -20,6 +20,8 @@ from instdrive_core.training.views import TrainingView
 HEIGHT, WIDTH, COUNT = 20, 32, 12
 FULL = HEIGHT * WIDTH * 6
 """Bytes of a view: colour, 16-bit label, sky."""
+PATIENCE = 120.0
+"""Seconds until a thread that never comes counts as a fault."""
 ORDER = [(3, True), (0, False), (3, False), (7, True), (0, True), (11, False), (3, True), (0, False), (5, False)]
 
 
@@ -51,7 +53,7 @@ class Disk:
         self.open.set()
 
     def read(self, number):
-        assert self.open.wait(10)
+        assert self.open.wait(PATIENCE)
         self.read_numbers.append(number)
         self.readers.append(threading.current_thread())
         if number in self.damaged:
@@ -71,7 +73,7 @@ def store_on(disk, budget):
 
 def settle(store):
     """Wait until nothing is being read ahead."""
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + PATIENCE
     while store._worker is not None:
         assert time.monotonic() < deadline
         time.sleep(0.001)
@@ -193,7 +195,7 @@ def test_whoever_waits_for_a_photo_that_turns_out_damaged_is_told(disk):
         disk.open.set()
         for future in waiting:
             with pytest.raises(DataError, match=r"05\.jpg"):
-                future.result(timeout=10)
+                future.result(timeout=PATIENCE)
 
 
 def test_threads_that_ask_together_share_one_reading(disk):
@@ -202,7 +204,7 @@ def test_threads_that_ask_together_share_one_reading(disk):
     with ThreadPoolExecutor(8) as pool:
         asked = [pool.submit(store.get, 3) for _ in range(8)]
         disk.open.set()
-        views = [future.result(timeout=10) for future in asked]
+        views = [future.result(timeout=PATIENCE) for future in asked]
     assert disk.read_numbers == [3]
     assert all(view is views[0] for view in views)
 
@@ -219,7 +221,7 @@ def test_many_threads_get_the_right_views_from_a_small_store(disk):
 
     with ThreadPoolExecutor(6) as pool:
         for future in [pool.submit(walk, seed) for seed in range(6)]:
-            future.result(timeout=30)
+            future.result(timeout=PATIENCE)
     settle(store)
     assert store.kept_bytes <= 2 * FULL
 
@@ -231,8 +233,11 @@ def test_closing_ends_reading_ahead(disk):
     while not store._reading:
         time.sleep(0.001)
     worker = store._worker
-    threading.Timer(0.02, disk.open.set).start()
+    opener = threading.Thread(target=open_once_closed, args=(store, disk))
+    opener.start()
     store.close()
+    opener.join()
+    worker.join(PATIENCE)
     assert not worker.is_alive()
     assert disk.read_numbers == [0]
     store.prefetch([(3, False)])
@@ -241,16 +246,22 @@ def test_closing_ends_reading_ahead(disk):
     assert store.kept_bytes == 0
 
 
+def open_once_closed(store, disk):
+    while not store._closed:
+        time.sleep(0.001)
+    disk.open.set()
+
+
 def test_no_thread_is_left_once_all_hints_are_read(disk):
     store = store_on(disk, 10**9)
-    before = threading.active_count()
+    disk.open.clear()
     store.prefetch([(number, False) for number in range(4)])
+    worker = store._worker
+    disk.open.set()
     settle(store)
-    for _ in range(1000):
-        if threading.active_count() == before:
-            break
-        time.sleep(0.001)
-    assert threading.active_count() == before
+    worker.join(PATIENCE)
+    assert not worker.is_alive()
+    assert not any(thread.name == worker.name for thread in threading.enumerate())
     store.prefetch([(2, False), (1, False)])
     assert store._worker is None, "all are there already"
 
