@@ -62,7 +62,7 @@ def parsed_comments(comments: tuple[str, ...], path: Path) -> Annotations:
                 instance_id = int(entry["id"])
                 annotations.names[instance_id] = str(entry["name"])
                 annotations.classes[instance_id] = str(entry.get("class", ""))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             problem = f"the header comment {comment[:80]!r} is damaged ({type(error).__name__}: {error})"
             raise DataError(path, problem, "Remove that line from the header or export the file again") from error
     return annotations

@@ -212,6 +212,7 @@ def changed(path, old, new):
         (b"end_header\n", b"", "end_header"),
         (b'{"code_bits"', b'{"code_bats"', "damaged"),
         (b'{"code_bits":4', b'{"code_bits":4e9', "damaged"),
+        (b'{"code_bits":4', b'{"code_bits":1e999', "damaged"),
         (b'{"id":1', b'["id":1', "damaged"),
     ],
 )
