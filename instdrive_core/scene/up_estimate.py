@@ -19,21 +19,27 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.upright import UP, Axis, direction_of, nearest_axis
 
-LOOKED_AT = 40_000
+LOOKED_AT = 20_000
 """Splats that decide, evenly chosen."""
 SNAP = 3.0
 """Degrees from an axis below which the axis is meant."""
-_LEVEL = 0.7
-"""Length of the mean of the cameras' ups above which they agree."""
+_AGREED, _ALIKE = 0.2, 0.7
+"""Length of the mean of the cameras' ups above which they agree which side is up, and above which it is up itself."""
 _FAINT = 0.1
 """Opacity below which splats make no ground."""
-_ALIGNED = np.cos(np.radians(15.0))
+_ALIGNED = np.cos(np.radians(25.0))
 """How well a splat's normal must agree with a plane's to lie in it."""
 _APART = np.cos(np.radians(35.0))
 """Planes that are closer than this are one plane, seen twice."""
-_LAYERS = 64
-_SURE, _SURER_THAN_OTHERS = 0.08, 2.0
-"""Share of all area that the ground must have, and how many times that of anything else that might be the ground."""
+_FARTHEST = 20.0
+"""Median distances from the middle beyond which nothing counts, however many strays there are."""
+_LAYER = 0.02
+"""Height of a layer, as a share of the median distance from the middle."""
+_BESIDE = 2
+"""Layers on either side of the densest one that are the ground, too: streets are not flat."""
+_SURE, _SURER_THAN_OTHERS = 0.11, 2.0
+"""How much the ground must look like one, and how many times as much as anything else does. Streets have 0.14 to 0.24,
+a thing on a table 0.12, a guitar's front 0.10."""
 _CUSTOM: Axis = "-y"
 """Up in files of most other programs, whose axes are those of a photo's camera: right, down, forward."""
 
@@ -65,6 +71,7 @@ class _Surfaces:
     """Splats as pieces of surfaces, weighted by what they cover, the more the flatter they are."""
 
     means: Float64[ndarray, "n 3"]
+    """From the middle of the scene, in units of the median distance from it."""
     normals: Float64[ndarray, "n 3"]
     areas: Float64[ndarray, " n"]
     """Relative; they sum to 1."""
@@ -109,24 +116,30 @@ def _up_of_cameras(views: Sequence[CameraView]) -> Float64[ndarray, "3"] | None:
         return None
     poses = np.stack([view.camera.world_from_camera for view in views])
     mean = -poses[:, :3, 1].mean(axis=0)
-    if np.linalg.norm(mean) < _LEVEL * 0.5:
-        return None
     sizes, axes = np.linalg.eigh(poses[:, :3, 0].T @ poses[:, :3, 0] / len(views))
     if sizes[1] - sizes[0] > 0.1:  # they look in more than one direction
         level = axes[:, 0] * np.sign(axes[:, 0] @ mean)
-        return level if level @ mean > 0.3 else None
-    return mean / np.linalg.norm(mean) if np.linalg.norm(mean) > _LEVEL else None
+        return level if level @ mean > _AGREED else None
+    return mean / np.linalg.norm(mean) if np.linalg.norm(mean) > _ALIKE else None
 
 
 def _surfaces_of(part: Gaussians) -> _Surfaces | None:
-    """Of the splats that count: finite, not faint, in the middle 98 % along each axis. None for fewer than 200."""
+    """Of the splats that count: finite, not faint, not among the farthest 3 %. None for fewer than 200.
+
+    Nothing here depends on the axes, so that a scene is judged the same however it lies.
+    """
     finite = [np.isfinite(array).all(axis=1) for array in (part.means, part.quats, part.log_scales)]
     part = part.select(np.logical_and.reduce([*finite, part.opacities > _FAINT]))
     if len(part) < 200:
         return None
-    low, high = np.percentile(part.means, [1, 99], axis=0)
-    part = part.select(((part.means >= low) & (part.means <= high)).all(axis=1))
     means = part.means.astype(np.float64)
+    means -= _middle(means)
+    distances = np.linalg.norm(means, axis=1)
+    size = float(np.median(distances))
+    if not size > 0:
+        return None
+    near = distances <= min(np.quantile(distances, 0.97), _FARTHEST * size)
+    part, means = part.select(near), means[near] / size
     scales, rotations = part.scales.astype(np.float64), matrix_from_quaternion(part.quats.astype(np.float64))
     normals = np.take_along_axis(rotations, scales.argmin(axis=1)[:, None, None], axis=2)[:, :, 0]
     thin, middle, wide = np.sort(scales, axis=1).T
@@ -136,6 +149,15 @@ def _surfaces_of(part: Gaussians) -> _Surfaces | None:
     if not flat.sum() > 0:
         return None
     return _Surfaces(means, normals, areas / areas.sum(), flat / flat.sum())
+
+
+def _middle(means: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
+    """The geometric median (Weiszfeld's iteration): strays do not count, and neither do the axes."""
+    middle = np.median(means, axis=0)
+    for _ in range(10):
+        weights = 1 / np.maximum(np.linalg.norm(means - middle, axis=1), 1e-12)
+        middle = weights @ means / weights.sum()
+    return middle
 
 
 def _plane_normals(surfaces: _Surfaces) -> list[Float64[ndarray, "3"]]:
@@ -168,40 +190,57 @@ def _refined(surfaces: _Surfaces, direction: Float64[ndarray, "3"], rounds: int 
 def _ground_of(surfaces: _Surfaces, normal: Float64[ndarray, "3"]) -> tuple[float, Float64[ndarray, "3"]]:
     """How much a plane near this normal looks like the ground (0 … 1), and its unit normal away from it.
 
-    It is the share of the densest layer, less as there is as much below it as above.
+    It is the share of the densest layer, less where there is as much below it as above, or where it is narrow.
     """
     for _ in range(4):
         layer, lying, densest = _densest_layer(surfaces, normal)
-        normal = _fitted_normal(surfaces, lying * (np.abs(layer - densest) <= 1), normal)
+        normal = _fitted_normal(surfaces, lying * (np.abs(layer - densest) <= _BESIDE), normal)
     layer, lying, densest = _densest_layer(surfaces, normal)
-    share = float(lying[np.abs(layer - densest) <= 1].sum())
-    below = float(surfaces.areas[layer < densest - 1].sum())
-    above = float(surfaces.areas[layer > densest + 1].sum())
+    ground = lying * (np.abs(layer - densest) <= _BESIDE)
+    below = float(surfaces.areas[layer < densest - _BESIDE].sum())
+    above = float(surfaces.areas[layer > densest + _BESIDE].sum())
     one_sided = abs(above - below) / max(above + below, 1e-30)
-    return share * one_sided, normal if above >= below else -normal
+    score = float(ground.sum()) * one_sided * min(1.0, _breadth(surfaces, ground, normal))
+    return score, normal if above >= below else -normal
+
+
+def _breadth(surfaces: _Surfaces, ground: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]) -> float:
+    """How far the ground reaches the way it is narrowest, in units of how far the scene reaches up: a facade is as low
+    as the scene, and less broad than it is deep."""
+    sizes, _ = _spread(surfaces, ground)
+    heights = surfaces.means @ normal
+    middle = surfaces.areas @ heights
+    return float(np.sqrt(max(sizes[1], 0.0) / max(surfaces.areas @ (heights - middle) ** 2, 1e-30)))
+
+
+def _spread(
+    surfaces: _Surfaces, weights: Float64[ndarray, " n"]
+) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3 3"]]:
+    """Variances of weighted splats along their principal axes, rising, and the axes as columns."""
+    total = max(float(weights.sum()), 1e-30)
+    offsets = surfaces.means - weights @ surfaces.means / total
+    return np.linalg.eigh((offsets * weights[:, None]).T @ offsets / total)
 
 
 def _densest_layer(
     surfaces: _Surfaces, normal: Float64[ndarray, "3"]
 ) -> tuple[Int64[ndarray, " n"], Float64[ndarray, " n"], int]:
-    """The layer of each splat across `normal`, the flat area of those that lie in them, and which has most with the
-    two beside it."""
+    """The layer of each splat across `normal`, the flat area of those that lie in them, and which has most with those
+    beside it."""
     heights = surfaces.means @ normal
-    low, high = heights.min(), heights.max()
-    layer = np.minimum(((heights - low) / max(high - low, 1e-30) * _LAYERS).astype(np.int64), _LAYERS - 1)
+    layer = ((heights - heights.min()) / _LAYER).astype(np.int64)
     lying = surfaces.flat_areas * (np.abs(surfaces.normals @ normal) > _ALIGNED)
-    padded = np.pad(np.bincount(layer, lying, _LAYERS), 1)
-    return layer, lying, int((padded[:-2] + padded[1:-1] + padded[2:]).argmax())
+    thick = np.convolve(np.bincount(layer, lying), np.ones(2 * _BESIDE + 1), "same")
+    return layer, lying, int(thick.argmax())
 
 
 def _fitted_normal(
     surfaces: _Surfaces, weights: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
-    """Of the plane through splats; they are centred, so a layer that is cut out askew straightens as it is fitted."""
+    """Of the plane through splats: a layer that is cut out askew straightens as it is fitted."""
     if not weights.sum() > 0:
         return normal
-    offsets = surfaces.means - np.average(surfaces.means, axis=0, weights=weights)
-    fitted = np.linalg.eigh((offsets * weights[:, None]).T @ offsets)[1][:, 0]
+    fitted = _spread(surfaces, weights)[1][:, 0]
     return fitted if fitted @ normal >= 0 else -fitted
 
 
