@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
@@ -87,7 +88,7 @@ class AdjustSection:
         ui.mark(f"inspector.adjust.{kind}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(f"{HINTS[kind]}. Ctrl + click to type")
-        if changed:
+        if changed and isfinite(value):
             low, high, _ = RANGES[kind]
             # What is typed as 130 % is to be kept as 1.3, not as its neighbour in single precision.
             ui.session.adjust(ids, kind, min(max(round(value / slider.scale, 4), low), high), gesture)

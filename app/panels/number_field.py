@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import NamedTuple
 
 from imgui_bundle import imgui
@@ -42,7 +43,7 @@ class NumberField:
         ui.mark(f"inspector.{self._name}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not imgui.is_item_active():
             imgui.set_tooltip(f"{self._hint}. Drag, or double click to type")
-        if changed:
+        if changed and isfinite(shown):  # "nan" is read as one
             self._shown = min(max(shown, self._low), self._high)
         self.in_use = imgui.is_item_active()
         dragged = changed and imgui.is_mouse_down(0)  # half-typed numbers wait: on the way to 12.5 lies 1

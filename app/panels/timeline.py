@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.ui import Ui, command_button, dim_text, icon, scaled, scaled_size
+from instdrive_app.panels.ui import Ui, bounded_slider, command_button, dim_text, icon, scaled, scaled_size
 from instdrive_app.state import Reference
 
 
@@ -51,7 +51,7 @@ class TimelinePanel:
         else:
             imgui.set_next_item_width(imgui.get_font_size() * 12)
             form = f"{state.reference.value} %.0f %%"
-            changed, percent = imgui.slider_float("##reference", 100 * state.reference_opacity, 0, 100, form)
+            changed, percent = bounded_slider("##reference", 100 * state.reference_opacity, 0, 100, form)
             if changed:
                 state.reference_opacity = percent / 100
             ui.mark("timeline.reference_opacity")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
+from math import isfinite
 
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
@@ -164,10 +166,17 @@ def fitted_selectable(title: str, key: object, chosen: bool, flags: int = 0) -> 
     return clicked
 
 
+def bounded_slider(label: str, value: float, low: float, high: float, form: str, flags: int = 0) -> tuple[bool, float]:
+    """A slider whose number can be typed after Ctrl + click; what is typed stays between the ends, and is a number."""
+    changed, entered = imgui.slider_float(label, value, low, high, form, flags | imgui.SliderFlags_.always_clamp)
+    if not changed or not isfinite(entered):  # "nan" is read as one
+        return False, value
+    return True, entered
+
+
 def fitted_text(text: str, width: float) -> str:
     """`text`, cut with an ellipsis where it is wider than `width` pixels."""
     if imgui.calc_text_size(text).x <= width:
         return text
-    while text and imgui.calc_text_size(text + "…").x > width:
-        text = text[:-1]
-    return text + "…"
+    kept = bisect_right(range(1, len(text) + 1), width, key=lambda count: imgui.calc_text_size(f"{text[:count]}…").x)
+    return f"{text[:kept]}…"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, dim_text, scaled_size
+from instdrive_app.panels.ui import Ui, bounded_slider, dim_text, scaled_size
 from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.split import DEFAULT_GAP, SplitInstance
 
@@ -48,8 +48,7 @@ class SplitDialog:
         dim_text("Parts farther apart than")
         imgui.same_line()
         imgui.set_next_item_width(-1)
-        flags = imgui.SliderFlags_.logarithmic | imgui.SliderFlags_.always_clamp
-        _, self._gap = imgui.slider_float("##gap", self._gap, 0.05, 5.0, "%.2f m", flags)
+        _, self._gap = bounded_slider("##gap", self._gap, 0.05, 5.0, "%.2f m", imgui.SliderFlags_.logarithmic)
         ui.mark("split.gap")
         if imgui.is_item_deactivated_after_edit():
             self._try(ui)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.ui import Rectangle, Ui, bounded_slider, scaled
 from instdrive_app.state import ViewMode
 from instdrive_app.theme import BACKGROUND, rgba
 
@@ -24,7 +24,7 @@ class OpacitySlider:
         imgui.set_next_item_width(scaled(200))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(BACKGROUND, 0.85))
         state, form = ui.session.state, "Opacity from %.2f"
-        _, state.id_opacity = imgui.slider_float("##id opacity", state.id_opacity, 0.0, 0.95, form)
+        _, state.id_opacity = bounded_slider("##id opacity", state.id_opacity, 0.0, 0.95, form)
         imgui.pop_style_color()
         ui.mark("viewport.opacity")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
