@@ -9,11 +9,14 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.commands import shortcut_title
 from instdrive_app.panels.recolor import preset_row
-from instdrive_app.panels.ui import Ui, icon_menu_item, icon_submenu, swatch
+from instdrive_app.panels.ui import Ui, fitted_text, icon_menu_item, icon_submenu, scaled, swatch
 from instdrive_app.session import EditorSession
 from instdrive_core.edits.document import Document
 
 Ids = tuple[int, ...]
+
+WIDEST = 260.0
+"""Pixels, at scale 1, that a name may take."""
 
 
 def instance_menu(ui: Ui, instance_id: int) -> None:
@@ -25,7 +28,7 @@ def instance_menu(ui: Ui, instance_id: int) -> None:
     instance = document.scene.table[instance_id]
     swatch(instance)
     imgui.same_line()
-    imgui.text(instance.name if len(ids) == 1 else f"{len(ids)} instances")
+    imgui.text(fitted_text(instance.name, scaled(WIDEST)) if len(ids) == 1 else f"{len(ids)} instances")
     imgui.separator()
     locked = _is_locked(document, ids)
     _visibility(ui, document, ids, locked)
@@ -78,7 +81,8 @@ def _names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     ui.mark("menu.classes")
     if opened:
         for name in session.labels.classes():
-            if imgui.menu_item(name, "", all(document.scene.table[i].class_name == name for i in ids))[0]:
+            title = f"{fitted_text(name, scaled(WIDEST))}##{name}"
+            if imgui.menu_item(title, "", all(document.scene.table[i].class_name == name for i in ids))[0]:
                 session.labels.set_class(ids, name)
             ui.mark(f"menu.class.{name}")
         imgui.separator()
@@ -90,7 +94,9 @@ def _names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
 
 def _kinds(ui: Ui, document: Document, instance_id: int) -> None:
     session, instance = ui.session, document.scene.table[instance_id]
-    what = f"class {instance.class_name}" if instance.class_name else "what has no class"
+    what = (
+        f"class {fitted_text(instance.class_name, scaled(WIDEST / 2))}" if instance.class_name else "what has no class"
+    )
     _item(ui, "select_class", "select.class", f"Select {what}", lambda: session.select_class(instance.class_name))
     if document.scene.code_bits:
         title = f"Select codeword {instance.codeword}"

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, scaled, swatch
+from instdrive_app.panels.ui import Rectangle, Ui, fitted_text, scaled, swatch
 from instdrive_app.theme import BACKGROUND, DIM, rgba
 from instdrive_core.wording import counted
+
+WIDEST = 320.0
+"""Pixels, at scale 1, of the longest line that is shown."""
+BOLD = 1.1
+"""Bold letters are so much wider, at most."""
 
 
 class HoverLabel:
@@ -26,9 +31,11 @@ class HoverLabel:
         if document.scene.code_bits:
             facts.append(f"code {instance.codeword}")
         facts.append(counted(document.instance_flags(instance.id).drawn, "splat"))
-        text = "  ·  ".join(facts)
+        widest = min(scaled(WIDEST), place.width - scaled(60))
+        text = fitted_text("  ·  ".join(facts), widest)
+        name = fitted_text(instance.name, widest / BOLD)
         line, gap = imgui.get_text_line_height_with_spacing(), scaled(18)
-        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(instance.name).x * 1.1 + 2 * line) + scaled(24)
+        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(name).x * BOLD + 2 * line) + scaled(24)
         margin = scaled(6)
         left = min(x + gap, place.width - width - margin)
         height = 2 * line + scaled(20)
@@ -41,7 +48,7 @@ class HoverLabel:
         swatch(instance)
         imgui.same_line()
         imgui.push_font(ui.fonts.bold, 0.0)
-        imgui.text(instance.name)
+        imgui.text(name)
         imgui.pop_font()
         imgui.text_colored(rgba(DIM), text)
         size, corner = imgui.get_window_size(), imgui.get_window_pos()
