@@ -114,7 +114,7 @@ class SoftwareDraw:
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:
             blended = drawn_preview(found, camera, workspace, settings, rule, BACKDROP)
-        self._blended, self._winner = blended, blended.winner.copy()
+        self._blended, self._winner = blended, blended.winner
 
     def _adapt(self, seconds: float, count: int) -> None:
         wanted = self._budget * float(np.clip(DRAFT_SECONDS / seconds, 0.7, 1.4))

@@ -86,8 +86,8 @@ def drawn_preview(
 ) -> Preview:
     """Draw what `projected` found with the same camera and settings; its visible rows have their colours.
 
-    `behind` is the RGB of what shows where splats let light through. The images lie in the workspace: they last until
-    the next call with the same one.
+    `behind` is the RGB of what shows where splats let light through. Pictures lie in the workspace: they last until
+    the next call with the same one. The winners are the caller's.
     """
     packed = packed_splats(found, settings, workspace)
     tiles = preview_tiles(packed, camera.width, camera.height, workspace)
@@ -96,7 +96,7 @@ def drawn_preview(
         workspace.array("color", (*shape, 3)),
         workspace.array("alpha", shape),
         workspace.array("depth", shape),
-        workspace.array("winner", shape, np.int32),
+        np.empty(shape, np.int32),
     )
     images = (result.color, result.alpha, result.depth, result.winner)
     blend_preview(packed, tiles, settings, rule.as_row(), np.array(behind, np.float32), images)
