@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import editable
+from instdrive_core.edits.delete import check_unlocked, editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.instances import known_instance
@@ -87,6 +87,8 @@ class MoveInstances(PoseEdit):
             return False
         node_of = {number: known_instance(document, number).node for number in self.ids}
         nodes = sorted(set(node_of.values()) - {0})
+        sharing = [entry.id for entry in document.scene.table if entry.node in nodes]
+        check_unlocked(document, sharing)
         still = {number: rows[document.scene.nodes[rows] == 0] for number, rows in free.items()}
         parts = [(rows, matrix) for rows in still.values() if len(rows)]  # of an actor, its strays
         if nodes and self.scale != 1:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import editable
+from instdrive_core.edits.delete import check_unlocked, editable
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.parameters import checked_ids
@@ -39,6 +39,8 @@ class ResetMoves(PoseEdit):
         """Name the homes again, and give actors their first tracks."""
         scene, rows = document.scene, editable(document, self.ids)
         nodes = sorted(set(scene.nodes[rows].tolist()) - {0})
+        sharing = [entry.id for entry in scene.table if entry.node in nodes]
+        check_unlocked(document, sharing)
         if nodes:  # an actor's instances were moved together
             rows = np.union1d(rows, np.flatnonzero(np.isin(scene.nodes, nodes)))
         palette = document.transforms

@@ -12,6 +12,7 @@ from instdrive_core.edits.ground import ground_height
 from instdrive_core.edits.instances import MergeInstances
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.placement import bottom_of, center_of
+from instdrive_core.edits.reset_moves import ResetMoves
 from instdrive_core.edits.visibility import LockInstances
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -183,6 +184,30 @@ def test_locked_and_deleted_instances_stay():
     for instance_id, reason in ((2, "unlock"), (3, "deleted"), (77, "77")):
         with pytest.raises(EditError, match=reason):
             document.apply(MoveInstances((instance_id,), (1.0, 0.0, 0.0)))
+
+
+SHARING = {
+    "moved": lambda owner: MoveInstances((owner,), (1.0, 0.0, 0.0)),
+    "scaled": lambda owner: MoveInstances((owner,), scale=2.0),
+    "reset": lambda owner: ResetMoves((owner,)),
+}
+
+
+@pytest.mark.parametrize("make", SHARING.values(), ids=SHARING)
+def test_what_is_locked_holds_the_track_that_it_shares(make):
+    scene = random_scene()
+    owner = next(entry.id for entry in scene.table if entry.node)
+    node, part = scene.table[owner].node, max(entry.id for entry in scene.table) + 1
+    rows = np.flatnonzero((scene.instance_ids == owner) & (scene.nodes == node))
+    scene.instance_ids[rows[::2]] = part
+    document = Document(recounted(scene))
+    assert document.scene.table[owner].node == document.scene.table[part].node == node
+    document.apply(MoveInstances((owner,), (0.0, 1.0, 0.0)))
+    document.apply(LockInstances((part,)))
+    before = everything(document)
+    with pytest.raises(EditError, match=f"instance {part} is locked"):
+        document.apply(make(owner))
+    assert everything(document) == before
 
 
 # Constraints
