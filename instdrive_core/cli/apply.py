@@ -11,6 +11,7 @@ from instdrive_core.cli.arguments import default_time, known_ids, parsed_assignm
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.part_options import PartOptions
+from instdrive_core.cli.turn_options import TurnOptions
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode
@@ -33,6 +34,7 @@ def apply(
     recolor: tuple[str, ...] = (),
     recolor_mode: RecolorMode = "tint",
     rename: tuple[str, ...] = (),
+    turn: Annotated[TurnOptions, tyro.conf.OmitArgPrefixes] = TurnOptions(),  # noqa: B008 (frozen)
     more: Annotated[EditOptions, tyro.conf.OmitArgPrefixes] = EditOptions(),  # noqa: B008 (frozen)
     after_deletion: Annotated[DeletionOptions, tyro.conf.OmitArgPrefixes] = DeletionOptions(),  # noqa: B008 (frozen)
     parts: Annotated[PartOptions, tyro.conf.OmitArgPrefixes] = PartOptions(),  # noqa: B008 (frozen)
@@ -51,6 +53,7 @@ def apply(
         recolor: Recolours as ID=#rrggbb.
         recolor_mode: `tint` keeps light and shade, `hue` turns hues and keeps greys, `solid` is the plain colour.
         rename: New names as ID=NAME.
+        turn: How the scene is stood upright, after the edits of the file.
         more: Other edits, done after those of the file and before renaming, recolouring and deleting.
         after_deletion: What is told of deletions, and done about what they leave.
         parts: What is written besides the whole scene, or instead of it.
@@ -61,7 +64,8 @@ def apply(
     """
     document, view = open_document(scene, keep_every=keep_every)
     shown = default_time(document.scene) if time is None else time
-    steps = _edits(document.scene, delete, recolor, recolor_mode, rename, edits, more, shown)
+    steps = [*(_edits_of_log(edits) if edits else []), *turn.edits(document, scene)]
+    steps += _edits(document.scene, delete, recolor, recolor_mode, rename, more, shown)
     for edit in steps:
         document.apply(edit)
     after_deletion.follow(document, steps, shown)
@@ -88,12 +92,10 @@ def _edits(
     recolor: tuple[str, ...],
     mode: RecolorMode,
     rename: tuple[str, ...],
-    log: Path | None,
     more: EditOptions,
     time: float,
 ) -> list[Edit]:
-    steps = _edits_of_log(log) if log else []
-    steps += more.edits(scene.table, time)
+    steps = more.edits(scene.table, time)
     for text in rename:
         instance_id, name = parsed_assignment(text, "--rename 4=taxi")
         known_ids([instance_id], scene.table)

@@ -65,6 +65,11 @@ class UpEstimate:
         """Degrees from that axis; 0 where it is meant exactly."""
         return nearest_axis(self.direction)[1]
 
+    @property
+    def words(self) -> str:
+        """``-y``, or ``12° from -y``."""
+        return f"{self.tilt:.0f}° from {self.axis}" if self.tilt else self.axis
+
 
 @dataclass(frozen=True)
 class _Surfaces:
