@@ -266,19 +266,23 @@ def store_first(typingctx, count, array, place, value):
     return types.void(count, array, types.uint64, lanes), codegen
 
 
-@intrinsic
-def prefetch(typingctx, array, place):
-    """Have the cache line at a place of an array fetched, for it will soon be read."""
+def _fetching(to_write):
+    def typed(typingctx, array, place):
+        def codegen(context, builder, signature, args):
+            pointer = _pointer(context, builder, signature.args[0], *args)
+            pointer = builder.bitcast(pointer, ir.IntType(8).as_pointer())
+            kind = ir.FunctionType(ir.VoidType(), [pointer.type, _INT32, _INT32, _INT32])
+            function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+            builder.call(function, [pointer, _INT32(to_write), _INT32(3), _INT32(1)])
+            return context.get_dummy_value()
 
-    def codegen(context, builder, signature, args):
-        pointer = _pointer(context, builder, signature.args[0], *args)
-        pointer = builder.bitcast(pointer, ir.IntType(8).as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [pointer.type, _INT32, _INT32, _INT32])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(function, [pointer, _INT32(0), _INT32(3), _INT32(1)])
-        return context.get_dummy_value()
+        return types.void(array, types.uint64), codegen
 
-    return types.void(array, types.uint64), codegen
+    return intrinsic(typed)
+
+
+prefetch, prefetch_to_write = _fetching(0), _fetching(1)
+"""Have the cache line at a place of an array fetched, for it will soon be read; or written."""
 
 
 # --- blocks

@@ -34,7 +34,7 @@ from instdrive_core.rasterize.lanes import (
     store_block,
     without,
 )
-from instdrive_core.rasterize.preview_output import judge, write_tile, write_winners
+from instdrive_core.rasterize.preview_output import fetch_pictures, judge, write_tile, write_winners
 from instdrive_core.rasterize.preview_scratch import (
     BATCH,
     BEFORE_HALF,
@@ -248,6 +248,7 @@ def _blend(packed, starts, splats, size, limits, rule, behind, pictures):
             start, stop = np.uint64(starts[tile]), np.uint64(starts[tile + 1])
             following = np.uint64(starts[min(tile + 2, tiles)])
             _fetch(packed, splats, stop, min(stop + np.uint64(BATCH), following))
+            fetch_pictures(left, top, (color, alpha, depth), winner, height, width)
             corner = np.float32(left), np.float32(top)
             open_tile(scratch, width - left, height - top)
             _walk(scratch, packed, splats, start, stop, corner, limits, rule, False)

@@ -14,6 +14,7 @@ from instdrive_core.rasterize.lanes import (
     lanes_with,
     load,
     load_block,
+    prefetch_to_write,
     spread,
     store,
     store_block,
@@ -32,6 +33,19 @@ from instdrive_core.rasterize.preview_scratch import (
     WINNER,
     WINNER_WEIGHT,
 )
+
+
+@numba.njit(cache=True, forceinline=True, error_model="numpy")
+def fetch_pictures(left, top, pictures, winner, height, width):
+    """Have a tile's part of the pictures fetched while it is blended: lines written at the end are then at hand."""
+    color, alpha, depth = pictures
+    for line in range(min(LANES, height - top)):
+        last = (top + line) * width + min(left + LANES, width) - np.uint64(1)  # the first may be the tile before's
+        prefetch_to_write(alpha, last)
+        prefetch_to_write(depth, last)
+        prefetch_to_write(winner, last)
+        for part in range(np.uint64(3)):
+            prefetch_to_write(color, last * np.uint64(3) + np.uint64(2) - part * LANES)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
