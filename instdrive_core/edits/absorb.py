@@ -107,21 +107,27 @@ def floaters_of(document: Document, instance_id: int) -> ndarray:
     return floaters_around(document, instance_id, members)
 
 
-def floaters_around(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+def floaters_around(
+    document: Document, instance_id: int, members: Int64[ndarray, " m"], kept: Int64[ndarray, " s"] | None = None
+) -> Int64[ndarray, " k"]:
     """Strays in and around the body of some rows of one instance, rising; none where they span no body.
 
-    What joins a body may make it larger, so that more lies inside: looked for until nothing is left, a few times.
+    `kept` are rows of the instance that are no strays though they lie there. What joins a body may make it larger, so
+    that more lies inside: looked for until nothing is left, a few times.
     """
     members, found = of_main_node(document, members), np.zeros(0, np.int64)
+    kept = np.zeros(0, np.int64) if kept is None else kept
     for _ in range(_ROUNDS):
-        joined = _strays(document, instance_id, np.concatenate([members, found]))
+        joined = _strays(document, instance_id, np.concatenate([members, found]), kept)
         if not len(joined):
             break
         found = np.concatenate([found, joined])
     return np.sort(found)
 
 
-def _strays(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+def _strays(
+    document: Document, instance_id: int, members: Int64[ndarray, " m"], kept: Int64[ndarray, " s"]
+) -> Int64[ndarray, " k"]:
     scene, flags = document.scene, document.state.flags
     body = body_of_rows(document, instance_id, members)
     if body is None:
@@ -136,7 +142,7 @@ def _strays(document: Document, instance_id: int, members: Int64[ndarray, " m"])
     compact = [other for other in others if is_compact(scene.table[other]) and other not in scraps]
     colors = color_from_dc(scene.gaussians.sh_dc[near])
     strays = floaters_of_body(body, document.means_of(near), colors, owned, np.isin(ids, compact))
-    return near[strays | (np.isin(ids, scraps) & ~owned)]
+    return near[(strays | np.isin(ids, scraps)) & ~owned & ~np.isin(near, kept)]
 
 
 def _around(document: Document, body: Body, members: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:

@@ -18,9 +18,11 @@ from instdrive_core.edits.fill_hole import FillHole, fill_of
 from instdrive_core.edits.holes import Hole, hole_under
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, known_instance
 from instdrive_core.edits.parameters import checked_ids
+from instdrive_core.edits.remainder import amid_gone, remainder_of
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.surroundings import surroundings
 from instdrive_core.progress import report
+from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted
 
 
@@ -101,8 +103,13 @@ def deletion_report_of_rows(document: Document, rows: Int64[ndarray, " m"], time
     """The same for deleted rows of any instances, such as a selection."""
     ids, parts = document.scene.instance_ids[rows], []
     for instance_id in np.unique(ids[ids > 0]).tolist():
-        mine, whole = rows[ids == instance_id], document.rows_of((instance_id,))
-        parts.append(DeletedPart(instance_id, document.scene.table[instance_id].name, mine, len(mine) == len(whole)))
+        mine, name = rows[ids == instance_id], document.scene.table[instance_id].name
+        whole = document.rows_of((instance_id,))
+        left = (document.state.flags[whole] & Flag.DELETED) == 0
+        if np.isin(whole[left], mine).all():  # the last part of what was deleted bit by bit
+            parts.append(DeletedPart(instance_id, name, whole, True))
+        else:
+            parts.append(DeletedPart(instance_id, name, mine, False))
     return _report(document, parts, time)
 
 
@@ -110,7 +117,7 @@ def _report(document: Document, parts: Sequence[DeletedPart], time: float) -> De
     found = []
     for number, part in enumerate(parts):
         report(0.4 * number / len(parts))
-        found.append(floaters_around(document, part.instance_id, part.rows))
+        found.append(_residue_of(document, part))
     report(0.4)
     residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
@@ -121,3 +128,12 @@ def _report(document: Document, parts: Sequence[DeletedPart], time: float) -> De
     report(0.6)
     hole = None if around is None else hole_under(around, residue)
     return DeletionReport(tuple(parts), residue, carriers, hole)
+
+
+def _residue_of(document: Document, part: DeletedPart) -> Int64[ndarray, " k"]:
+    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the rest."""
+    if part.whole:
+        return floaters_around(document, part.instance_id, part.rows)
+    remainder = remainder_of(document, part.instance_id, part.rows)
+    strays = floaters_around(document, part.instance_id, part.rows, remainder.kept)
+    return strays[np.isin(strays, remainder.missed) | amid_gone(document, strays, remainder)]
