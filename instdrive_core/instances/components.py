@@ -37,8 +37,6 @@ class ComponentConfig:
     """… and at most this many metres (more where the scene is sparse), …"""
     extent_factor: float = 1.0
     """… plus this many middle standard deviations of the Gaussians on both sides."""
-    max_extent: float = 3.0
-    """Metres; larger Gaussians count as this large."""
     min_support: float = 4.0
     """A component whose opacities sum to less is a fragment, not an object."""
     absorb_distance: float = 1.5
