@@ -62,7 +62,7 @@ class RowPainter:
         self.is_new = False
         """Whether the field for the name has not been drawn yet."""
         self._name = ""
-        self._drawn = False
+        self._drawn = self._missed_press = False
 
     def begin(self) -> None:
         """Before the rows of a frame. A name whose row was scrolled away or filtered out is given up."""
@@ -100,7 +100,7 @@ class RowPainter:
             imgui.text_colored(color, text)
         self._switches(ui, row)
         imgui.pop_id()
-        return clicked
+        return clicked or (self._missed_press and not imgui.is_any_item_active())
 
     def _number(self, ui: Ui, row: Row) -> bool:
         """The number, and with it the whole row as one thing to click, point at and open a menu on."""
@@ -110,6 +110,7 @@ class RowPainter:
             imgui.table_set_bg_color(imgui.TableBgTarget_.row_bg1, packed(ACCENT, 0.09))
         flags = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_overlap
         clicked = imgui.selectable(str(instance.id), row.selected, flags)[0]
+        self._missed_press = _misses_press()
         ui.mark(f"instances.{instance.id}")
         if imgui.is_item_hovered():
             state.hovered = instance.id if row.summary.drawn else 0
@@ -190,6 +191,14 @@ class RowPainter:
                 imgui.set_tooltip(hint)
         imgui.pop_style_var()
         imgui.pop_style_color()
+
+
+def _misses_press() -> bool:
+    """Whether the last item was pressed in the very frame in which the mouse came to it, as where a frame lasts long.
+
+    An item that others may overlap becomes active only where it was pointed at in the frame before, too.
+    """
+    return imgui.is_item_hovered() and imgui.is_mouse_clicked(0) and not imgui.is_item_active()
 
 
 _MARKS = {"Shown": "eye", "Locked": "lock", "Solo": "solo"}

@@ -95,3 +95,21 @@ def test_sliders_reset_and_history(window):
     window.wait_for(lambda state: state["cursor"] == steps, "the history to go back")
     assert window.state["history"][-1] == f"Reset colours of instance {red}", "what is undone stays to be redone"
     assert window.quit() == 0
+
+
+def test_clicks_on_rows_and_their_switches_count_also_where_a_frame_lasts_long(window):
+    red, blue = CARS
+    for name in (red, blue, f"{red}.lock", f"{blue}.eye", red):
+        place = window.wait_for_widget(f"instances.{name}")
+        with window.stalled():
+            window.hasty_click(*place)
+        if name == f"{red}.lock":
+            window.wait_for_edit(f"Lock instance {red}")
+            window.key("ctrl+z")
+            window.wait_for_selection(blue)
+        elif name == f"{blue}.eye":
+            window.wait_for(lambda state: blue not in state["visible"], "the eye to hide, and nothing else to happen")
+            assert window.state["selected"] in ([], [blue])
+        else:
+            window.wait_for_selection(name)
+    assert window.quit() == 0

@@ -274,6 +274,21 @@ class WindowDriver:
         lines = self._report.read_text(encoding="utf-8").rsplit("\n", 2)
         return json.loads(lines[-2])["widgets"] if len(lines) > 1 else {}
 
+    @contextmanager
+    def stalled(self):
+        """The editor hears of what is done in the block at once, after it."""
+        self._process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._process.send_signal(signal.SIGCONT)
+        self.wait_for_frames(4)
+
+    def hasty_click(self, x, y):
+        """Come, press and release without waiting for the window in between."""
+        self.move(x, y)
+        self._xdotool("mousedown", 1, "mouseup", 1)
+
     def wait_for_end(self):
         """The exit status, once the editor has ended by itself."""
         return self._process.wait(PATIENCE)
