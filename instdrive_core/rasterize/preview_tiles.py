@@ -1,7 +1,7 @@
 """Which splats of a preview touch which 16 × 16 tile, nearest first: `bin` without what only gradients need.
 
-Most splats of a large scene lie within one tile: for them the bounding box is all there is to know. Chunks of splats
-write down their pairs one after the other, which are then dealt to the tiles.
+Most splats of a large scene lie within one row or column of tiles: for them the bounding box is all there is to know.
+Chunks of splats write down their pairs one after the other, which are then dealt to the tiles.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.bin import SLACK, TILE, TILE_BITS, extent, indices
-from instdrive_core.rasterize.preview_splats import AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT, AT_X, AT_Y
+from instdrive_core.rasterize.bin import SLACK, TILE, TILE_BITS, extent
+from instdrive_core.rasterize.preview_splats import AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT, AT_X, AT_Y, SPLAT_FLOATS
 
 _CHUNKS = 32
 """The result does not depend on it. Near splats touch many more tiles than far ones: threads take what is left."""
 _LEAST_ROOM = 1 << 12
+_GROUP = 64
+"""Splats whose boxes are worked out at once."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +56,22 @@ def preview_tiles(packed: Float32[ndarray, "v 16"], width: int, height: int, wor
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def _box(packed, v, width, height):
-    """First and end column, first and end row of the pixel centres in a splat's bounding box."""
-    limit = packed[v, AT_LIMIT]
-    reach_x, reach_y = np.sqrt(limit * packed[v, AT_COV_XX]) + SLACK, np.sqrt(limit * packed[v, AT_COV_YY]) + SLACK
-    x, y = packed[v, AT_X], packed[v, AT_Y]
-    left, right = indices(x - reach_x, x + reach_x, width)
-    top, bottom = indices(y - reach_y, y + reach_y, height)
-    return left, right, top, bottom
+def _find_boxes(packed, begin, stop, size, boxes):
+    """Write first and end column, first and end row of the tiles that hold the pixel centres in splats' bounding boxes.
+    Without branches, so that the loop vectorises: a box without pixel centres ends before it begins."""
+    flat, bits, zero = packed.reshape(-1), np.int32(TILE_BITS), np.float32(0)
+    last_x, last_y = np.float32(size[0] - 1), np.float32(size[1] - 1)
+    for k in range(stop - begin):
+        at = (begin + k) * np.uint64(SPLAT_FLOATS)
+        limit = max(flat[at + AT_LIMIT], zero)
+        reach_x, reach_y = np.sqrt(limit * flat[at + AT_COV_XX]) + SLACK, np.sqrt(limit * flat[at + AT_COV_YY]) + SLACK
+        x, y = flat[at + AT_X], flat[at + AT_Y]
+        left, top = np.ceil(max(x - reach_x, zero)), np.ceil(max(y - reach_y, zero))
+        right, bottom = np.floor(min(x + reach_x, last_x)), np.floor(min(y + reach_y, last_y))
+        held = left <= right and top <= bottom
+        end = (np.int32(right) >> bits) + np.int32(1)
+        boxes[0, k], boxes[1, k] = np.int32(min(left, last_x)) >> bits, end if held else np.int32(0)
+        boxes[2, k], boxes[3, k] = np.int32(min(top, last_y)) >> bits, (np.int32(bottom) >> bits) + np.int32(1)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
@@ -93,22 +103,24 @@ def _write_pairs(pairs, counters, chunk, written, room, row_start, first, end, v
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _list_pairs(packed, size, pairs, counts, counters):
     """Write the pairs (tile, splat) of each chunk as far as there is room; `counts` says how many there are."""
-    width, height, columns = size[0], size[1], size[2]
+    width, columns = size[0], size[2]
     count, room = len(packed), np.uint64(pairs.shape[1])
     for chunk in numba.prange(_CHUNKS):
-        written, c = np.uint64(0), np.uint64(chunk)
-        for v in range(np.uint64(count * chunk // _CHUNKS), np.uint64(count * (chunk + 1) // _CHUNKS)):
-            left, right, top, bottom = _box(packed, v, width, height)
-            if left >= right or top >= bottom:
-                continue
-            upper, lower = top >> TILE_BITS, (bottom - 1) >> TILE_BITS
-            first, end = left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS
-            if upper == lower and first + 1 == end:
-                _write_pairs(pairs, counters, c, written, room, upper * columns, first, end, v)
-                written += np.uint64(1)
+        written, c, boxes = np.uint64(0), np.uint64(chunk), np.empty((4, _GROUP), np.int32)
+        begin, stop = np.uint64(count * chunk // _CHUNKS), np.uint64(count * (chunk + 1) // _CHUNKS)
+        for v in range(begin, stop):
+            place = (v - begin) % np.uint64(_GROUP)
+            if place == np.uint64(0):
+                _find_boxes(packed, v, min(v + np.uint64(_GROUP), stop), size, boxes)
+            first, end = np.int64(boxes[0, place]), np.int64(boxes[1, place])
+            upper, lower = np.int64(boxes[2, place]), np.int64(boxes[3, place])
+            if end - first <= 1 or lower - upper <= 1:
+                for row in range(upper, lower):
+                    _write_pairs(pairs, counters, c, written, room, row * columns, first, end, v)
+                    written += np.uint64(max(end - first, 0))
                 continue
             rows = _ellipse(packed, v)
-            for row in range(upper, lower + 1):
+            for row in range(upper, lower):
                 left, right = extent(rows, row, width)
                 first, end = left >> TILE_BITS, (right + TILE - 1) >> TILE_BITS
                 _write_pairs(pairs, counters, c, written, room, row * columns, first, end, v)
