@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from instdrive_core.errors import DataError
+from instdrive_core.json_value import json_value
 from instdrive_core.plain_file import plain_file
 
 _REMEDY = "Get the file again"
@@ -16,7 +16,7 @@ _REMEDY = "Get the file again"
 def read_json(file: Path) -> Any:
     """The parsed file. Raises DataError where it is missing or broken."""
     try:
-        return json.loads(plain_file(file).read_text(encoding="utf-8"))
+        return json_value(plain_file(file).read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
     except (OSError, ValueError, RecursionError) as error:

@@ -11,9 +11,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import check_unlocked, editable
+from instdrive_core.edits.delete import check_unlocked, editable_parts
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.entries import changed_entries
+from instdrive_core.edits.entries import entries_alike
 from instdrive_core.edits.instances import known_instance
 from instdrive_core.edits.parameters import (
     Vector,
@@ -25,6 +25,7 @@ from instdrive_core.edits.parameters import (
 )
 from instdrive_core.edits.placement import bottom_of, center_of, ground_under, lane_at
 from instdrive_core.edits.poses import PoseEdit
+from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.track import Track
@@ -65,8 +66,8 @@ class MoveInstances(PoseEdit):
         self.pivot = None if self.pivot is None else checked_vector(self.pivot, "pivot")
         turn = checked_numbers(self.rotation, "rotation", 4)
         self.rotation = (turn[0], turn[1], turn[2], turn[3])
-        if math.hypot(*self.rotation) < 1e-6:
-            raise EditError("rotation is a quaternion of no length")
+        if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
+            raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
         self.time = checked_number(self.time, "time")
         self.scale = checked_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
@@ -81,7 +82,7 @@ class MoveInstances(PoseEdit):
 
     def do(self, document: Document) -> bool:
         """Point rows at composed transforms, and replace tracks."""
-        free = {instance_id: editable(document, (instance_id,)) for instance_id in self.ids}
+        free = editable_parts(document, self.ids)
         matrix = self.matrix(document)
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
@@ -89,14 +90,15 @@ class MoveInstances(PoseEdit):
         nodes = sorted(set(node_of.values()) - {0})
         sharing = [entry.id for entry in document.scene.table if entry.node in nodes]
         check_unlocked(document, sharing)
-        still = {number: rows[document.scene.nodes[rows] == 0] for number, rows in free.items()}
-        parts = [(rows, matrix) for rows in still.values() if len(rows)]  # of an actor, its strays
+        still = free.where(document.scene.nodes[free.rows] == 0)  # of an actor, its strays
+        changes = [(still, moved(matrix))]
         if nodes and self.scale != 1:
             # An actor's path takes the rigid part; its splats, in their box frame, only the size.
-            parts.append((np.flatnonzero(np.isin(document.scene.nodes, nodes)), self.scale * np.eye(3, 4)))
+            driving = np.flatnonzero(np.isin(document.scene.nodes, nodes))
+            changes.append((RowParts.whole(driving), moved(self.scale * np.eye(3, 4))))
         size_before = len(document.transforms)
-        entries = changed_entries(document.transforms, [(rows, moved(change)) for rows, change in parts])
-        rows = np.concatenate([np.zeros(0, np.int64), *(part for part, _ in parts)])
+        entries = entries_alike(document.transforms, changes)
+        rows = np.concatenate([parts.rows for parts, _ in changes])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
         tracks = {node: moved_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
         self.put(document, rows, entries, tracks, touched, size_before)

@@ -17,6 +17,7 @@ from numpy import ndarray
 from instdrive_core.errors import DataError
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.instances.table import default_name
+from instdrive_core.json_value import json_value, whole_text
 from instdrive_core.scene.scene import Scene
 
 _ANTIALIASED = "SplatRenderMode: mip"
@@ -56,12 +57,12 @@ def parsed_comments(comments: tuple[str, ...], path: Path) -> Annotations:
         annotations.antialiased = known.get(_normal(comment), annotations.antialiased)
         try:
             if comment.startswith(_SCENE):
-                _read_scene(json.loads(comment.removeprefix(_SCENE)), annotations)
+                _read_scene(json_value(comment.removeprefix(_SCENE)), annotations)
             elif comment.startswith(_INSTANCE):
-                entry = json.loads(comment.removeprefix(_INSTANCE))
+                entry = json_value(comment.removeprefix(_INSTANCE))
                 instance_id = int(entry["id"])
-                annotations.names[instance_id] = str(entry["name"])
-                annotations.classes[instance_id] = str(entry.get("class", ""))
+                annotations.names[instance_id] = whole_text(entry["name"])
+                annotations.classes[instance_id] = whole_text(entry.get("class", ""))
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             problem = f"the header comment {comment[:80]!r} is damaged ({type(error).__name__}: {error})"
             raise DataError(path, problem, "Remove that line from the header or export the file again") from error

@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import write_bytes
 from instdrive_core.formats.objects_json import CONVENTIONS, track_fields
+from instdrive_core.json_value import json_value
 from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
 from instdrive_core.plain_file import plain_file
 from instdrive_core.scene.track import Track
@@ -44,7 +45,7 @@ def read_poses(path: str | Path) -> tuple[Track, Float64[ndarray, "3"], Path]:
     """Track, origin and splats' file of what `write_poses` wrote. Raises DataError where it is something else."""
     path = Path(path)
     try:
-        content = json.loads(plain_file(path).read_bytes())
+        content = json_value(plain_file(path).read_bytes())
         if content["format"] != FORMAT_NAME or content["version"] != FORMAT_VERSION:
             raise ValueError(f"'format' is {content['format']!r}, version {content['version']!r}")
         fields = content["track"]

@@ -24,6 +24,7 @@ from instdrive_core.formats.atomic import atomic_path, write_bytes
 from instdrive_core.formats.scene_arrays import digest_of, read_arrays
 from instdrive_core.formats.scene_manifest import manifest_of, scene_from_parts
 from instdrive_core.formats.unfilled import WHOLE, ReadOptions
+from instdrive_core.json_value import json_value
 from instdrive_core.plain_file import plain_file
 from instdrive_core.scene.scene import Scene
 
@@ -137,7 +138,7 @@ def _stored_photo(photo: str, folder: Path) -> str:
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(plain_file(path).read_bytes())
+        manifest = json_value(plain_file(path).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
         raise _damaged(path, error) from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:

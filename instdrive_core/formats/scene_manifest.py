@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.instances.table import Instance, InstanceTable, main_nodes, middle_bounds
+from instdrive_core.json_value import whole_text
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
@@ -115,11 +116,11 @@ def _instance(entry: dict[str, Any]) -> Instance:
         raise ValueError(f"instance {entry['id']} has an ID below 1 or bounds that are not two corners")
     return Instance(
         id=int(entry["id"]),
-        name=str(entry["name"]),
+        name=whole_text(entry["name"]),
         node=int(entry["node"]),
         codeword=int(entry["codeword"]),
         count=int(entry["count"]),
-        class_name=str(entry["class"]),
+        class_name=whole_text(entry["class"]),
         bounds=(low, high),
     )
 
@@ -135,8 +136,8 @@ def _tracks(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[
     ends = np.cumsum(steps)
     return tuple(
         Track(
-            id=str(entry["id"]),
-            label=str(entry["label"]),
+            id=whole_text(entry["id"]),
+            label=whole_text(entry["label"]),
             dimensions=_shaped(np.array(entry["dimensions"], np.float64), (3,), "dimensions"),
             times=times[end - count : end],
             world_from_box=poses[end - count : end],
@@ -162,7 +163,7 @@ def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[C
         views.append(
             CameraView(
                 camera=Camera(fx, fy, cx, cy, width, height, pose),
-                name=str(entry["name"]),
+                name=whole_text(entry["name"]),
                 index=int(entry["index"]),
                 time=float(entry["time"]),
                 photo=str(entry["photo"]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import zipfile
 import zlib
@@ -19,6 +18,7 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.errors import DataError, UntrustedDataError
+from instdrive_core.json_value import json_value
 from instdrive_core.plain_file import plain_file
 
 REMEDY = "Copy the scene again with all its files, or export it again"
@@ -55,7 +55,7 @@ class Store(ABC):
     def json(self, name: str) -> dict[str, Any]:
         """A JSON object. Raises DataError where it is none."""
         try:
-            content = json.loads(self.read(name, _MAX_JSON_BYTES))
+            content = json_value(self.read(name, _MAX_JSON_BYTES))
         except (ValueError, RecursionError) as error:
             raise DataError(self.path, f"{name!r} is no JSON ({error})", REMEDY) from error
         if not isinstance(content, dict):

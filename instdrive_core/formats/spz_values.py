@@ -119,7 +119,7 @@ def encode_harmonics(sh_rest: Float[ndarray, "n k 3"], bits: tuple[int, int]) ->
     """SH above the constant in steps of 1/128, rounded to `bits` (degree 1, higher degrees), cut off at ±1."""
     steps = np.array([1 << 8 - bits[0]] * 3 + [1 << 8 - bits[1]] * max(sh_rest.shape[1] - 3, 0))
     buckets = steps[: sh_rest.shape[1], None]
-    values = np.clip(np.rint(sh_rest * 128.0), -128, 128)
+    values = np.rint(128.0 * np.clip(sh_rest, -1, 1))
     return _bytes(np.floor((values + 128 + buckets // 2) / buckets) * buckets).reshape(len(sh_rest), -1)
 
 

@@ -13,6 +13,7 @@ from numpy import ndarray
 from instdrive_core.available_memory import available_memory
 from instdrive_core.errors import SceneTooLargeError
 from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.row_buffers import with_room
 
 TO_READ = 1.1
 """Memory to open a scene and look at it, as a multiple of its arrays, beside `BESIDE_BYTES`."""
@@ -58,7 +59,7 @@ def unfilled(
     extra: int = 0,
     passing: int = 0,
 ) -> Gaussians:
-    """Gaussians to be filled, one for each row that is kept.
+    """Gaussians to be filled, one for each row that is kept; edits can append to them without copying them.
 
     Args:
         path: the file, for messages.
@@ -73,7 +74,7 @@ def unfilled(
     """
     check_room(path, count, row_bytes(rest, features) + extra, options, passing * count)
     shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
-    return Gaussians(*(np.empty((options.kept(count), *shape), np.float32) for shape in shapes))
+    return Gaussians(*(with_room((options.kept(count), *shape), np.float32) for shape in shapes))
 
 
 def row_bytes(rest: int, features: int) -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import json
+import math
 from typing import Any, NoReturn
+
+from instdrive_core.json_value import json_value
 
 MAX_DEPTH = 32
 """Objects and lists within each other."""
@@ -12,7 +14,7 @@ MAX_DEPTH = 32
 def parsed_json(text: bytes) -> Any:
     """The value, of which every number is finite. Raises ValueError where it is none, or nested too deep."""
     try:
-        value = json.loads(text, parse_constant=_refuse)
+        value = json_value(text, parse_constant=_refuse, parse_float=_finite)
     except RecursionError as error:
         raise ValueError(f"it is nested more than {MAX_DEPTH} deep") from error
     level, depth = [value], 1
@@ -27,6 +29,12 @@ def _parts(value: Any) -> list[Any]:
     """What is inside of an object or list and has an inside, too."""
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return [part for part in parts if isinstance(part, dict | list)]
+
+
+def _finite(number: str) -> float:
+    """Digits that are too many make an infinity, too."""
+    value = float(number)
+    return value if math.isfinite(value) else _refuse(number)
 
 
 def _refuse(name: str) -> NoReturn:

@@ -67,7 +67,8 @@ class ReadLog:
         """Follow a line of `difference`. Raises KeyError, TypeError or ValueError where it is none."""
         keep = line.get("keep", len(self.entries))
         added = line.get("add", [])
-        if not 0 <= keep <= len(self.entries) or not 0 <= line["cursor"] <= keep + len(added):
+        whole = type(keep) is int and type(line["cursor"]) is int
+        if not (whole and 0 <= keep <= len(self.entries) and 0 <= line["cursor"] <= keep + len(added)):
             raise ValueError(f"a line keeps {keep} of {len(self.entries)} edits and does {line['cursor']}")
         unknown = [entry for entry in added if not isinstance(entry, dict) or entry.get("kind") not in EDITS]
         if unknown:
@@ -79,7 +80,9 @@ class ReadLog:
         self.cursor = line["cursor"]
 
     def mark_saved(self, done: int | None) -> None:
-        """So many of the edits were done when the document was saved; None = no file holds it."""
+        """So many of the edits were done when the document was saved; None = no file holds it. Raises ValueError."""
+        if done is not None and not (type(done) is int and 0 <= done <= len(self.entries)):
+            raise ValueError(f"a line says that {done!r} of {len(self.entries)} edits were saved")
         self._saved = None if done is None else self._work(done)
 
     @property

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from instdrive_core.json_value import json_value
 from instdrive_core.plain_file import plain_file
 
 _CHECKSUM = 8
@@ -55,4 +56,4 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
             checksum, _, text = line[:-1].partition(b" ")
             if not line.endswith(b"\n") or checksum != b"%0*x" % (_CHECKSUM, zlib.crc32(text)):
                 return
-            yield json.loads(text)
+            yield json_value(text)

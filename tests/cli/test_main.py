@@ -1,6 +1,7 @@
 """The dispatcher: its table matches the commands, help is quick, errors are short."""
 
 import ast
+import os
 import resource
 import subprocess
 import sys
@@ -8,10 +9,12 @@ import types
 from pathlib import Path
 
 import pytest
+from random_scene import random_scene
 
 from instdrive_app import main as dispatcher
 from instdrive_app.main import COMMANDS, Command, main
 from instdrive_core.errors import OptionError
+from instdrive_core.formats.registry import save_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -119,3 +122,13 @@ def test_a_reader_that_has_seen_enough_gets_no_traceback():
     done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=ROOT, timeout=300, check=False)
     assert done.stdout.startswith("usage: instdrive train")
     assert done.stderr == ""
+
+
+def test_names_that_are_no_text_are_printed_all_the_same(tmp_path):
+    name = tmp_path / b"J\xfcrgen.ply".decode(errors="surrogateescape")
+    save_scene(tmp_path / "a.ply", random_scene(count=9, actors=0))
+    command = [sys.executable, "-m", "instdrive_app.main", "convert", tmp_path / "a.ply", name]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    finished = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
+    assert finished.returncode == 0, finished.stderr
+    assert b"9 splats" in finished.stdout

@@ -177,6 +177,12 @@ def test_a_scaled_actor_drives_as_far_as_before():
     )
 
 
+@pytest.mark.parametrize("length", [0.0, 1e-9, 1e200])
+def test_turns_without_a_direction_are_refused(length):
+    with pytest.raises(EditError, match="quaternion"):
+        MoveInstances((1,), rotation=(length, 0.0, 0.0, length))
+
+
 def test_locked_and_deleted_instances_stay():
     document = Document(random_scene())
     document.apply(LockInstances((2,)))

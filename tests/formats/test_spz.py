@@ -346,3 +346,13 @@ def test_no_damage_to_the_content_passes_unseen(tmp_path, version):
         (tmp_path / "a.spz").write_bytes(damaged)
         with pytest.raises(DataError):
             open_scene(tmp_path / "a.spz")
+
+
+def test_values_far_beyond_what_fits_are_cut_off(tmp_path):
+    scene = random_scene(count=8, actors=0)
+    scene.gaussians.sh_rest[0] = 3e38
+    scene.gaussians.sh_rest[1] = -3e38
+    save_scene(tmp_path / "a.spz", scene)
+    read = open_scene(tmp_path / "a.spz").gaussians.sh_rest
+    assert read[0].min() > 0.85
+    assert read[1].max() < -0.85

@@ -1,10 +1,12 @@
 """What an editor that died leaves is offered to the next one, whole up to the last line that is."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import zlib
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -329,6 +331,20 @@ def test_a_session_that_cannot_be_read_says_why_and_can_be_discarded(root, start
         restore(session)
     discard(session)
     assert pending(root) == []
+
+
+@pytest.mark.parametrize(
+    "lie", [{"saved": 1.5}, {"saved": 99}, {"saved": "1"}, {"cursor": 1.0}, {"cursor": True, "keep": 1.5, "add": []}]
+)
+def test_a_line_that_lies_with_a_right_checksum_does_not_keep_others_from_being_offered(root, started, lie):
+    document, recovery = started
+    do(document, recovery, DeleteInstances((2,)))
+    die(recovery)
+    text = json.dumps(lie).encode()
+    with (recovery.folder / JOURNAL).open("ab") as file:
+        file.write(b"%08x %b\n" % (zlib.crc32(text), text))
+    (session,) = pending(root)
+    assert "cannot be read" in session.problem
 
 
 def test_folders_that_never_became_sessions_go_when_they_are_old(root):
