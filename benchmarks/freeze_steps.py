@@ -115,7 +115,7 @@ def _slide(what: str) -> Act:
 
     def act(desk: Desk) -> Iterator[None]:
         low, high, _ = RANGES[what]  # type: ignore[index]
-        for share in np.linspace(0.3, 0.5, 6):
+        for share in np.linspace(0.2, 0.45, 6):
             desk.session.adjust(desk.session.selected, what, low + share * (high - low), "slide")  # type: ignore[arg-type]
             yield
 

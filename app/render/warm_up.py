@@ -7,9 +7,14 @@ import numpy as np
 from instdrive_app.render.depth_order import depth_order
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
+from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.look import SetAdjustment, look_of
+from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.region import rows_in_region
+from instdrive_core.edits.select import SelectInstances
 from instdrive_core.instances.nearness import rows_near
+from instdrive_core.instances.table import Instance
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 
@@ -18,7 +23,7 @@ _SIDE = 16
 
 
 def warm_up() -> None:
-    """Sort, pick, select a region, grow it and move once, in a scene of one splat.
+    """Sort, pick, select a region, grow it, edit and move once, in a scene of one splat.
 
     To be called on a thread of its own when the program starts.
     """
@@ -33,6 +38,25 @@ def warm_up() -> None:
     first = np.zeros(1, np.int64)
     document.transforms.assign(first, np.array([document.transforms.add(2 * np.eye(3, 4))], np.uint16))
     document.means_of(first)
+    _edit(document)
+
+
+def _edit(document: Document) -> None:
+    """What recolouring, moving and taking them back again walk through."""
+    document.scene.instance_ids[:] = 1
+    document.instances_changed(ids_changed=True)
+    document.scene.table.set(Instance(1, "warm-up"))
+    edits = (
+        SelectInstances((1,)),
+        RecolorInstances((1,), "tint", (1.0, 1.0, 1.0)),
+        SetAdjustment((1,), "contrast", 2.0),
+        MoveInstances((1,), (1.0, 0.0, 0.0)),
+    )
+    for edit in edits:
+        document.apply(edit)
+        document.counts()
+    look_of(document, (1,))
+    document.undo()
 
 
 def _one_splat_at(place: np.ndarray) -> Document:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment, checked_adjustment
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.color import ColorEdit, mean_color
-from instdrive_core.edits.delete import editable
+from instdrive_core.edits.color import ColorEdit
+from instdrive_core.edits.delete import editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.entries import PartsChange
+from instdrive_core.edits.mean_colors import mean_colors
 from instdrive_core.edits.parameters import checked_ids
-from instdrive_core.scene.palette import color_values
+from instdrive_core.edits.row_parts import RowParts
+from instdrive_core.scene.palette import DRAWN, stacked_values
 
 
 @dataclass
@@ -40,21 +42,23 @@ class AdjustInstances(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""
-        parts = [editable(document, (instance_id,)) for instance_id in self.ids]
+        parts = editable_parts(document, self.ids)
         if self.amount == RANGES[self.what].neutral:
             return False
-        return self.assign(document, [(rows, self._change(document, rows)) for rows in parts])
+        return self.assign(document, parts, self._change(document, parts))
 
-    def _change(self, document: Document, rows: ndarray) -> Callable[[ndarray], ndarray]:
-        mean = shown_mean(document, rows) if self.what == "contrast" else np.zeros(3)
-        matrix = adjustment(self.what, self.amount, mean)
+    def _change(self, document: Document, parts: RowParts) -> PartsChange:
+        means = np.zeros((len(parts), 3))
+        if self.what == "contrast":
+            means = mean_colors(document.scene.gaussians, parts, document.colors.matrices, document.colors.indices)
+        linear = adjustment(self.what, self.amount, np.zeros(3))[:, :3]
+        offsets = (1 - self.amount) * means  # of contrast, the only adjustment that has any
         factor = self.amount if self.what == "opacity" else 1.0
 
-        def change(values: ndarray) -> ndarray:
-            before = values[:12].reshape(3, 4).astype(np.float64)
-            after = matrix[:, :3] @ before
-            after[:, 3] += matrix[:, 3]
-            return color_values(after, float(values[12]) * factor)
+        def change(values: ndarray, part: Int64[ndarray, " k"]) -> ndarray:
+            after = linear @ values[:, : DRAWN - 1].reshape(-1, 3, 4).astype(np.float64)
+            after[:, :, 3] += offsets[part]
+            return stacked_values(after, values[:, DRAWN - 1].astype(np.float64) * factor)
 
         return change
 
@@ -62,4 +66,4 @@ class AdjustInstances(ColorEdit):
 def shown_mean(document: Document, rows: ndarray) -> Float64[ndarray, "3"]:
     """The mean of the rows' colours as they are shown now, without view dependence, weighted by opacity."""
     palette = document.colors
-    return mean_color(document.scene.gaussians, rows, palette.matrices, palette.indices[rows])
+    return mean_colors(document.scene.gaussians, RowParts.whole(rows), palette.matrices, palette.indices)[0]

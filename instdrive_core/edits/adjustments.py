@@ -72,19 +72,29 @@ def adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Fl
 
 
 def hue_rotation(degrees: float) -> Float64[ndarray, "3 3"]:
-    """Rotation of hue that leaves greys and every colour's luma as they are; red turns towards green.
+    """Rotation of hue that leaves greys and every colour's luma as they are; red turns towards green."""
+    return hue_rotations(np.array([degrees], np.float64))[0]
+
+
+def hue_rotations(degrees: Float64[ndarray, " k"]) -> Float64[ndarray, "k 3 3"]:
+    """The rotations of k hues.
 
     With L the projection to grey along the plane of equal luma and J the cross product with the unit grey axis,
     K = (I - L) J has K² = -(I - L), so L + cos(h) (I - L) + sin(h) K is a rotation within planes of equal luma.
     """
-    angle = np.deg2rad(degrees)
+    angles = np.deg2rad(degrees)[:, None, None]
     gray = np.tile(LUMA, (3, 1))
     cross = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]) / np.sqrt(3)
     rest = np.eye(3) - gray
-    return gray + np.cos(angle) * rest + np.sin(angle) * rest @ cross
+    return gray + np.cos(angles) * rest + np.sin(angles) * (rest @ cross)
 
 
 def hue_of(color: Sequence[float] | Float[ndarray, "3"]) -> float:
     """Hue in degrees, as `hue_rotation` turns it: 0 = red, 120 = green; 0 for greys."""
-    red, green, blue = (float(channel) for channel in color)
-    return float(np.rad2deg(np.arctan2(np.sqrt(3) * (green - blue), 2 * red - green - blue)))
+    return float(hues_of(np.array([color], np.float64))[0])
+
+
+def hues_of(colors: Float64[ndarray, "k 3"]) -> Float64[ndarray, " k"]:
+    """The hues of k colours."""
+    red, green, blue = colors.T
+    return np.rad2deg(np.arctan2(np.sqrt(3) * (green - blue), 2 * red - green - blue))

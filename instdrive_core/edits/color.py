@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from jaxtyping import Float, Float32, Float64
+from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotation
+from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotations, hues_of
 from instdrive_core.edits.base import Edit, ids_in_words
-from instdrive_core.edits.delete import editable
+from instdrive_core.edits.delete import editable, editable_parts
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.entries import RowsChange, changed_entries
+from instdrive_core.edits.entries import PartsChange, entries_of_parts
+from instdrive_core.edits.mean_colors import mean_colors
 from instdrive_core.edits.parameters import checked_ids
+from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.errors import EditError
-from instdrive_core.maths.activations import sigmoid
-from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.palette import color_values
+from instdrive_core.scene.palette import DRAWN, stacked_values
 
 RecolorMode = Literal["tint", "hue", "solid"]
-IDENTITY = np.eye(3, 4, dtype=np.float32)[None]
 MEAN_LUMA_FLOOR = 0.05
 """Darker instances are not brightened by more than 20 times."""
 
@@ -36,13 +34,12 @@ class ColorEdit(Edit):
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
 
-    def assign(self, document: Document, parts: Sequence[RowsChange]) -> bool:
-        """For rows and a change of entry values each: add the changed entries, point the rows at them, remember."""
+    def assign(self, document: Document, parts: RowParts, change: PartsChange) -> bool:
+        """Add the changed entries of parts of rows, point the rows at them, remember; whether any row changed."""
         palette, size = document.colors, len(document.colors)
-        wanted = changed_entries(palette, parts)
-        rows = np.concatenate([part for part, _ in parts])
-        changed = palette.indices[rows] != wanted
-        self._rows, self._size_before = rows[changed].astype(np.int32), size
+        wanted = entries_of_parts(palette, parts, change)
+        changed = palette.indices[parts.rows] != wanted
+        self._rows, self._size_before = parts.rows[changed].astype(np.int32), size
         self._before = palette.assign(self._rows, wanted[changed])
         return len(self._rows) > 0
 
@@ -87,9 +84,9 @@ class RecolorInstances(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance and point the instance's rows at it."""
-        parts = [editable(document, (instance_id,)) for instance_id in self.ids]
-        matrices = [recolor_matrix(document.scene.gaussians, rows, self.mode, self.color) for rows in parts]
-        return self.assign(document, [(rows, _replacing(matrix)) for rows, matrix in zip(parts, matrices, strict=True)])
+        parts = editable_parts(document, self.ids)
+        matrices = recolor_matrices(document.scene.gaussians, parts, self.mode, self.color)
+        return self.assign(document, parts, lambda values, part: stacked_values(matrices[part], values[:, DRAWN - 1]))
 
 
 @dataclass
@@ -109,47 +106,26 @@ class ResetColors(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Point the instances' rows at the entry that changes nothing."""
-        return self.assign(document, [(editable(document, self.ids), lambda _: document.colors.values[0])])
+        rows = RowParts.whole(editable(document, self.ids))
+        return self.assign(document, rows, lambda values, _: np.repeat(document.colors.values[:1], len(values), axis=0))
 
 
-def _replacing(matrix: Float32[ndarray, "3 4"]) -> Callable[[ndarray], ndarray]:
-    return lambda values: color_values(matrix, float(values[12]))
-
-
-def recolor_matrix(
-    gaussians: Gaussians, rows: ndarray, mode: RecolorMode, color: tuple[float, float, float]
-) -> Float32[ndarray, "3 4"]:
-    """The palette entry [A | b] that recolours the Gaussians of one instance.
+def recolor_matrices(
+    gaussians: Gaussians, parts: RowParts, mode: RecolorMode, color: tuple[float, float, float]
+) -> Float32[ndarray, "k 3 4"]:
+    """The palette entries [A | b] that recolour the Gaussians of instances, whose rows the parts are.
 
     `solid`: A = 0, b = colour. `tint`: A = colour ⊗ luma weights / mean luma, b = 0: the instance's mean
     (weighted by opacity) becomes the colour, and each Gaussian keeps its brightness relative to that mean.
     `hue`: A = the rotation from the mean's hue to the colour's.
     """
-    matrix = np.zeros((3, 4))
+    matrices = np.zeros((len(parts), 3, 4))
     if mode == "solid":
-        matrix[:, 3] = color
-        return matrix.astype(np.float32)
-    mean = mean_color(gaussians, rows)
+        matrices[:, :, 3] = color
+        return matrices.astype(np.float32)
+    means = mean_colors(gaussians, parts)
     if mode == "hue":
-        matrix[:, :3] = hue_rotation(hue_of(color) - hue_of(mean))
+        matrices[:, :, :3] = hue_rotations(hue_of(color) - hues_of(means))
     else:
-        matrix[:, :3] = np.outer(color, LUMA) / max(float(LUMA @ mean), MEAN_LUMA_FLOOR)
-    return matrix.astype(np.float32)
-
-
-def mean_color(
-    gaussians: Gaussians, rows: ndarray, maps: Float[ndarray, "p 3 4"] = IDENTITY, entries: ndarray | None = None
-) -> Float64[ndarray, "3"]:
-    """The mean colour of rows, without view dependence and not below black, weighted by opacity.
-
-    `entries` (m,) say which of the `maps` [A | b] each row's colour goes through first; without them it is the first.
-    """
-    colors = color_from_dc(gaussians.sh_dc[rows]).astype(np.float64)
-    weights = sigmoid(gaussians.opacity_logits[rows]).astype(np.float64)
-    named = [0] if entries is None else np.flatnonzero(np.bincount(entries)).tolist()
-    total = np.zeros(3)
-    for entry in named:
-        chosen = slice(None) if len(named) == 1 else np.flatnonzero(entries == entry)
-        matrix = maps[entry].astype(np.float64)
-        total += weights[chosen] @ np.maximum(colors[chosen] @ matrix[:, :3].T + matrix[:, 3], 0)
-    return total / max(float(weights.sum()), 1e-12)
+        matrices[:, :, :3] = np.outer(color, LUMA) / np.maximum(means @ LUMA, MEAN_LUMA_FLOOR)[:, None, None]
+    return matrices.astype(np.float32)

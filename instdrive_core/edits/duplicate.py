@@ -9,7 +9,7 @@ import numpy as np
 
 from instdrive_core.edits.append import Addition, AppendEdit, unique_track_id
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import editable
+from instdrive_core.edits.delete import editable_parts
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import new_instances
 from instdrive_core.edits.parameters import Vector, checked_ids, checked_vector
@@ -42,8 +42,8 @@ class DuplicateInstances(AppendEdit):
     def addition(self, document: Document) -> Addition:
         """The rows that are neither deleted nor locked."""
         scene = document.scene
-        parts = [editable(document, (instance_id,)) for instance_id in self.ids]
-        rows = np.concatenate(parts)
+        parts = editable_parts(document, self.ids)
+        rows = parts.rows
         copies = new_instances(document, [scene.table[instance_id] for instance_id in self.ids])
         nodes = sorted(set(np.unique(scene.nodes[rows]).tolist()) - {0})
         renumbered = np.zeros(len(scene.actors) + 1, np.uint16)
@@ -55,7 +55,7 @@ class DuplicateInstances(AppendEdit):
             taken.add(tracks[-1].id)
         added = Scene(
             scene.gaussians.select(rows),
-            np.repeat(np.array([entry.id for entry in copies], np.uint32), [len(part) for part in parts]),
+            np.repeat(np.array([entry.id for entry in copies], np.uint32), parts.sizes),
             scene.codewords[rows],
             renumbered[scene.nodes[rows]],
             actors=(*scene.actors, *tracks),

@@ -14,9 +14,10 @@ from instdrive_core.edits.base import Edit, ids_in_words
 from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.parameters import checked_ids
+from instdrive_core.edits.part_bounds import bounds_of_parts, main_nodes_of_parts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
-from instdrive_core.instances.table import Instance, default_name, middle_bounds
+from instdrive_core.instances.table import Instance, default_name
 
 MAX_NAME_LENGTH = 200
 
@@ -76,17 +77,22 @@ class RelabelEdit(Edit):
 def recount(document: Document, ids: Iterable[int]) -> None:
     """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
     table = document.scene.table
-    for instance_id in ids:
-        if instance_id not in table:
-            continue
-        rows = document.rows_of((instance_id,))
-        if len(rows):
-            nodes = document.scene.nodes[rows]
-            node = int(np.bincount(nodes).argmax())
-            bounds = middle_bounds(document.means_of(rows[nodes == node]))
-            table.set(replace(table[instance_id], node=node, count=len(rows), bounds=bounds))
-        else:
-            del table.instances[instance_id]
+    known = [instance_id for instance_id in ids if instance_id in table]
+    parts = document.row_parts(known)
+    for place in np.flatnonzero(parts.sizes == 0).tolist():
+        del table.instances[known[place]]
+    left = parts.without_empty()
+    known = [instance_id for instance_id in known if instance_id in table]
+    nodes = main_nodes_of_parts(document, left)
+    counted = left
+    if document.scene.actors:
+        counted = left.where(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
+    bounds = bounds_of_parts(document, counted).tolist()
+    facts = zip(known, nodes.tolist(), left.sizes.tolist(), bounds, strict=True)
+    for instance_id, node, count, (low, high) in facts:
+        entry = table[instance_id]
+        box = ((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+        table.set(Instance(entry.id, entry.name, node, entry.codeword, count, entry.class_name, box))
 
 
 def add_entries(document: Document, entries: Iterable[Instance]) -> None:

@@ -12,16 +12,20 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float, Float64
+from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment, checked_adjustment
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.color import ColorEdit, mean_color
-from instdrive_core.edits.delete import editable
+from instdrive_core.edits.color import ColorEdit
+from instdrive_core.edits.delete import editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.entries import PartsChange
+from instdrive_core.edits.mean_colors import mean_colors
 from instdrive_core.edits.parameters import checked_ids
-from instdrive_core.scene.palette import DRAWN, color_values
+from instdrive_core.edits.row_kernels import free_rows
+from instdrive_core.edits.row_parts import RowParts
+from instdrive_core.scene.palette import DRAWN, stacked_values
 from instdrive_core.scene.selection import Flag
 
 ORDER: tuple[AdjustKind, ...] = ("temperature", "hue", "saturation", "brightness", "contrast")
@@ -50,49 +54,62 @@ class SetAdjustment(ColorEdit):
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""
-        parts = [editable(document, (instance_id,)) for instance_id in self.ids]
-        return self.assign(document, [(rows, self._change(document, rows)) for rows in parts])
+        parts = editable_parts(document, self.ids)
+        return self.assign(document, parts, self._change(document, parts))
 
-    def _change(self, document: Document, rows: ndarray) -> Callable[[ndarray], ndarray]:
+    def _change(self, document: Document, parts: RowParts) -> PartsChange:
+        palette = document.colors
+
         @cache
-        def mean() -> Float64[ndarray, "3"]:
-            return base_mean(document, rows)
+        def means() -> Float64[ndarray, "p 3"]:
+            return mean_colors(document.scene.gaussians, parts, palette.bases, palette.indices)
 
-        def change(values: ndarray) -> ndarray:
-            base, adjusted = values[DRAWN : DRAWN + 12].reshape(3, 4), values[DRAWN + 12 :].copy()
+        def change(values: ndarray, part: Int64[ndarray, " k"]) -> ndarray:
+            bases, adjusted = values[:, DRAWN : DRAWN + 12].reshape(-1, 3, 4), values[:, DRAWN + 12 :].copy()
             if self.what == "opacity":
-                return color_values(values[:12].reshape(3, 4), self.amount, base, adjusted)
-            adjusted[ORDER.index(self.what)] = self.amount - RANGES[self.what].neutral
-            return color_values(composed(base, adjusted, mean), float(values[DRAWN - 1]), base, adjusted)
+                alphas = np.full(len(values), self.amount)
+                return stacked_values(values[:, :12].reshape(-1, 3, 4), alphas, bases, adjusted)
+            adjusted[:, ORDER.index(self.what)] = self.amount - RANGES[self.what].neutral
+            matrices = composed(bases, adjusted, lambda: means()[part])
+            return stacked_values(matrices, values[:, DRAWN - 1], bases, adjusted)
 
         return change
 
 
 def composed(
-    base: Float[ndarray, "3 4"], adjusted: Float[ndarray, " a"], mean: Callable[[], Float64[ndarray, "3"]]
-) -> Float64[ndarray, "3 4"]:
-    """The map [A | b] of colours: `base`, then the adjustments, which are given by their distances from neutral.
+    bases: Float[ndarray, "k 3 4"], adjusted: Float[ndarray, "k a"], means: Callable[[], Float64[ndarray, "k 3"]]
+) -> Float64[ndarray, "k 3 4"]:
+    """Maps [A | b] of colours: `bases`, then the adjustments, which are given by their distances from neutral.
 
-    `mean` is asked, where there is contrast, for the mean colour before any adjustment; contrast keeps what the other
-    adjustments make of it.
+    `means` is asked, where there is contrast, for the mean colours before any adjustment; contrast keeps what the other
+    adjustments make of them.
     """
-    *linear_offsets, contrast = adjusted.astype(np.float64).tolist()
+    # Entries are many, but what they were adjusted by is seldom more than a few different things.
+    different, place = np.unique(adjusted[:, :-1].astype(np.float64), axis=0, return_inverse=True)
+    linear = np.array([_linear(offsets.tolist()) for offsets in different])[place.reshape(-1)]
+    matrices = linear @ bases.astype(np.float64)
+    contrasts = adjusted[:, -1].astype(np.float64)
+    if contrasts.any():
+        amounts = RANGES["contrast"].neutral + contrasts
+        middles = (linear @ means()[:, :, None])[:, :, 0]
+        matrices *= amounts[:, None, None]
+        matrices[:, :, 3] += (1 - amounts)[:, None] * middles
+    return matrices
+
+
+def _linear(offsets: list[float]) -> Float64[ndarray, "3 3"]:
+    """What all adjustments but contrast do to colours."""
     linear = np.eye(3)
-    for kind, offset in zip(ORDER, linear_offsets, strict=False):
+    for kind, offset in zip(ORDER, offsets, strict=False):
         if offset:
             linear = adjustment(kind, RANGES[kind].neutral + offset, np.zeros(3))[:, :3] @ linear
-    matrix = linear @ base.astype(np.float64)
-    if contrast:
-        step = adjustment("contrast", RANGES["contrast"].neutral + contrast, linear @ mean())
-        matrix = step[:, :3] @ matrix
-        matrix[:, 3] += step[:, 3]
-    return matrix
+    return linear
 
 
 def base_mean(document: Document, rows: ndarray) -> Float64[ndarray, "3"]:
     """The mean of the rows' colours before adjustment, without view dependence, weighted by opacity."""
     palette = document.colors
-    return mean_color(document.scene.gaussians, rows, palette.bases, palette.indices[rows])
+    return mean_colors(document.scene.gaussians, RowParts.whole(rows), palette.bases, palette.indices)[0]
 
 
 @dataclass(frozen=True)
@@ -109,8 +126,10 @@ def look_of(document: Document, ids: Iterable[int]) -> Look:
     """The look of instances, deleted splats left out. Raises EditError for an unknown ID."""
     rows = document.rows_of(ids)
     palette = document.colors
-    alive = palette.indices[rows][(document.state.flags[rows] & Flag.DELETED) == 0]
-    entries = np.flatnonzero(np.bincount(alive, minlength=1))
+    alive = free_rows(rows, np.array([0, len(rows)]), document.state.flags, np.uint8(Flag.DELETED))[0]
+    named = np.zeros(len(palette), bool)
+    named[palette.indices[alive]] = True
+    entries = np.flatnonzero(named)
     columns: dict[AdjustKind, ndarray] = {"opacity": palette.alphas[entries]}
     for number, kind in enumerate(ORDER):
         columns[kind] = RANGES[kind].neutral + palette.adjusted[entries, number].astype(np.float64)

@@ -36,14 +36,13 @@ def foot_of(heights: Float[ndarray, " n"]) -> float:
 
 def center_of(document: Document, ids: Sequence[int], time: float) -> Float64[ndarray, "3"]:
     """The mean of the instances' centres in the world, metres: of their bounds, or of an actor's box at `time` (s)."""
-    centers = []
-    for instance_id in ids:
-        instance = document.scene.table[instance_id]
+    table, actors = document.scene.table, document.scene.actors
+    instances = [table[instance_id] for instance_id in ids]
+    centers = np.array([instance.bounds for instance in instances], np.float64).mean(axis=1)
+    for place, instance in enumerate(instances):
         if instance.node:
-            centers.append(document.scene.actors[instance.node - 1].pose_at(time)[:3, 3])
-        else:
-            centers.append(np.mean(instance.bounds, axis=0))
-    return np.mean(centers, axis=0)
+            centers[place] = actors[instance.node - 1].pose_at(time)[:3, 3]
+    return centers.mean(axis=0)
 
 
 def bottom_of(document: Document, ids: Sequence[int], matrix: Similarity, time: float) -> float:

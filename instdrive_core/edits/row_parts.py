@@ -37,6 +37,8 @@ class RowParts:
 
     def where(self, kept: Bool[ndarray, " m"]) -> RowParts:
         """The parts with only some of their rows; a part may be left empty."""
+        if kept.all():
+            return self
         before = np.concatenate([[0], np.cumsum(kept)])
         return RowParts(self.rows[kept], before[self.bounds])
 

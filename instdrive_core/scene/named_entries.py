@@ -33,21 +33,35 @@ def _pairs(indices, rows, bounds, size):
     place = np.empty(len(rows), np.int32)
     entries, owners, count = np.empty(2 * parts + 16, np.int64), np.empty(2 * parts + 16, np.int64), 0
     for part in range(parts):
-        first = count
-        for k in range(bounds[part], bounds[part + 1]):
+        first, last = np.uint64(bounds[part]), np.uint64(bounds[part + 1])
+        alike = _leading_alike(indices, rows, first, last, place, count)
+        if count + last - first > len(entries):
+            room = np.int64(last - first) + len(entries)
+            entries = np.concatenate((entries, np.empty(room, np.int64)))
+            owners = np.concatenate((owners, np.empty(room, np.int64)))
+        begin = count
+        for k in range(first if alike < last else last, last):  # not all name the same entry
             entry = indices[rows[k]]
-            if pair_of[entry] < first:  # not named by this part so far
-                if count == len(entries):
-                    entries = np.concatenate((entries, np.empty(count, np.int64)))
-                    owners = np.concatenate((owners, np.empty(count, np.int64)))
-                entries[count], owners[count] = entry, part
-                pair_of[entry] = count
+            if pair_of[entry] < begin:  # not named by this part so far
+                entries[count], owners[count], pair_of[entry] = entry, part, count
                 count += 1
-            place[k] = pair_of[entry]
-        if count - first > 1:
-            entries[first:count] = np.sort(entries[first:count])
-            for pair in range(first, count):
-                pair_of[entries[pair]] = pair
-            for k in range(bounds[part], bounds[part + 1]):
-                place[k] = pair_of[indices[rows[k]]]
+        if alike == last and first < last:
+            entries[count], owners[count] = indices[rows[first]], part
+            count += 1
+            continue
+        entries[begin:count] = np.sort(entries[begin:count])
+        for pair in range(begin, count):
+            pair_of[entries[pair]] = pair
+        for k in range(first, last):
+            place[k] = pair_of[indices[rows[k]]]
     return entries[:count].copy(), owners[:count].copy(), place
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _leading_alike(indices, rows, first, last, place, number):
+    """Number the rows from the first on as long as they name the entry that it names; where that ends."""
+    k = first
+    while k < last and indices[np.uint64(rows[k])] == indices[np.uint64(rows[first])]:
+        place[k] = number
+        k += np.uint64(1)
+    return k

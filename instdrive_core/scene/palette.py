@@ -18,7 +18,7 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_colo
 from instdrive_core.scene.entry_palette import MAX_ENTRIES, EntryPalette, PaletteFullError
 from instdrive_core.scene.gaussians import Gaussians
 
-__all__ = ["MAX_ENTRIES", "ColorPalette", "PaletteFullError", "baked_colors", "color_values"]
+__all__ = ["MAX_ENTRIES", "ColorPalette", "PaletteFullError", "baked_colors", "color_values", "stacked_values"]
 
 DRAWN = 13
 """Numbers of an entry that are drawn: [A | b] row by row, then the opacity factor."""
@@ -72,9 +72,22 @@ def color_values(
 
     Without `base` and `adjusted` the colours count as not adjusted: the base is the matrix itself.
     """
-    base = matrix if base is None else base
-    adjusted = np.zeros(ADJUSTMENTS) if adjusted is None else adjusted
-    return np.concatenate([matrix.reshape(-1), [alpha], base.reshape(-1), adjusted]).astype(np.float32)
+    one = None if base is None else base[None]
+    return stacked_values(matrix[None], np.array([alpha]), one, None if adjusted is None else adjusted[None])[0]
+
+
+def stacked_values(
+    matrices: Float[ndarray, "k 3 4"],
+    alphas: Float[ndarray, " k"],
+    bases: Float[ndarray, "k 3 4"] | None = None,
+    adjusted: Float[ndarray, "k a"] | None = None,
+) -> Float32[ndarray, "k w"]:
+    """`color_values` of k entries."""
+    count = len(matrices)
+    bases = matrices if bases is None else bases
+    adjusted = np.zeros((count, ADJUSTMENTS)) if adjusted is None else adjusted
+    parts = [matrices.reshape(count, -1), alphas[:, None], bases.reshape(count, -1), adjusted]
+    return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 def baked_colors(

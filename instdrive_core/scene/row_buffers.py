@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from weakref import WeakValueDictionary
+
 import numpy as np
 from numpy import ndarray
+from numpy.typing import DTypeLike
 
 SPARE_SHARE = 8
 """A new buffer has room for one more row per so many."""
+_UNOWNED: WeakValueDictionary[int, ndarray] = WeakValueDictionary()
+"""Buffers behind arrays `with_room`, by their addresses, until one of `RowBuffers` takes them."""
+
+
+def with_room(shape: tuple[int, ...], dtype: DTypeLike) -> ndarray:
+    """An array to be filled that can grow without being copied: memory behind its end, which is taken when written."""
+    buffer = np.empty((shape[0] + shape[0] // SPARE_SHARE, *shape[1:]), dtype)
+    _UNOWNED[id(buffer)] = buffer
+    return buffer[: shape[0]]
 
 
 class RowBuffers:
@@ -22,7 +34,9 @@ class RowBuffers:
         """
         count, total = len(array), len(array) + len(tail)
         buffer = self._buffers.get(name)
-        # Only a buffer that was made here may be written behind the array's end: what lies there is nobody's.
+        if buffer is None and array.base is not None and _UNOWNED.get(id(array.base)) is array.base:
+            buffer = self._buffers[name] = _UNOWNED.pop(id(array.base))
+        # Only a buffer that was made for this may be written behind the array's end: what lies there is nobody's.
         if buffer is None or array.base is not buffer or len(buffer) < total:
             buffer = np.empty((total + count // SPARE_SHARE, *array.shape[1:]), array.dtype)
             buffer[:count] = array
