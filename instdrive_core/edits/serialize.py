@@ -36,6 +36,7 @@ from instdrive_core.edits.split import SplitInstance
 from instdrive_core.edits.turn_scene import TurnScene
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
+from instdrive_core.json_value import json_value
 
 EDITS: dict[str, type[Edit]] = {
     edit.kind: edit
@@ -112,7 +113,7 @@ def edits_from_lines(text: str) -> list[Edit]:
         if not line.strip():
             continue
         try:
-            edits.append(edit_from_json(json.loads(line)))
+            edits.append(edit_from_json(json_value(line)))
         except (ValueError, RecursionError, EditError) as error:
             raise EditError(f"line {number}: {error}") from error
     return edits
