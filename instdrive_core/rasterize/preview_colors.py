@@ -10,12 +10,16 @@ from jaxtyping import Float, Float32, Int32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
+from instdrive_core.rasterize.lanes import prefetch
 from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.rasterize.preview_splats import Projected
 from instdrive_core.rasterize.view_colors import fill_basis
 
-_CHUNK = 1 << 8
-"""Rows whose basis values lie side by side, so that the loops over them vectorise."""
+_CHUNK = 1 << 7
+"""Rows whose basis values lie side by side, so that the loops over them vectorise; few enough that their coefficients,
+fetched beforehand, stay in a core's own cache."""
+_LINE = np.uint64(16)
+"""Floats per cache line."""
 _Y0, _HALF = np.float32(Y0), np.float32(0.5)
 
 
@@ -93,13 +97,15 @@ def _sum_up(rows, count, harmonics, basis, recolored, colors):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=True)
 def _write(place, harmonics, turned, recolored, depths, colors):
-    count = len(depths)
+    count, width, coefficients = len(depths), np.uint64(3 * harmonics[1].shape[1]), harmonics[1].reshape(-1)
     for chunk in numba.prange((count + _CHUNK - 1) // _CHUNK):
         rows, visible = np.empty(_CHUNK, np.int64), 0
         for row in range(chunk * _CHUNK, min((chunk + 1) * _CHUNK, count)):
             if depths[row] > np.float32(0):
                 rows[visible] = row
                 visible += 1
+                for line in range(np.uint64(0), width, _LINE):
+                    prefetch(coefficients, np.uint64(row) * width + line)
         directions, basis = np.empty((3, _CHUNK), np.float32), np.empty((harmonics[1].shape[1], _CHUNK), np.float32)
         if len(basis) and visible:
             _fill_directions(rows, visible, place, turned, directions)
