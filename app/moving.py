@@ -134,7 +134,7 @@ class Moving:
         """Where the selection, which is not empty, is now."""
         document, time = self._opened, self._state.time
         first = document.scene.table[self.ids[0]]
-        matrix = document.transforms.matrices[document.transforms.indices[document.rows_of((first.id,))[0]]]
+        matrix = document.transforms.move_of(int(document.transforms.indices[document.rows_of((first.id,))[0]]))
         turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
         return Placement(_vector(self.center()), yaw, scale_of(matrix))

@@ -13,9 +13,13 @@ from instdrive_app.state import EditorState, Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document import Document
 from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import Similarity
 
 MAX_LOOKED_AT = 20_000
 """Splats that decide where something is looked at from."""
+
+LOWEST, HIGHEST = -0.7, 0.2
+"""Vertical part of the directions that one may look in after the scene was turned."""
 
 
 class Navigation:
@@ -36,7 +40,7 @@ class Navigation:
         if scene.views:
             self.look_through(0)
         else:
-            self.look_from(camera.overview(scene.gaussians.means))
+            self.look_from(camera.overview(self.world_means(())))
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from elsewhere."""
@@ -74,6 +78,18 @@ class Navigation:
         means = self.world_means(ids)
         if len(means):
             self.look_from(camera.framed_points(self._state.viewpoint, means))
+
+    def go_along(self, matrix: Similarity) -> None:
+        """The whole scene was turned and scaled by [s R | t]: look at the same thing, but with the picture upright.
+
+        Where that would be from below or straight from above, everything is brought into view instead.
+        """
+        if self._state.dataset_view is not None:
+            self.look_through(self._state.dataset_view)
+            return
+        self._state.viewpoint = camera.carried(self._state.viewpoint, matrix)
+        if not LOWEST <= self._state.viewpoint.forward[2] <= HIGHEST:
+            self.look_from(camera.overview(self.world_means(())))
 
     def look_down(self, ids: tuple[int, ...]) -> None:
         """See instances, or everything, from straight above."""

@@ -74,6 +74,7 @@ class SelectionBoxes:
         self._instance = 0
         self._counts: InstanceCounts | None = None
         self._trained = Box(np.zeros(3), np.eye(3), np.zeros(3))
+        self._home: Similarity = np.eye(3, 4)
         self._group: Kept[Box] = Kept()
 
     def box_of(self, document: Document, ids: Sequence[int], time: float) -> Box:
@@ -85,15 +86,16 @@ class SelectionBoxes:
         instance = document.scene.table[ids[0]]
         if len(ids) == 1 and instance.node:
             return _track_box(document, instance.node, time)
-        frame = None if len(ids) > 1 else _common_move(document, document.rows_of(ids))
-        if frame is None:
+        entry = None if len(ids) > 1 else _common_entry(document, document.rows_of(ids))
+        if entry is None:
             key = (tuple(ids), time, document.geometry_version, document.table_version)
             return self._group.of(document, key, lambda: _level_box(document, ids, time))
         counts = document.counts()  # made anew where splats change owner or state, but not where they move
-        if counts is not self._counts or instance.id != self._instance:
-            self._trained = _trained_box(document, instance.id)
-            self._counts, self._instance = counts, instance.id
-        return self._trained.moved(frame)
+        home = document.transforms.homes[entry]
+        if counts is not self._counts or instance.id != self._instance or not np.array_equal(home, self._home):
+            self._trained = _trained_box(document, instance.id, home)
+            self._counts, self._instance, self._home = counts, instance.id, home.copy()
+        return self._trained.moved(document.transforms.move_of(entry))
 
 
 def _track_box(document: Document, node: int, time: float) -> Box:
@@ -102,15 +104,15 @@ def _track_box(document: Document, node: int, time: float) -> Box:
     return Box(pose[:3, 3], pose[:3, :3], track.dimensions)
 
 
-def _trained_box(document: Document, instance_id: int) -> Box:
-    """Of the solid splats that are left, as they were trained."""
+def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
+    """Of the solid splats that are left, as they were trained, in a scene that was turned so."""
     rows = document.rows_of((instance_id,))
     left = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
     rows = left if len(left) else rows
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), COUNTED)).astype(int)]
     opacities = document.scene.gaussians.opacities[rows]
     rows = rows[solid(opacities)]
-    means = document.scene.gaussians.means[rows].astype(np.float64)
+    means = document.scene.gaussians.means[rows].astype(np.float64) @ home[:, :3].T + home[:, 3]
     found = upright_box(means, np.zeros((len(rows), 3, 3)))
     longer, across, up = found.rotation.T
     box = Box(found.center, np.stack([-across, longer, up], axis=1), found.size[[1, 0, 2]])
@@ -128,7 +130,7 @@ def _level_box(document: Document, ids: Sequence[int], time: float) -> Box:
     return Box((low + high) / 2, np.eye(3), high - low)
 
 
-def _common_move(document: Document, rows: Int64[ndarray, " k"]) -> Similarity | None:
-    """The move of all these rows; None where they were moved in different ways."""
+def _common_entry(document: Document, rows: Int64[ndarray, " k"]) -> int | None:
+    """The transform entry of all these rows; None where they were moved in different ways."""
     entries = document.transforms.indices[rows]
-    return document.transforms.matrices[entries[0]] if (entries == entries[0]).all() else None
+    return int(entries[0]) if (entries == entries[0]).all() else None

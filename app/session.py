@@ -21,6 +21,7 @@ from instdrive_app.opening import Opened
 from instdrive_app.reference_pictures import ReferencePictures
 from instdrive_app.solo import Solo
 from instdrive_app.state import EditorState
+from instdrive_app.turning import Turning
 from instdrive_app.view_memory import remembered, restore
 from instdrive_core.edits.adjustments import AdjustKind
 from instdrive_core.edits.base import Edit
@@ -31,6 +32,7 @@ from instdrive_core.edits.look import SetAdjustment
 from instdrive_core.edits.select import SelectClass, SelectCodeword, SelectInstances, SelectMode, SelectNone
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
+from instdrive_core.formats.stated_up import stated_up
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.scene.lint import HARMFUL, Finding
 from instdrive_core.scene.selection import Flag
@@ -57,6 +59,10 @@ class EditorSession:
         self.solo = Solo(lambda: self.document, self.apply)
         self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
         self.aftermath = Aftermath(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
+        self.turning = Turning(
+            *(self.state, lambda: self.document, self.apply, self.jobs, self.messages, self.navigation),
+            turned=self.aftermath.clear,
+        )
         self.inserting = Inserting(self.state, lambda: self.document, self.jobs, self.messages, self.moving)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
@@ -103,6 +109,7 @@ class EditorSession:
         self.state.region_splats = len(scene.table) == 0
         instances = f", {counted(len(scene.table), 'instance')}" if len(scene.table) else ""
         self.messages.info(f"Opened {name}: {counted(len(scene), 'splat')}{instances}")
+        self.turning.enter(document, stated_up(path) if path else None)
 
     @property
     def is_unsaved(self) -> bool:
@@ -289,6 +296,7 @@ class EditorSession:
         """Once a frame, `seconds` after the last: deliver finished jobs, let the drive play."""
         self.jobs.poll()
         self.autosave.tick()
+        self.turning.tick()
         self.navigation.tick(seconds)
 
     def close(self, by_choice: bool = True) -> None:

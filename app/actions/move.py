@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from instdrive_app.actions.conditions import asking, editable
 from instdrive_app.commands import Command
 from instdrive_app.moving import MoveOptions
 from instdrive_app.session import EditorSession
@@ -47,6 +48,16 @@ def commands(session: EditorSession) -> list[Command]:
             "Move",
             enabled=selected,
             icon="ICON_FA_ARROW_ROTATE_LEFT",
+            undoable=True,
+        ),
+        Command(
+            "move.turn_upright",
+            "Turn upright…",
+            asking(session, "turn_upright"),
+            "Move",
+            enabled=lambda: editable(session),
+            icon="ICON_FA_ARROWS_SPIN",
+            separator=True,
             undoable=True,
         ),
         Command(

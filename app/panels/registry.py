@@ -18,6 +18,7 @@ from instdrive_app.panels.dialogs.set_class import ClassDialog
 from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
 from instdrive_app.panels.dialogs.split import SplitDialog
 from instdrive_app.panels.dialogs.too_large import TooLargeDialog
+from instdrive_app.panels.dialogs.turn_upright import TurnUprightDialog
 from instdrive_app.panels.dialogs.unsaved import UnsavedDialog
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector import InspectorPanel
@@ -101,5 +102,6 @@ def created_dialogs() -> DialogHost:
             ChangedSceneDialog(),
             TooLargeDialog(),
             FindingsDialog(),
+            TurnUprightDialog(),
         )
     )

@@ -38,6 +38,7 @@ class GpuScene:
         self.instance_ids = ArrayTexture(ctx, 1, "u4")
         self.codewords = ArrayTexture(ctx, 1, "u4")
         self._poses, self._colors, self._transforms = (ArrayTexture(ctx, 4, "f4", texels=4) for _ in range(3))
+        self._ctx, self._shown_sky = ctx, document.scene.sky
         self.sky = sky_texture(ctx, document.scene.sky)
         self._world = WorldMeans(document)
         self._new_rows = document.new_rows.reader()
@@ -100,6 +101,7 @@ class GpuScene:
         if table or rows:
             self._update_ids()
         self._update_places(time)
+        self._update_sky()
 
     def bind(self, program: moderngl.Program) -> None:
         """Bind the textures that projection reads, to units 0 to 8."""
@@ -203,6 +205,15 @@ class GpuScene:
             known[rows] = ids[rows]
             self.instance_ids.write(ids[rows], rows.start)
             self.id_version += 1
+
+    def _update_sky(self) -> None:
+        """Another one where the whole scene was turned."""
+        if self._document.scene.sky is not self._shown_sky:
+            self._shown_sky = self._document.scene.sky
+            if self.sky is not None:
+                self.sky.release()
+            self.sky = sky_texture(self._ctx, self._shown_sky)
+            self.look_version += 1
 
     def _update_places(self, time: float) -> None:
         moved = self._world.update(time)

@@ -85,6 +85,8 @@ class SceneWatcher:
             parts |= _moves(document)
         if tracks:
             parts |= {"actors": document.scene.actors, "nodes": document.scene.nodes.copy()}
+        if document.scene.sky is not state.sky:  # turned with the scene
+            parts |= {"sky": document.scene.sky}
         return replace(state, **parts) if parts else state
 
 

@@ -14,7 +14,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import street_direction, travel_direction
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import Similarity, scale_of
+from instdrive_core.scene.transforms import Similarity, current_means, scale_of
 
 SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
@@ -112,7 +112,7 @@ def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], 
     paths = [np.stack([where for _, where in sorted(film, key=lambda shot: shot[0])]) for film in cameras.values()]
     lane = travel_direction(paths, place)
     if lane is None:
-        lane = street_direction(scene.gaussians.means[scene.nodes == 0], place)
+        lane = street_direction(current_means(scene.gaussians, document.transforms)[scene.nodes == 0], place)
     if lane is None:
         raise EditError("the scene has neither photo cameras nor a street here, so no lane is known")
     return lane

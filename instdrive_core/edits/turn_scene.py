@@ -25,7 +25,7 @@ from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity, composed, rehomed
 from instdrive_core.scene.turned import turned_bounds, turned_sky, turned_track, turned_view
-from instdrive_core.scene.upright import is_quarter_turn, nearest_axis, snapped, upright_rotation
+from instdrive_core.scene.upright import axis_title, is_quarter_turn, nearest_axis, snapped, upright_rotation
 
 SCALE_LIMITS = (1e-4, 1e4)
 _SAME = 0.5
@@ -88,21 +88,26 @@ class TurnScene(Edit):
 
     @property
     def title(self) -> str:
-        """``Turn the scene upright from -y``, ``Scale the scene by 0.01`` …"""
+        """``Turn the scene, −Y up``, ``Scale the scene by 0.01`` …"""
         axis, angle = nearest_axis(self.linear[2])  # what the third row picks becomes z
         turned = not np.array_equal(self.linear, self.scale * np.eye(3))
         scaled = f"by {self.scale:g}" if self.scale != 1 else ""
         if not turned:
             return f"Scale the scene {scaled}".rstrip()
-        name = f"Turn the scene, {axis} up" if angle < _SAME else "Turn the scene"
+        name = f"Turn the scene, {axis_title(axis)} up" if angle < _SAME else "Turn the scene"
         return f"{name}, and scale it {scaled}" if scaled else name
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether `do` is quick without `prepare`: quarter turns are, and mere scaling."""
+        return is_quarter_turn(self.linear / self.scale)
 
     def prepare(self, document: Document) -> None:
         """Bound the instances as they will be, which may take half a second: `do` on an equal document is then quick.
 
-        Quarter turns need none. Give a frozen copy to do this on another thread.
+        Give a frozen copy to do this on another thread.
         """
-        if is_quarter_turn(self.linear / self.scale):
+        if self.is_quick:
             return
         turned = TurnScene(self.rotation, self.scale)
         turned.do(frozen_copy(document))
@@ -113,8 +118,7 @@ class TurnScene(Edit):
         matrix = np.c_[self.linear, np.zeros(3)]
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
-        counted = not is_quarter_turn(self.linear / self.scale)
-        key = fingerprint(document) if counted else b""
+        key = b"" if self.is_quick else fingerprint(document)
         scene, palette = document.scene, document.transforms
         size = len(palette)
         entries = self._entries(document, matrix)
@@ -127,7 +131,7 @@ class TurnScene(Edit):
         if scene.sky is not None:
             scene.sky = turned_sky(scene.sky, self.linear / self.scale)
         document.orientation = composed(matrix, document.orientation)
-        if not counted:
+        if self.is_quick:
             self._turn_table(document, matrix)
         else:
             self._bound_again(document, key)

@@ -47,6 +47,11 @@ class TransformPalette(EntryPalette):
         """[s R | t] of each entry's home, a read-only view."""
         return self.values[:, 12:].reshape(-1, 3, 4)
 
+    def move_of(self, entry: int) -> Similarity:
+        """[s R | t] from an entry's home to where it moves things."""
+        matrix, home = self.matrices[entry], self.homes[entry]
+        return matrix if np.array_equal(home, np.eye(3, 4)) else composed(matrix, inverted(home))
+
     def add(self, matrix: Similarity) -> int:
         """As `add_values`, of a move from where the file has things."""
         return self.add_values(np.concatenate([matrix.reshape(-1), np.eye(3, 4).reshape(-1)]))

@@ -17,7 +17,7 @@ from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.scene.upright import UP, Axis, direction_of, nearest_axis
+from instdrive_core.scene.upright import UP, Axis, axis_title, direction_of, nearest_axis
 
 LOOKED_AT = 20_000
 """Splats that decide, evenly chosen."""
@@ -67,8 +67,8 @@ class UpEstimate:
 
     @property
     def words(self) -> str:
-        """``-y``, or ``12° from -y``."""
-        return f"{self.tilt:.0f}° from {self.axis}" if self.tilt else self.axis
+        """``−Y``, or ``12° from −Y``."""
+        return f"{self.tilt:.0f}° from {axis_title(self.axis)}" if self.tilt else axis_title(self.axis)
 
 
 @dataclass(frozen=True)

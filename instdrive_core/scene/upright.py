@@ -24,6 +24,11 @@ def direction_of(axis: Axis) -> Float64[ndarray, "3"]:
     return direction
 
 
+def axis_title(axis: Axis) -> str:
+    """``−Y``, with a sign as wide as the plus: as people write it; commands take ``-y``."""
+    return axis.upper().replace("-", "−")
+
+
 def nearest_axis(direction: Float[ndarray, "3"]) -> tuple[Axis, float]:
     """The axis next to a direction of any length above 0, and the angle between them in degrees."""
     unit = np.asarray(direction, np.float64) / np.linalg.norm(direction)

@@ -46,9 +46,9 @@ def test_a_guess_says_how_it_is_known(run, tmp_path, capsys):
     assert "from the photos' cameras" in capsys.readouterr().out
     save_scene(tmp_path / "blob.spz", scene_from_gaussians(random_scene().gaussians))
     assert main(["apply", str(tmp_path / "blob.spz"), "--up", "auto", "-o", str(tmp_path / "out.ply")]) == 0
-    assert "up: -y, known from the file's format" in capsys.readouterr().out
+    assert "up: −Y, known from the file's format" in capsys.readouterr().out
     assert main(["apply", str(tmp_path / "out.ply"), "--up", "auto", "-o", str(tmp_path / "again.ply")]) == 0
-    assert "up: -y, a guess" in capsys.readouterr().out
+    assert "up: −Y, a guess" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("words", ["up", "1,2", "0,0,0", "nan,0,1", ""])

@@ -185,9 +185,9 @@ def test_the_shortest_way_up_is_taken():
 
 
 def test_titles_say_what_happens():
-    assert [edit.title for edit in AXIS_TURNS][3:] == ["Turn the scene, -y up", "Turn the scene, -z up"]
+    assert [edit.title for edit in AXIS_TURNS][3:] == ["Turn the scene, −Y up", "Turn the scene, −Z up"]
     assert TurnScene(scale=0.01).title == "Scale the scene by 0.01"
-    assert TurnScene.upright((1.0, 0.0, 0.0), 3.0).title == "Turn the scene, +x up, and scale it by 3"
+    assert TurnScene.upright((1.0, 0.0, 0.0), 3.0).title == "Turn the scene, +X up, and scale it by 3"
     assert TurnScene(ANY_TURN).title == "Turn the scene"
 
 

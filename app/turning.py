@@ -1,0 +1,114 @@
+"""Standing the whole scene upright: guessing which way is up, turning, and the view that goes along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_app.jobs import Jobs
+from instdrive_app.messages import Messages
+from instdrive_app.navigation import Navigation
+from instdrive_app.state import EditorState
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.frozen_copy import frozen_copy
+from instdrive_core.edits.parameters import Vector
+from instdrive_core.edits.turn_scene import TurnScene
+from instdrive_core.edits.up_of import up_of
+from instdrive_core.scene.transforms import composed, inverted
+from instdrive_core.scene.up_estimate import UpEstimate
+from instdrive_core.scene.upright import UP, Axis, direction_of, nearest_axis
+
+VIEW_SNAP = 10.0
+"""Degrees from an axis below which the view's up means the axis: the view can hardly be tilted nearer than that."""
+
+
+class Turning:
+    """All methods are about the whole open scene."""
+
+    def __init__(
+        self,
+        state: EditorState,
+        document: Callable[[], Document | None],
+        apply: Callable[..., bool],
+        jobs: Jobs,
+        messages: Messages,
+        navigation: Navigation,
+        turned: Callable[[], None],
+    ) -> None:
+        """`apply` makes and does an edit of the open document; `turned` is called whenever the scene was turned, also
+        back by undo."""
+        self._state, self._document, self._apply = state, document, apply
+        self._jobs, self._messages, self._navigation, self._turned = jobs, messages, navigation, turned
+        self._seen: tuple[Document | None, Float64[ndarray, "3 4"]] = (None, np.eye(3, 4))
+        self._stated: Axis | None = None
+        self.estimate: UpEstimate | None = None
+        """Which way is up in the open scene as it is now; None while that is looked for."""
+
+    def enter(self, document: Document, stated: Axis | None) -> None:
+        """Another document is shown; the format of its file states that this axis is up.
+
+        Where it comes from another program and seems to lie on its side, the user is told how to stand it upright.
+        """
+        self._seen, self._stated = (document, document.orientation), stated
+        if not len(document.scene.table) and not document.scene.views and not document.history.edits:
+            self.look(self._tell)
+
+    def look(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:
+        """Guess which way is up now, beside the window."""
+        document, stated = self._document(), self._stated
+        self.estimate = None
+        if document is None:
+            return
+        frozen, orientation = frozen_copy(document), document.orientation
+        frozen.orientation = orientation
+
+        def done(found: UpEstimate) -> None:
+            if self._document() is document and document.orientation is orientation:
+                self.estimate = found
+                then(found)
+
+        self._jobs.submit_aside("Looking for the way up", lambda: up_of(frozen, stated), done)
+
+    def view_up(self) -> tuple[Float64[ndarray, "3"], float]:
+        """What is up in the view, exactly an axis where one is near, and by how many degrees it then was off."""
+        up = -self._state.viewpoint.world_from_camera[:3, 1]
+        axis, angle = nearest_axis(up)
+        return (direction_of(axis), angle) if angle <= VIEW_SNAP else (up, 0.0)
+
+    def turn(self, up: Float64[ndarray, "3"], scale: float = 1.0) -> None:
+        """Turn the scene so that `up` points up, and scale it; what takes longer than a frame is done aside before."""
+        document = self._document()
+        if document is None:
+            return
+        x, y, z = up.tolist()
+        direction: Vector = (x, y, z)
+        edit = TurnScene.upright(direction, scale)
+        if edit.is_quick:
+            self._apply(lambda: edit)
+            return
+        frozen = frozen_copy(document)
+
+        def done(_: None) -> None:
+            if self._document() is document:
+                self._apply(lambda: edit)
+
+        self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), done)
+
+    def tick(self) -> None:
+        """Once a frame: where the scene was turned, by whatever edit, undo or redo, the view goes along."""
+        document, (seen, before) = self._document(), self._seen
+        if document is None or document is not seen or document.orientation is before:
+            return
+        self._seen = (document, document.orientation)
+        self._navigation.go_along(composed(document.orientation, inverted(before)))
+        self._turned()
+
+    def _tell(self, found: UpEstimate) -> None:
+        if found.confident and (found.axis != UP or found.tilt):
+            self._messages.info(
+                f"This scene seems to lie on its side: {found.words} is up, by {found.reason}. "
+                "Move, Turn upright… stands it up"
+            )
