@@ -39,19 +39,20 @@ class DoctorError(InstDriveError):
 def doctor() -> None:
     """Print versions and the state of OpenGL and CUDA, and test a render.
 
-    The exit status is 2 where the CPU rasterizer or OpenGL does not work; a GPU for training may be missing.
+    The exit status is 2 where the CPU rasterizer, OpenGL or a display that is named does not work; a GPU for training
+    may be missing.
     """
     _print("instdrive", f"{version('instdrive')} at {os.path.dirname(__file__)}")
     _print("Python", f"{platform.python_version()} ({sys.executable})")
     _print("system", f"{platform.platform()}, {os.cpu_count()} processors")
     _print("packages", ", ".join(_package(name) for name in PACKAGES))
-    _print("display", os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY") or "none named")
-    failures = [_checked("CPU render", _cpu_render), _checked("OpenGL", _opengl_render)]
+    checks = {"display": _display_state, "CPU render": _cpu_render, "OpenGL": _opengl_render}
+    failures = [_checked(label, check) for label, check in checks.items()]
     _print("CUDA", _cuda_state())
     failed = [failure for failure in failures if failure]
     if failed:
         raise DoctorError("; ".join(failed))
-    print("All that the editor needs works.")
+    print("All that the editor needs works." if _display() else "All works; the editor needs a display, too.")
 
 
 def _print(label: str, text: str) -> None:
@@ -75,6 +76,27 @@ def _checked(label: str, check: Callable[[], str]) -> str | None:
         _print(label, f"FAILED: {error if known else f'{type(error).__name__}: {error}'}")
         return f"{label} does not work"
     return None
+
+
+def _display() -> str:
+    """The display that windows open on; empty where none is named."""
+    if not sys.platform.startswith("linux"):
+        return "the desktop"
+    return os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY") or ""
+
+
+def _display_state() -> str:
+    import glfw
+
+    name = _display()
+    if not name:
+        return "none named; on a machine without a desktop use xvfb-run instdrive edit SCENE"
+    reasons: list[str] = []
+    glfw.set_error_callback(lambda _, reason: reasons.append(reason.decode(errors="replace")))
+    if not glfw.init():
+        raise DoctorError(f"{name} does not open ({'; '.join(reasons) or 'no reason given'})")
+    glfw.terminate()
+    return name
 
 
 def _cpu_render() -> str:

