@@ -83,17 +83,27 @@ def _background_around(
         rows = rows[usable & ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
         return rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY]
 
-    near = _near(stored, place, reach)
+    settled = document.transforms.entry_at_home(document.orientation)
+    near = _near(stored, place, reach, document.transforms.matrices[settled])
     # Of what was moved, little is of others: during a drag it is mostly the instances themselves.
-    moved = document.means_of(counted(np.flatnonzero(entries)))
-    return np.concatenate([stored[counted(near[entries[near] == 0])], moved[_near(moved, place, reach)]])
+    moved = document.means_of(counted(np.flatnonzero(entries != settled)))
+    still = document.means_of(counted(near[entries[near] == settled]))
+    return np.concatenate([still, moved[_near(moved, place, reach, np.eye(3, 4))]])
 
 
-def _near(means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float) -> Int64[ndarray, " k"]:
-    """Rows within `reach` along x and along y; y is looked at for those only that are near in x."""
-    x, y = np.asarray(place[:2], np.float32)
-    rows = np.flatnonzero(np.abs(means[:, 0] - x) <= np.float32(reach))
-    return rows[np.abs(means[rows, 1] - y) <= np.float32(reach)]
+def _near(
+    means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float, matrix: Similarity
+) -> Int64[ndarray, " k"]:
+    """Rows that `matrix` puts within `reach` along x and along y; y is looked at for those only that are near in x."""
+    rows: Int64[ndarray, " k"] | slice = slice(None)
+    for axis in range(2):
+        row, shift = matrix[axis, :3].astype(np.float32), np.float32(matrix[axis, 3] - place[axis])
+        (along,) = np.nonzero(row)  # one axis for what was not turned: a third of the work
+        places = means[rows, along[0]] * row[along[0]] if len(along) == 1 else means[rows] @ row
+        near = np.flatnonzero(np.abs(places + shift) <= np.float32(reach))
+        rows = near if isinstance(rows, slice) else rows[near]
+    assert not isinstance(rows, slice)
+    return rows
 
 
 def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], time: float) -> Float64[ndarray, "3"]:

@@ -52,6 +52,11 @@ class TransformPalette(EntryPalette):
         matrix, home = self.matrices[entry], self.homes[entry]
         return matrix if np.array_equal(home, np.eye(3, 4)) else composed(matrix, inverted(home))
 
+    def entry_at_home(self, home: Similarity) -> int:
+        """The entry of what is at this home; 0 where there is none."""
+        same = (self.matrices == home).all(axis=(1, 2)) & (self.homes == home).all(axis=(1, 2))
+        return int(same.argmax())
+
     def add(self, matrix: Similarity) -> int:
         """As `add_values`, of a move from where the file has things."""
         return self.add_values(np.concatenate([matrix.reshape(-1), np.eye(3, 4).reshape(-1)]))
