@@ -1,5 +1,5 @@
 # make demo   train a synthetic drive, evaluate it, open (or script) the editor on it
-# make test   the whole test suite
+# make test   the whole test suite, in WORKERS processes (default 2) that take a file of tests each
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,6 +7,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libx11-6 libxcursor1 libxext6 libxi6 libxinerama1 libxrandr2 \
 	xvfb xauth xdotool python3-venv
 RUN ?= runs/demo
+WORKERS ?= 2
 
 .PHONY: demo test lint bench pictures system clean
 .DEFAULT_GOAL := demo
@@ -15,7 +16,7 @@ demo: $(VENV)/.ready
 	$(BIN)/instdrive demo --out $(RUN)
 
 test: $(VENV)/.ready-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 # pyright does not follow pyproject's package-dir: it finds app/ under its import name through a link.
 lint: $(VENV)/.ready-dev

@@ -1,9 +1,12 @@
-"""Shapes and types of the core's pure packages are checked by beartype while the tests run."""
+"""What holds for all tests: shapes and types of the core's pure packages are checked by beartype, neither speed nor
+chance decides what fails, and workers that run beside each other keep out of each other's way."""
 
+import os
+import time
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,8 +22,12 @@ def _checked_modules() -> list[str]:
 
 install_import_hook(_checked_modules(), "beartype.beartype")
 # The first example of a test may have to compile what it tests: that takes seconds, and says nothing of it.
-settings.register_profile("compiling", deadline=None)
-settings.load_profile("compiling")
+UNHURRIED = settings(
+    deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture], print_blob=True
+)
+settings.register_profile("same every time", UNHURRIED, derandomize=True)
+settings.register_profile("search", UNHURRIED, derandomize=False)  # pytest --hypothesis-profile=search
+settings.load_profile("same every time")
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -28,6 +35,31 @@ def _own_state_folder(tmp_path_factory):
     """Tests, and the editors they start, never touch the user's recent files, logs and recovery journals."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("INSTDRIVE_STATE", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_code_is_saved_by_one_worker_at_a_time(tmp_path_factory):
+    """Two processes that save two signatures of one kernel in one moment may give both files the same name."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        yield
+        return
+    from numba.core.caching import IndexDataCacheFile
+
+    from instdrive_core.formats.file_lock import FileLock
+
+    path, save = tmp_path_factory.getbasetemp().parent / "numba.lock", IndexDataCacheFile.save
+
+    def save_alone(self, key, data):
+        while (lock := FileLock.taken(path)) is None:
+            time.sleep(0.002)
+        try:
+            save(self, key, data)
+        finally:
+            lock.release()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(IndexDataCacheFile, "save", save_alone)
         yield
 
 

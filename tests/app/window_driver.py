@@ -20,6 +20,8 @@ PATIENCE = 240.0
 use as well. Waiting costs nothing where all is well."""
 NO_KEY = "Pause"
 """Means nothing to the editor, and wakes it where it is idle: then it draws but once a second."""
+ANSWERED = ("getmouselocation",)
+"""An xdotool command that waits for an answer of the display, hence for all that was asked of it before."""
 DOUBLE_CLICK = 0.5
 """Seconds after which a second click at the same place is a click of its own."""
 
@@ -243,7 +245,8 @@ class WindowDriver:
 
     def type(self, text):
         """Type text into what has the keyboard."""
-        self._xdotool("type", "--delay", "15", text)
+        subprocess.run(["xdotool", "type", "--delay", "15", text], check=True, capture_output=True)
+        self._xdotool()
         self.wait_for_frames()
 
     def enter_path(self, path):
@@ -307,4 +310,5 @@ class WindowDriver:
 
     @staticmethod
     def _xdotool(*words):
-        subprocess.run(["xdotool", *map(str, words)], check=True, capture_output=True)
+        """One or more of its commands; at the end the display has passed on all that they do."""
+        subprocess.run(["xdotool", *map(str, words), *ANSWERED], check=True, capture_output=True)
