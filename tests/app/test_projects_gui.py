@@ -1,10 +1,13 @@
 """Saving, reopening, recovering and leaving, through the real window."""
 
+import time
+
 import pytest
 from procedural_street import FIRST_CAR
-from window_driver import WindowDriver, editor_display
+from window_driver import PATIENCE, WindowDriver, editor_display
 
 from instdrive_core.project.open import open_document
+from instdrive_core.project.session_folder import JOURNAL
 
 pytestmark = pytest.mark.gui
 
@@ -77,11 +80,19 @@ def test_giving_up_a_save_on_the_way_out_stays(opened, street_folder, tmp_path):
     assert window.quit() == 0
 
 
-def test_work_of_a_killed_editor_is_offered(opened, street_folder):
+def wait_until_written(recovery, deletions):
+    """The editor writes what was done within a second, on a thread of its own."""
+    end = time.monotonic() + PATIENCE
+    while sum(journal.read_text().count("delete_instances") for journal in recovery.glob(f"*/{JOURNAL}")) < deletions:
+        assert time.monotonic() < end, "the edits are not written"
+        time.sleep(0.05)
+
+
+def test_work_of_a_killed_editor_is_offered(opened, street_folder, tmp_path):
     window = opened(street_folder)
     delete(window, RED_CAR)
     delete(window, BLUE_CAR)
-    window.wait_until_calm(1.5)
+    wait_until_written(tmp_path / "state" / "recovery", deletions=2)
     window.kill()
 
     again = opened(street_folder)
