@@ -21,6 +21,10 @@ from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.holes import Hole
 from instdrive_core.errors import EditError
 
+MOST_INSTANCES = 100
+"""Of more that are deleted at once nothing is told: that is no thing taken out of a scene, and looking at each takes
+minutes."""
+
 
 @dataclass
 class Finding:
@@ -85,8 +89,12 @@ class Aftermath:
         return self._filling
 
     def deleted(self, ids: Iterable[int]) -> None:
-        """Look at what deleting whole instances left; the deletion is the last step of the history."""
+        """Look at what deleting whole instances left, unless they were very many; the deletion is the last step of the
+        history."""
         ids, time = tuple(ids), self._state.time
+        if len(ids) > MOST_INSTANCES:
+            self._finding = None
+            return
         self._look(lambda frozen: deletion_report(frozen, ids, time))
 
     def deleted_rows(self, rows: Int64[ndarray, " m"]) -> None:

@@ -13,6 +13,7 @@ from instdrive_app.exporting import Exporting
 from instdrive_app.files import Files
 from instdrive_app.inserting import Inserting
 from instdrive_app.jobs import Jobs
+from instdrive_app.jumping import Jumping
 from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages, told
 from instdrive_app.moving import Moving
@@ -50,6 +51,7 @@ class EditorSession:
         self.jobs = Jobs(self.messages.error, lambda: self.wake(), self.messages.info)
         self.commands = Commands()
         self.document: Document | None = None
+        self.jumping = Jumping()
         self.navigation = Navigation(self.state, lambda: self.document)
         self.autosave = Autosave(self.messages.error)
         self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
@@ -99,6 +101,7 @@ class EditorSession:
     def show(self, document: Document, path: Path | None = None, saved: bool = True) -> None:
         """Make a document the one that is edited; where it was recovered, its file lacks something: not `saved`."""
         scene = document.scene
+        self.jumping.stop()
         self.document = document
         self.files.entered(document, path, saved)
         self.state.hovered = 0
@@ -153,7 +156,7 @@ class EditorSession:
         """Make an edit and do it; returns whether it was done. What hinders it is told to the user."""
         if self.document is None:
             return False
-        if self.jobs.blocking:
+        if self.jobs.blocking or self.jumping.under_way:
             self.messages.error("Please wait until the work under way is done")
             return False
         try:
@@ -166,22 +169,19 @@ class EditorSession:
     def undo(self) -> None:
         """Undo one step."""
         if self.document is not None and not self.jobs.blocking:
+            self.jumping.stop()
             self.document.undo()
 
     def redo(self) -> None:
         """Redo one step."""
         if self.document is not None and not self.jobs.blocking:
+            self.jumping.stop()
             self.document.redo()
 
     def jump(self, cursor: int) -> None:
-        """Undo or redo until `cursor` edits are done."""
-        document = self.document
-        if document is None or self.jobs.blocking:
-            return
-        while document.history.cursor > cursor and document.undo():
-            pass
-        while document.history.cursor < cursor and document.redo():
-            pass
+        """Undo or redo until `cursor` edits are done: a few at once, more of them in the frames that follow."""
+        if self.document is not None and not self.jobs.blocking:
+            self.jumping.to(self.document, cursor)
 
     @property
     def selected(self) -> tuple[int, ...]:
@@ -295,6 +295,7 @@ class EditorSession:
     def tick(self, seconds: float) -> None:
         """Once a frame, `seconds` after the last: deliver finished jobs, let the drive play."""
         self.jobs.poll()
+        self.jumping.tick()
         self.autosave.tick()
         self.turning.tick()
         self.navigation.tick(seconds)

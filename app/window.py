@@ -191,6 +191,7 @@ class EditorWindow:
         """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
         session = self._session
         busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
+        busy = busy or session.jumping.under_way
         return busy or not self.ui.view.settled
 
     def _after_panels(self) -> None:

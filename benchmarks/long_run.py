@@ -138,6 +138,7 @@ def _editing_round(editor, rng: np.random.Generator, folder: Path, reopen: Path 
     editor.frames_until(lambda: session.jobs.current is None)
     editor.export(folder / "long.ply")
     session.jump(0)
+    editor.frames_until(lambda: not session.jumping.under_way)
     if reopen is not None:
         before = session.document
         session.files.open(reopen)

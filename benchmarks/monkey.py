@@ -91,16 +91,21 @@ class Monkey:
         yield from self._calm()
         self._check()
         last = document.history.cursor
-        self._session.jump(0)
+        yield from self._jump(0)
         if fingerprint(document) != before:
             self.problems.append("undoing everything does not restore what was opened")
-        self._session.jump(last)
-        self._session.jump(0)
+        yield from self._jump(last)
+        yield from self._jump(0)
         if fingerprint(document) != before:
             self.problems.append("redoing and undoing everything does not restore what was opened")
         yield from self._frames(3)
         self._told()
         self._leaks()
+
+    def _jump(self, cursor: int) -> Iterator[None]:
+        self._session.jump(cursor)
+        while self._session.jumping.under_way:
+            yield
 
     def close(self) -> None:
         """Let go of mouse and keys."""

@@ -142,3 +142,13 @@ def test_the_pattern_covers_the_hole():
     behind = Camera(100.0, 100.0, 50.0, 50.0, 100, 100, look_at(np.array([0.0, -9, 2]), np.array([0.0, -20, 0])))
     assert len(projected(pattern.stripes, ahead)) == len(pattern.stripes)
     assert projected(pattern.stripes, behind) == []
+
+
+def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeypatch):
+    monkeypatch.setattr("instdrive_app.aftermath.MOST_INSTANCES", 1)
+    session.delete((CAR,))
+    finish(session)
+    assert session.aftermath.finding is not None
+    session.delete((OTHER_CAR, ROAD))
+    assert session.jobs.current is None
+    assert session.aftermath.finding is None

@@ -45,7 +45,6 @@ class FindingsDialog:
             dim_text(finding.remedy)
             imgui.pop_text_wrap_pos()
         rows = [finding.rows for finding in findings if self._chosen.get(finding.kind)]
-        chosen = np.unique(np.concatenate(rows)) if rows else np.zeros(0, np.int64)
-        if confirmed(ui, "Remove", False, bool(len(chosen)), cancel="Keep all"):
-            ui.session.apply(DeleteRows, chosen)
+        if confirmed(ui, "Remove", False, any(map(len, rows)), cancel="Keep all"):
+            ui.session.apply(DeleteRows, np.unique(np.concatenate(rows)))
         imgui.end_popup()
