@@ -181,8 +181,8 @@ def _plane_normals(surfaces: _Surfaces) -> list[Float64[ndarray, "3"]]:
 
 
 def _refined(surfaces: _Surfaces, direction: Float64[ndarray, "3"], rounds: int = 6) -> Float64[ndarray, "3"]:
-    """The mean normal of what faces that way: mean shift, narrower each time."""
-    for angle in np.linspace(15, 6, rounds):
+    """The mean normal of what faces that way: mean shift, in a cone that is narrower each time."""
+    for angle in np.linspace(30, 8, rounds):  # wider at first than what chose the direction: the plane may be off it
         cosines = surfaces.normals @ direction
         weights = surfaces.flat_areas * np.sign(cosines) * (np.abs(cosines) > np.cos(np.radians(angle)))
         mean = weights @ surfaces.normals
