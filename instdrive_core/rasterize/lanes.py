@@ -1,4 +1,4 @@
-"""Sixteen float32 side by side, one pixel row of a tile, as one value inside compiled kernels.
+"""Sixteen float32 side by side, a pixel row of a tile or a block of 4 × 4, as one value inside compiled kernels.
 
 LLVM's own vectoriser reduces each row to a scalar before it begins the next and keeps nothing in registers from one
 loop to another; written as vectors, sums and transmittances stay where they are. Where registers are narrower than
