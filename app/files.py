@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,16 @@ from instdrive_core.project.save import is_project, project_state, write_project
 from instdrive_core.user_folders import state_folder
 
 
+@dataclass(frozen=True)
+class ChangedScene:
+    """A document that can be opened anyway, though the scene is another one by now."""
+
+    said: str
+    """What the user is told about it."""
+    open_anyway: Callable[[], None]
+    """Opens it without the edits that do not fit any more."""
+
+
 class Files:
     """What is on the disk of the open document, and what is not yet."""
 
@@ -30,8 +41,8 @@ class Files:
         """Where the open document came from: a scene or a project."""
         self.last_export: Path | None = None
         """Written by `exporting.Exporting`."""
-        self.changed_project: tuple[Path, str] | None = None
-        """A project whose scene is no longer the one that was edited, and what is said about it: to be asked about."""
+        self.changed_scene: ChangedScene | None = None
+        """A document whose scene is no longer the one that was edited: to be asked about."""
         self.too_large: tuple[Path, SceneTooLargeError] | None = None
         """A scene that does not fit into memory, of which a part does: to be asked about."""
         self.recents = RecentFiles(state_folder() / "recent.json")
@@ -55,7 +66,7 @@ class Files:
     def open(self, path: Path, accept_changed: bool = False, keep_every: int = 1) -> None:
         """Open a scene or a project, or every k-th splat of a scene.
 
-        Where its scene has changed, `changed_project` is set instead; where only a part of it fits, `too_large`.
+        Where its scene has changed, `changed_scene` is set instead; where only a part of it fits, `too_large`.
         """
         if name_problem(path):
             self._messages.error(name_problem(path))
@@ -65,10 +76,7 @@ class Files:
             if isinstance(error, SceneTooLargeError) and error.keep_every is not None:
                 self.too_large = (path, error)
                 return True
-            if not isinstance(error, SceneChangedError):
-                return False
-            self.changed_project = (path, str(error))
-            return True
+            return self._asks_about_change(error, lambda: self.open(path, accept_changed=True))
 
         def work() -> Opened:
             return opened(path, accept_changed, keep_every)
@@ -85,14 +93,24 @@ class Files:
 
         self._jobs.submit("Looking for unsaved work", pending, done, modal=False)
 
-    def recover(self, session: RecoverableSession) -> None:
-        """Open the document that a dead editor has left."""
+    def _asks_about_change(self, error: BaseException, open_anyway: Callable[[], None]) -> bool:
+        if isinstance(error, SceneChangedError):
+            self.changed_scene = ChangedScene(str(error), open_anyway)
+        return isinstance(error, SceneChangedError)
+
+    def recover(self, session: RecoverableSession, accept_changed: bool = False) -> None:
+        """Open the document that a dead editor has left, or set `changed_scene` where its scene has changed."""
 
         def done(found: Opened) -> None:
             self._autosave.forget(session)
             self._show(found)
 
-        self._jobs.submit(f"Recovering {session.title}", lambda: recovered(session), done)
+        def failed(error: BaseException) -> bool:
+            return self._asks_about_change(error, lambda: self.recover(session, accept_changed=True))
+
+        self._jobs.submit(
+            f"Recovering {session.title}", lambda: recovered(session, accept_changed), done, failed=failed
+        )
 
     def save(
         self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None] = lambda: None

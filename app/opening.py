@@ -55,8 +55,11 @@ def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Ope
     return Opened(document, path, view, notes, findings)
 
 
-def recovered(session: RecoverableSession) -> Opened:
-    """Open a scene and do the edits again that a dead editor has left. Raises DataError."""
-    found = restore(session)
+def recovered(session: RecoverableSession, accept_changed: bool = False) -> Opened:
+    """Open a scene and do the edits again that a dead editor has left; `accept_changed` as for `opened`.
+
+    Raises DataError, SceneChangedError where the scene has changed.
+    """
+    found = restore(session, accept_changed)
     found.document.counts()
     return Opened(found.document, found.path, notes=found.notes, restored=found)

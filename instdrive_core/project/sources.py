@@ -148,7 +148,7 @@ def open_recorded(recorded: RecordedSource, project: Path, accept_changed: bool)
     places = recorded.places(project)
     there = [place for place in places if place.is_file() or place.is_dir()]
     if not there:
-        problem = f"the edited scene is neither at {' nor at '.join(map(str, places))}"
+        problem = f"a scene that it needs is not at {' nor at '.join(map(str, places))}"
         raise DataError(project, problem, f"Put it back, or into the folder {project.parent}")
     for place in there:
         if size_of(scene_files(place)) == recorded.identity.size:

@@ -94,7 +94,7 @@ def test_scenes_are_found_after_a_move(saved, tmp_path, layout):
 
 def test_a_scene_that_is_nowhere_is_asked_for(saved, tmp_path):
     shutil.rmtree(tmp_path / "scenes" / "street")
-    with pytest.raises(DataError, match=r"neither at .*street.*Put it back"):
+    with pytest.raises(DataError, match=r"needs is not at .*street.*Put it back"):
         open_document(saved[1])
 
 

@@ -1,4 +1,4 @@
-"""Asking whether a project is opened though its scene is no longer the one that was edited."""
+"""Asking whether a project, or a dead editor's work, is opened though its scene is no longer the one edited."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TITLE = "The scene has changed"
 
 
 class ChangedSceneDialog:
-    """Opens itself when `files.changed_project` is set."""
+    """Opens itself when `files.changed_scene` is set."""
 
     names: tuple[str, ...] = ()
 
@@ -21,18 +21,18 @@ class ChangedSceneDialog:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         files = ui.session.files
-        if files.changed_project is None:
+        changed = files.changed_scene
+        if changed is None:
             return
-        path, said = files.changed_project
         if not imgui.is_popup_open(TITLE):
             imgui.open_popup(TITLE)
 
         def open_anyway() -> None:
-            files.changed_project = None
-            files.open(path, accept_changed=True)
+            files.changed_scene = None
+            changed.open_anyway()
 
         def leave() -> None:
-            files.changed_project = None
+            files.changed_scene = None
 
-        text = f"{said}\n\nOpened anyway, the edits are done on the scene as it is now, without those that do not fit."
-        question(ui, TITLE, text, {"Cancel": leave, "Open anyway": open_anyway})
+        then = "Opened anyway, the edits are done on the scene as it is now, without those that do not fit."
+        question(ui, TITLE, f"{changed.said}\n\n{then}", {"Cancel": leave, "Open anyway": open_anyway})

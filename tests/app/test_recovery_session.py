@@ -1,0 +1,52 @@
+"""Recovering what a dead editor has left, as the window's dialogs do it."""
+
+import time
+
+import pytest
+from procedural_street import FIRST_CAR, procedural_street
+from session_driver import errors, finish
+
+from instdrive_app.session import EditorSession
+from instdrive_core.formats.registry import save_scene
+
+
+@pytest.fixture
+def left_behind(tmp_path, monkeypatch):
+    """The path of a scene, whose editor died after an edit."""
+    monkeypatch.setenv("INSTDRIVE_STATE", str(tmp_path / "state"))
+    path = tmp_path / "street"
+    save_scene(path, procedural_street())
+    editor = EditorSession()
+    editor.files.open(path)
+    finish(editor)
+    editor.delete((FIRST_CAR,))
+    editor.tick(0.0)
+    journals, end = tmp_path / "state" / "recovery", time.monotonic() + 60
+    while not any("delete_instances" in journal.read_text() for journal in journals.glob("*/*.jsonl")):
+        assert time.monotonic() < end, list(journals.glob("*/*"))
+        time.sleep(0.01)
+    editor.close(by_choice=False)
+    editor.autosave._recovery._lock.release()
+    return path
+
+
+def test_of_a_changed_scene_it_is_asked_and_can_be_had_all_the_same(left_behind):
+    scene = procedural_street()
+    scene.gaussians.means[0, 0] += 1
+    save_scene(left_behind, scene)
+    editor = EditorSession()
+    editor.offer_recovery()
+    finish(editor)
+    (session,) = editor.autosave.recoverable
+    editor.recover(session)
+    finish(editor)
+    changed = editor.files.changed_scene
+    assert editor.document is None
+    assert errors(editor) == []
+    assert str(left_behind) in changed.said
+    changed.open_anyway()
+    finish(editor)
+    assert FIRST_CAR not in editor.document.visible_instances()
+    assert editor.is_unsaved
+    assert editor.autosave.recoverable == []
+    editor.close()
