@@ -121,11 +121,10 @@ def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
 
 def _level_box(document: Document, ids: Sequence[int], time: float) -> Box:
     """Around the bounds of all instances, along the world's axes."""
-    corners = []
-    for instance_id in ids:
-        instance = document.scene.table[instance_id]
-        corners.append(_track_box(document, instance.node, time).corners if instance.node else instance.bounds)
-    points = np.concatenate([np.asarray(part) for part in corners])
+    instances = [document.scene.table[instance_id] for instance_id in ids]
+    still = np.array([instance.bounds for instance in instances if not instance.node], np.float64).reshape(-1, 3)
+    driving = [_track_box(document, instance.node, time).corners for instance in instances if instance.node]
+    points = np.concatenate([still, *driving])
     low, high = points.min(axis=0), points.max(axis=0)
     return Box((low + high) / 2, np.eye(3), high - low)
 

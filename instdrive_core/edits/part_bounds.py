@@ -12,6 +12,8 @@ from instdrive_core.edits.row_parts import RowParts
 
 SHARES = (0.03, 0.97)
 """Between which quantiles of its means an instance lies; as of `instances.table.middle_bounds`."""
+_FEW = 32
+"""Values beyond a rank that are cheaper kept in order than partitioned."""
 
 
 def bounds_of_parts(document: Document, parts: RowParts) -> Float32[ndarray, "p 2 3"]:
@@ -51,12 +53,38 @@ def _bounds(means, entries, matrices, rows, bounds, ranks):
                     value = np.float32(m[0] * x + m[1] * y + m[2] * z + m[3])
                 values[axis, k] = value
         for axis in range(3):
-            if np.isnan(values[axis]).any():
-                found[part, 0, axis] = found[part, 1, axis] = np.nan
-                continue
-            for end in range(2):
-                found[part, end, axis] = _selected(values[axis], ranks[part, end])
+            found[part, 0, axis], found[part, 1, axis] = _ends(values[axis], ranks[part, 0], ranks[part, 1])
     return found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _ends(values, low, high):
+    """The values of two ranks; NaN where any value is. Close to the ends, one walk that keeps the few beyond them."""
+    below, above = low + 1, len(values) - high
+    total = np.float32(0)
+    for value in values:
+        total += value - value
+    if np.isnan(total):  # not finite: infinities are ranked, NaN has no rank
+        for value in values:
+            if np.isnan(value):
+                return np.float32(np.nan), np.float32(np.nan)
+    if max(below, above) > _FEW:
+        return _selected(values, low), _selected(values, high)
+    smallest, largest = np.full(below, np.float32(np.inf)), np.full(above, np.float32(-np.inf))
+    for value in values:
+        if value < smallest[below - 1]:
+            k = below - 1
+            while k > 0 and smallest[k - 1] > value:
+                smallest[k] = smallest[k - 1]
+                k -= 1
+            smallest[k] = value
+        if value > largest[above - 1]:
+            k = above - 1
+            while k > 0 and largest[k - 1] < value:
+                largest[k] = largest[k - 1]
+                k -= 1
+            largest[k] = value
+    return smallest[below - 1], largest[above - 1]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

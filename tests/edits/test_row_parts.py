@@ -64,3 +64,14 @@ def test_mean_colors_weigh_by_opacity(count):
         colors = np.einsum("nij,nj->ni", chosen[:, :, :3], color_from_dc(gaussians.sh_dc[part])) + chosen[:, :, 3]
         expected = np.average(np.maximum(colors, 0), axis=0, weights=gaussians.opacities[part])
         np.testing.assert_allclose(mean, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1000, 3000])
+def test_bounds_of_many_splats_and_of_some_that_are_nowhere(count):
+    document = Document(random_scene(count=count))
+    means = document.scene.gaussians.means
+    means[5, 0], means[6, 1] = np.inf, -np.inf
+    parts = RowParts(np.arange(count), np.array([0, count]))
+    np.testing.assert_array_equal(bounds_of_parts(document, parts)[0], np.array(middle_bounds(means), np.float32))
+    means[7, 2] = np.nan
+    assert np.isnan(bounds_of_parts(document, parts)[0, :, 2]).all()
