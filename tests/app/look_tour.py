@@ -36,6 +36,7 @@ DIALOGS = (
     "unsaved",
     "findings",
     "split",
+    "turn_upright",
     "class",
     "rename",
 )
