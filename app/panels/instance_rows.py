@@ -109,7 +109,9 @@ class InstanceRows:
 
     def _sort(self, query: Query) -> None:
         words = query.search.lower().split()
-        found = [i for i in self._alive if query.class_name in (None, i.class_name) and matches(i, words)]
+        found = [
+            i for i in self._alive if query.class_name in (None, i.class_name) and (not words or matches(i, words))
+        ]
         found.sort(key=self._key(query.column), reverse=query.descending)
         self.instances = tuple(found)
         self.ids = tuple(instance.id for instance in found)
