@@ -32,6 +32,10 @@ class Lens:
         self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]
     ) -> tuple[Float64[ndarray, "*n"], Float64[ndarray, "*n"]]:
         """Where the lens shows what a pinhole would show at x, y."""
+        with np.errstate(over="ignore", invalid="ignore"):  # what is so far off is in no photo
+            return self._distorted(x, y)
+
+    def _distorted(self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]) -> tuple[ndarray, ndarray]:
         r2 = x * x + y * y
         factor = (1 + _series(self.radial, r2)) / (1 + _series(self.divided_by, r2))
         p1, p2 = self.tangential

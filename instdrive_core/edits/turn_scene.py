@@ -66,8 +66,8 @@ class TurnScene(Edit):
     def __post_init__(self) -> None:
         w, x, y, z = checked_numbers(self.rotation, "rotation", 4)
         self.rotation = (w, x, y, z)
-        if math.hypot(*self.rotation) < 1e-6:
-            raise EditError("rotation is a quaternion of no length")
+        if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
+            raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
         self.scale = checked_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
             raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")

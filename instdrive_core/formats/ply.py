@@ -21,6 +21,7 @@ from instdrive_core.formats.compressed_ply import read_compressed_ply
 from instdrive_core.formats.ply_columns import (
     ID_LIMITS,
     NORMALS,
+    TYPE_NAMES,
     check_columns,
     check_whole_numbers,
     column_views,
@@ -37,16 +38,6 @@ from instdrive_core.scene.scene import Scene
 
 CHUNK_ROWS = 1024
 """Rows converted at a time: about 250 kB, so that a chunk and where its columns go lie in a core's own cache."""
-_TYPE_NAMES = {
-    "i1": "char",
-    "u1": "uchar",
-    "i2": "short",
-    "u2": "ushort",
-    "i4": "int",
-    "u4": "uint",
-    "f4": "float",
-    "f8": "double",
-}
 
 
 def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
@@ -110,7 +101,7 @@ def _header(scene: Scene, dtype: np.dtype) -> bytes:
     lines = ["ply", "format binary_little_endian 1.0"]
     lines += [f"comment {comment}" for comment in comments_for(scene)]
     lines.append(f"element vertex {len(scene)}")
-    lines += [f"property {_TYPE_NAMES[kind.str[1:]]} {name}" for name, (kind, *_) in dtype.fields.items()]
+    lines += [f"property {TYPE_NAMES[kind.str[1:]]} {name}" for name, (kind, *_) in dtype.fields.items()]
     return "\n".join([*lines, "end_header", ""]).encode()
 
 

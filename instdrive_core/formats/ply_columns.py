@@ -18,6 +18,17 @@ REQUIRED = (
     *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
 NORMALS = ("nx", "ny", "nz")
+TYPE_NAMES = {
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+"""Of a .ply's header, by NumPy's kinds."""
 ID_LIMITS = {"instance_id": ID_LIMIT, "codeword": 1 << 32}
 """Whole-number columns and the first value that does not fit them."""
 
@@ -60,6 +71,16 @@ def check_whole_numbers(values: ndarray, name: str, path: Path) -> None:
     if len(wrong):
         problem = f"column {name!r} holds {values[wrong[0]]}, not a whole number from 0 to {limit - 1}"
         raise DataError(path, problem, "Remove the column or write it as uint")
+
+
+def check_extra_column(name: str, column: ndarray) -> None:
+    """What no program knows must still be a column that a .ply can hold. Raises ValueError."""
+    if not name.isprintable() or name.split() != [name]:
+        raise ValueError(f"{name!r} is no name of a column")
+    if name in (*REQUIRED, *ID_LIMITS) or re.fullmatch(r"(f_rest|feature)_\d+", name):
+        raise ValueError(f"the column {name!r} stands twice")
+    if column.dtype.newbyteorder("=").str[1:] not in TYPE_NAMES:
+        raise ValueError(f"the column {name!r} holds {column.dtype}, none of {', '.join(TYPE_NAMES.values())}")
 
 
 def _numbered(prefix: str, names: tuple[str, ...], path: Path) -> int:

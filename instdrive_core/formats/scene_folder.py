@@ -21,7 +21,7 @@ from safetensors.numpy import save_file
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_path, write_bytes
-from instdrive_core.formats.scene_arrays import digest_of, read_arrays
+from instdrive_core.formats.scene_arrays import EXTRA, digest_of, read_arrays
 from instdrive_core.formats.scene_manifest import manifest_of, scene_from_parts
 from instdrive_core.formats.unfilled import WHOLE, ReadOptions
 from instdrive_core.json_value import json_value
@@ -106,7 +106,7 @@ def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
 def _arrays_of(scene: Scene) -> dict[str, ndarray]:
     arrays = scene.gaussians.arrays()
     arrays |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
-    arrays |= {f"extra.{name}": column for name, column in scene.extra.items()}
+    arrays |= {f"{EXTRA}{name}": column for name, column in scene.extra.items()}
     if scene.sky is not None:
         arrays["sky"] = scene.sky.faces
     if scene.actors:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
+from instdrive_core.formats.ply_columns import check_extra_column
+from instdrive_core.formats.scene_arrays import EXTRA
 from instdrive_core.instances.table import Instance, InstanceTable, main_nodes, middle_bounds
 from instdrive_core.json_value import whole_text
 from instdrive_core.scene.camera import Camera, CameraView
@@ -89,7 +91,7 @@ def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Sc
         origin=_shaped(np.array(manifest["origin"], np.float64), (3,), "origin"),
         code_bits=int(manifest["code_bits"]),
         antialiased=_is_antialiased(manifest.get("antialiased", False)),
-        extra={name.removeprefix("extra."): array for name, array in arrays.items() if name.startswith("extra.")},
+        extra=_extra(arrays),
         exposures=_exposures(manifest.get("exposures"), arrays),
     )
 
@@ -182,6 +184,16 @@ def _exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures 
     times = _shaped(arrays["exposure_times"].astype(np.float64), (len(keys),), "exposure_times")
     matrices = _shaped(_floats(arrays, "exposure_matrices"), (len(keys), 3, 4), "exposure_matrices")
     return Exposures(tuple(keys), times, matrices)
+
+
+def _extra(arrays: dict[str, ndarray]) -> dict[str, ndarray]:
+    """Columns that are not known. Raises ValueError where one could not stand in a .ply."""
+    extra = {name.removeprefix(EXTRA): array for name, array in arrays.items() if name.startswith(EXTRA)}
+    for name, column in extra.items():
+        if column.dtype == np.float16:  # of a scene saved in half precision
+            extra[name] = column.astype(np.float32)
+        check_extra_column(name, extra[name])
+    return extra
 
 
 def _is_antialiased(value: object) -> bool:

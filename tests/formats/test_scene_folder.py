@@ -221,3 +221,34 @@ def test_damaged_arrays_are_explained(tmp_path):
     (tmp_path / "scene.json").write_bytes(b"{" * 100_000)
     with pytest.raises(DataError, match=r"scene\.json"):
         read_scene_folder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("", np.zeros(30, np.float32)),
+        ("two words", np.zeros(30, np.float32)),
+        ("a\nelement face 9", np.zeros(30, np.float32)),
+        ("x", np.zeros(30, np.float32)),
+        ("f_rest_3", np.zeros(30, np.float32)),
+        ("instance_id", np.zeros(30, np.uint32)),
+        ("ok", np.zeros(30, np.int64)),
+        ("ok", np.zeros(30, bool)),
+    ],
+)
+def test_columns_that_no_ply_could_hold_are_damage(tmp_path, name, column):
+    scene = random_scene(count=30, actors=0)
+    scene.extra = {name: column}
+    write_scene_folder(tmp_path, scene)
+    with pytest.raises(DataError, match="damaged"):
+        read_scene_folder(tmp_path)
+
+
+def test_a_scene_in_half_precision_can_be_saved_as_a_file(tmp_path):
+    scene = random_scene(count=30, actors=0)
+    write_scene_folder(tmp_path / "half", scene, half=True)
+    save_scene(tmp_path / "a.ply", open_scene(tmp_path / "half"))
+    kept = open_scene(tmp_path / "a.ply").extra
+    assert set(kept) == set(scene.extra)
+    for name, column in scene.extra.items():
+        np.testing.assert_allclose(kept[name], column, rtol=1e-3, atol=1e-3)
