@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from instdrive_app.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
+from instdrive_app.file_names import working_folder
 from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
@@ -47,7 +48,7 @@ class Exporting:
     def proposed(self) -> Path:
         """A path for what is chosen, in the folder of the last export or of the scene."""
         near = self._files.last_export or self._files.path
-        return (near.resolve().parent if near else Path.cwd()) / self._proposed_name()
+        return (near.resolve().parent if near else working_folder()) / self._proposed_name()
 
     def proposed_beside(self, path: str) -> Path:
         """The same in the folder of the path as it is typed."""

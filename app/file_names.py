@@ -29,6 +29,15 @@ def name_problem(path: Path) -> str:
     return f"{shown(path.name or path)} cannot be opened: its path is not UTF-8 text. Rename it, then try again"
 
 
+def working_folder() -> Path:
+    """Where the program was started, or the user's home where that is gone or cannot be shown."""
+    try:
+        folder = Path.cwd()
+    except OSError:
+        return Path.home()
+    return folder if is_text(folder) else Path.home()
+
+
 def enumerated(paths: Sequence[Path]) -> str:
     """``a.ply``, ``a.ply and b.ply``, ``a.ply, b.ply, c.ply and 4 others``."""
     names = [path.name for path in paths]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from procedural_street import procedural_street
 
-from instdrive_app.file_names import enumerated, is_text, name_problem, shown
+from instdrive_app.file_names import enumerated, is_text, name_problem, shown, working_folder
 from instdrive_app.folder_listing import listing
 from instdrive_app.panels.dialogs.dropped_files import sorted_out
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, SCENES, holds_scene
@@ -72,3 +72,14 @@ def test_enumerations():
     assert enumerated(paths[:2]) == "a.ply and b.ply"
     assert enumerated(paths[:4]) == "a.ply, b.ply, c.ply and d.ply"
     assert enumerated(paths) == "a.ply, b.ply, c.ply and 3 others"
+
+
+def test_a_working_folder_that_is_gone_or_no_text_is_not_shown(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert working_folder() == tmp_path
+    for name in ("d\udce9r", "gone"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        if name == "gone":
+            (tmp_path / name).rmdir()
+        assert working_folder() == Path.home()

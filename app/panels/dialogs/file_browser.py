@@ -11,6 +11,7 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as desktop
 
+from instdrive_app.file_names import working_folder
 from instdrive_app.folder_listing import Entry, listing
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
@@ -33,7 +34,7 @@ class FileBrowser:
         self._export = ExportOptions()
         self._options: ExportOptions | None = None
         self._purpose = PURPOSES["open"]
-        self._folder = Path.cwd()
+        self._folder = working_folder()
         self._text = ""
         self._shown = False
         self._pending: desktop.open_file | desktop.save_file | None = None
@@ -51,7 +52,7 @@ class FileBrowser:
         purpose = self._purpose = PURPOSES[name]
         files = ui.session.files
         current = files.project or files.path
-        folder = current.resolve().parent if current else Path.cwd()
+        folder = current.resolve().parent if current else working_folder()
         stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
         self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
         self._listed = None
@@ -121,7 +122,7 @@ class FileBrowser:
             purpose.act(ui.session, path)
 
     def _places(self, ui: Ui) -> None:
-        places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": Path.cwd()}
+        places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": working_folder()}
         for symbol, place in places.items():
             if imgui.selectable(f"{icon(symbol)}   {place.name or place}##{symbol}", False, _STAY)[0]:
                 self._go(place)
