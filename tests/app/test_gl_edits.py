@@ -24,6 +24,7 @@ from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import SelectInstances
 from instdrive_core.edits.split import SplitInstance
+from instdrive_core.edits.turn_scene import TurnScene
 from instdrive_core.edits.visibility import HideInstances
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -39,6 +40,11 @@ EDITS = {
         MoveInstances((BLUE_CAR,), (-1.0, 0.0, 0.5), scale=0.7),
     ],
     "move an actor": [MoveInstances((DRIVING_CAR,), (-1.0, -2.0, 0.2), rotation=TURN, scale=1.2, time=0.5)],
+    "turn the scene": [
+        MoveInstances((BLUE_CAR,), (-1.0, 1.5, 0.4), rotation=TURN),
+        TurnScene((0.99, 0.04, -0.03, 0.1), 0.9),
+        MoveInstances((FIRST_CAR, DRIVING_CAR), (0.5, 0.5, 0.0)),
+    ],
     "duplicate": [DuplicateInstances((BLUE_CAR,), (-2.5, 1.0, 0.0))],
     "duplicate an actor": [DuplicateInstances((DRIVING_CAR,), (-1.0, -3.0, 0.0))],
     "duplicate what was moved and recoloured": [
