@@ -20,6 +20,9 @@ from instdrive_core.project.recoverable import RecoverableSession, pending
 from instdrive_core.project.save import is_project, project_state, write_project
 from instdrive_core.user_folders import state_folder
 
+Stamp = tuple[int, int]
+"""When a file was written, nanoseconds, and its size in bytes."""
+
 
 @dataclass(frozen=True)
 class ChangedScene:
@@ -29,6 +32,14 @@ class ChangedScene:
     """What the user is told about it."""
     open_anyway: Callable[[], None]
     """Opens it without the edits that do not fit any more."""
+
+
+@dataclass(frozen=True)
+class OtherSave:
+    """A project that another editor has saved since it was opened or saved here."""
+
+    path: Path
+    save_over: Callable[[], None]
 
 
 class Files:
@@ -45,8 +56,12 @@ class Files:
         """A document whose scene is no longer the one that was edited: to be asked about."""
         self.too_large: tuple[Path, SceneTooLargeError] | None = None
         """A scene that does not fit into memory, of which a part does: to be asked about."""
+        self.other_save: OtherSave | None = None
+        """A project that another editor has saved since: to be asked about before it is written over."""
         self.recents = RecentFiles(state_folder() / "recent.json")
         self._saved: tuple[Edit, ...] | None = ()
+        self._stamp: Stamp | None = None
+        """Of the project as it was opened or saved here."""
 
     @property
     def project(self) -> Path | None:
@@ -56,6 +71,7 @@ class Files:
     def entered(self, document: Document, path: Path | None, saved: bool = True) -> None:
         """A document is shown that came from `path`; where it was recovered, its file lacks something."""
         self.path, self._saved = path, changes_of(document) if saved else None
+        self._stamp = _stamp_of(path) if path is not None else None
         if path is not None:
             self.recents.add(path)
 
@@ -113,10 +129,26 @@ class Files:
         )
 
     def save(
-        self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None] = lambda: None
+        self,
+        document: Document,
+        path: Path,
+        view: dict[str, Any],
+        then: Callable[[], None] = lambda: None,
+        over_other: bool = False,
     ) -> None:
-        """Write the document's project; it can be edited meanwhile. `then` is called when the file is whole."""
+        """Write the document's project; it can be edited meanwhile. `then` is called when the file is whole.
+
+        Where another editor has saved the same project since, `other_save` is set instead, unless `over_other`.
+        """
         state, changes = project_state(document, view), changes_of(document)
+
+        def work() -> None:
+            # Looked at here, where the save before this one is done.
+            is_own = over_other or path != self.path or self._stamp is None
+            if not is_own and _stamp_of(path) not in (None, self._stamp):
+                raise _SavedElsewhereError
+            write_project(path, state)
+            self._stamp = _stamp_of(path)
 
         def done(_: None) -> None:
             self.path, self._saved = path, changes
@@ -125,7 +157,25 @@ class Files:
             self._messages.info(f"Saved {path}")
             then()
 
-        self._jobs.submit(f"Saving {path.name}", lambda: write_project(path, state), done, modal=False)
+        def failed(error: BaseException) -> bool:
+            if isinstance(error, _SavedElsewhereError):
+                self.other_save = OtherSave(path, lambda: self.save(document, path, view, then, over_other=True))
+            return isinstance(error, _SavedElsewhereError)
+
+        self._jobs.submit(f"Saving {path.name}", work, done, modal=False, failed=failed)
+
+
+class _SavedElsewhereError(Exception):
+    """The project's file is not the one that was opened or saved here."""
+
+
+def _stamp_of(path: Path) -> Stamp | None:
+    """What a file looks like from outside; None where it cannot be looked at."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 def changes_of(document: Document) -> tuple[Edit, ...]:

@@ -10,6 +10,7 @@ from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
 from instdrive_app.panels.dialogs.dropped import DroppedDialog
 from instdrive_app.panels.dialogs.file_browser import FileBrowser
 from instdrive_app.panels.dialogs.findings import FindingsDialog
+from instdrive_app.panels.dialogs.other_save import OtherSaveDialog
 from instdrive_app.panels.dialogs.palette import CommandPalette
 from instdrive_app.panels.dialogs.reassign import ReassignDialog
 from instdrive_app.panels.dialogs.recovery import RecoveryDialog
@@ -100,6 +101,7 @@ def created_dialogs() -> DialogHost:
             RecoveryDialog(),
             DroppedDialog(),
             ChangedSceneDialog(),
+            OtherSaveDialog(),
             TooLargeDialog(),
             FindingsDialog(),
             TurnUprightDialog(),

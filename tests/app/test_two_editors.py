@@ -1,0 +1,57 @@
+"""Two editors that have one project open: neither loses the other's work without being asked."""
+
+import pytest
+from procedural_street import FIRST_CAR, HOUSES, ROAD
+from session_driver import errors, finish
+
+from instdrive_app.session import EditorSession
+
+
+@pytest.fixture
+def project(street_folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("INSTDRIVE_STATE", str(tmp_path / "state"))
+    return tmp_path / "street.instdrive"
+
+
+def opened(path):
+    editor = EditorSession()
+    editor.files.open(path)
+    finish(editor)
+    return editor
+
+
+def test_a_project_saved_elsewhere_is_written_over_only_when_asked(street_folder, project):
+    first = opened(street_folder)
+    first.save(project)
+    finish(first)
+    second = opened(project)
+    for instance in (ROAD, HOUSES):  # of an editor's own, two saves in a row are no news
+        first.hide((instance,))
+        first.save()
+        first.save()
+    finish(first)
+    assert first.files.other_save is None
+    second.hide((FIRST_CAR,))
+    left = []
+    second.save(then=lambda: left.append(True))
+    finish(second)
+    assert second.files.other_save is not None
+    assert second.is_unsaved
+    assert not left, "the window stays open"
+    assert errors(second) == []
+    kept = opened(project)
+    assert ROAD not in kept.document.visible_instances(), "the first editor's save is there still"
+    second.files.other_save.save_over()
+    finish(second)
+    assert left
+    assert not second.is_unsaved
+    last = opened(project)
+    assert FIRST_CAR not in last.document.visible_instances()
+    assert ROAD in last.document.visible_instances()
+    project.unlink()
+    second.show_all()
+    second.save()
+    finish(second)
+    assert project.exists(), "what is gone is no other editor's"
+    for editor in (first, second, kept, last):
+        editor.close()
