@@ -206,7 +206,7 @@ def _long_history(desk: Desk) -> Iterator[None]:
     document, ids = desk.document, desk.ids
     for number in range(HISTORY):
         chosen = ids if number % EVERYTHING == 0 else (ids[number % len(ids)],)
-        desk.session.recolor(chosen, "tint", ((number % 97) / 97, 0.5, 0.5))
+        desk.session.recolor(chosen, "tint", (number / HISTORY, 0.5, 0.5))
         if number % EVERYTHING == 0:
             yield
     assert len(document.history.edits) == HISTORY

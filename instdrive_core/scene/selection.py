@@ -52,5 +52,5 @@ class SplatState(PerSplatArray):
         """Set or clear a bit; returns the rows that really changed (the delta an edit stores)."""
         changed, low, high = change_bits(self._rows, np.asarray(rows, np.int64), np.uint8(flag), on)
         if len(changed):
-            self._touch(low, high)
+            self._touch(int(low), int(high))
         return changed
