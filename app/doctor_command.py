@@ -92,7 +92,7 @@ def _display_state() -> str:
     if not name:
         return "none named; on a machine without a desktop use xvfb-run instdrive edit SCENE"
     reasons: list[str] = []
-    glfw.set_error_callback(lambda _, reason: reasons.append(reason.decode(errors="replace")))
+    glfw.set_error_callback(lambda _, reason: reasons.append(str(reason, "utf-8", "replace")))  # type: ignore[arg-type]
     if not glfw.init():
         raise DoctorError(f"{name} does not open ({'; '.join(reasons) or 'no reason given'})")
     glfw.terminate()
