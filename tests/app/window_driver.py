@@ -6,18 +6,27 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from instdrive_app.virtual_display import virtual_display
+from instdrive_core.formats.file_lock import FileLock
 from instdrive_core.scene.camera import Camera
 
 PATIENCE = 240.0
-"""Seconds to wait for the window to come to a state: where nothing is compiled yet, half a minute of a core that others
-use as well. Waiting costs nothing where all is well."""
+"""Seconds to wait for the window to come to a state, on a busy machine. Waiting costs nothing where all is well."""
+KERNELS = """
+from instdrive_app.render.software_warm_up import warm_up_software
+from instdrive_app.render.warm_up import warm_up
+warm_up()
+warm_up_software()
+"""
 NO_KEY = "Pause"
 """Means nothing to the editor, and wakes it where it is idle: then it draws but once a second."""
 ANSWERED = ("getmouselocation",)
@@ -32,8 +41,24 @@ def editor_display():
     for tool in ("Xvfb", "xdotool"):
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
+    compile_kernels()
     with virtual_display((1280, 720)):
         yield
+
+
+@cache
+def compile_kernels():
+    """What an editor compiles as it starts, so that no test waits for it: half a minute of a core in a fresh clone.
+
+    One at a time, as tests' workers begin together: the second finds compiled what the first needed.
+    """
+    path = Path(tempfile.gettempdir(), f"instdrive-tests-{os.getuid()}.lock")
+    while (lock := FileLock.taken(path)) is None:
+        time.sleep(0.05)
+    try:
+        subprocess.run([sys.executable, "-c", KERNELS], check=True)
+    finally:
+        lock.release()
 
 
 @contextmanager
