@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
+from instdrive_app.display import check_display, display_name
 from instdrive_app.state import EditorState, FrameSnapshot, Lens, Viewpoint, resolve
 from instdrive_core.edits.document import Document
 from instdrive_core.errors import InstDriveError
@@ -52,7 +53,7 @@ def doctor() -> None:
     failed = [failure for failure in failures if failure]
     if failed:
         raise DoctorError("; ".join(failed))
-    print("All that the editor needs works." if _display() else "All works; the editor needs a display, too.")
+    print("All that the editor needs works." if display_name() else "All works; the editor needs a display, too.")
 
 
 def _print(label: str, text: str) -> None:
@@ -78,24 +79,11 @@ def _checked(label: str, check: Callable[[], str]) -> str | None:
     return None
 
 
-def _display() -> str:
-    """The display that windows open on; empty where none is named."""
-    if not sys.platform.startswith("linux"):
-        return "the desktop"
-    return os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY") or ""
-
-
 def _display_state() -> str:
-    import glfw
-
-    name = _display()
+    name = display_name()
     if not name:
         return "none named; on a machine without a desktop use xvfb-run instdrive edit SCENE"
-    reasons: list[str] = []
-    glfw.set_error_callback(lambda _, reason: reasons.append(str(reason, "utf-8", "replace")))  # type: ignore[arg-type]
-    if not glfw.init():
-        raise DoctorError(f"{name} does not open ({'; '.join(reasons) or 'no reason given'})")
-    glfw.terminate()
+    check_display()
     return name
 
 

@@ -14,12 +14,13 @@ from numpy import ndarray
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
+from instdrive_app.display import has_display
 from instdrive_app.pointer import Click
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import ViewMode, resolve
-from instdrive_app.virtual_display import has_display, virtual_display
+from instdrive_app.virtual_display import virtual_display
 from instdrive_app.window import EditorWindow
 from instdrive_app.window_layout import WindowOptions
 from instdrive_core.errors import InstDriveError

@@ -8,18 +8,9 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from instdrive_core.errors import InstDriveError
+from instdrive_app.display import DisplayError
 
 START_SECONDS = 20
-
-
-class DisplayError(InstDriveError):
-    """No window can be opened here."""
-
-
-def has_display() -> bool:
-    """Whether a desktop is there to open windows on."""
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or os.name == "nt"
 
 
 @contextmanager

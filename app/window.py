@@ -14,6 +14,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_commands
+from instdrive_app.display import DisplayError, has_display
 from instdrive_app.file_drops import accept_drops
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
@@ -27,7 +28,6 @@ from instdrive_app.report import Reporter
 from instdrive_app.session import EditorSession
 from instdrive_app.theme import apply_style, load_fonts
 from instdrive_app.tools.registry import created_tools
-from instdrive_app.virtual_display import DisplayError, has_display
 from instdrive_app.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, runner_parameters
 
 

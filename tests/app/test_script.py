@@ -12,9 +12,10 @@ from PIL import Image
 from plyfile import PlyData
 from procedural_street import procedural_street
 
+from instdrive_app.display import DisplayError
 from instdrive_app.script import ScriptError, middle_of
 from instdrive_app.showpiece import is_car, is_object_sized, ranked_things
-from instdrive_app.virtual_display import DisplayError, virtual_display
+from instdrive_app.virtual_display import virtual_display
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import Instance
