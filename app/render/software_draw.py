@@ -20,8 +20,8 @@ from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot, ViewMode
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.importance import most_important
 from instdrive_core.rasterize.preview import PickRule, Preview, drawn_preview
-from instdrive_core.rasterize.preview_colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview_splats import projected
+from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
+from instdrive_core.rasterize.preview.splats import projected
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.sky_behind import add_sky
 from instdrive_core.scene.camera import Camera

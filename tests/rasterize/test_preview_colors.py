@@ -7,8 +7,8 @@ from little_scenes import random_splats, small_camera
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS, Y0, rest_basis
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.preview_colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview_splats import projected
+from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
+from instdrive_core.rasterize.preview.splats import projected
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
 
 

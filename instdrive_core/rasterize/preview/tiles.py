@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.bin import SLACK, TILE, TILE_BITS, extent
-from instdrive_core.rasterize.preview_splats import AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT, AT_X, AT_Y, SPLAT_FLOATS
+from instdrive_core.rasterize.preview.splats import AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT, AT_X, AT_Y, SPLAT_FLOATS
 
 _CHUNKS = 32
 """The result does not depend on it. Near splats touch many more tiles than far ones: threads take what is left."""

@@ -34,8 +34,8 @@ from instdrive_core.rasterize.lanes import (
     store_block,
     without,
 )
-from instdrive_core.rasterize.preview_output import fetch_pictures, judge, write_tile, write_winners
-from instdrive_core.rasterize.preview_scratch import (
+from instdrive_core.rasterize.preview.output import fetch_pictures, judge, write_tile, write_winners
+from instdrive_core.rasterize.preview.scratch import (
     BATCH,
     BEFORE_HALF,
     BLOCKS,
@@ -53,7 +53,7 @@ from instdrive_core.rasterize.preview_scratch import (
     new_scratch,
     open_tile,
 )
-from instdrive_core.rasterize.preview_splats import (
+from instdrive_core.rasterize.preview.splats import (
     AT_A,
     AT_B,
     AT_BASE,
@@ -68,7 +68,7 @@ from instdrive_core.rasterize.preview_splats import (
     AT_Y,
     SPLAT_FLOATS,
 )
-from instdrive_core.rasterize.preview_tiles import PreviewTiles
+from instdrive_core.rasterize.preview.tiles import PreviewTiles
 from instdrive_core.rasterize.settings import RasterSettings
 
 _WIDTH = np.uint64(SPLAT_FLOATS)

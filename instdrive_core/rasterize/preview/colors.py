@@ -12,7 +12,7 @@ from numpy import ndarray
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.rasterize.lanes import prefetch
 from instdrive_core.rasterize.layout import kernel_array
-from instdrive_core.rasterize.preview_splats import Projected
+from instdrive_core.rasterize.preview.splats import Projected
 from instdrive_core.rasterize.view_colors import fill_basis
 
 _CHUNK = 1 << 7

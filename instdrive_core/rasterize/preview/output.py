@@ -20,7 +20,7 @@ from instdrive_core.rasterize.lanes import (
     store_block,
     without,
 )
-from instdrive_core.rasterize.preview_scratch import (
+from instdrive_core.rasterize.preview.scratch import (
     BEFORE_HALF,
     BLOCKS,
     GOAL,

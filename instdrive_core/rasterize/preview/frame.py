@@ -10,9 +10,9 @@ from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.layout import kernel_array
-from instdrive_core.rasterize.preview_blend import blend_preview
-from instdrive_core.rasterize.preview_splats import Projected, packed_splats, projected
-from instdrive_core.rasterize.preview_tiles import preview_tiles
+from instdrive_core.rasterize.preview.blend import blend_preview
+from instdrive_core.rasterize.preview.splats import Projected, packed_splats, projected
+from instdrive_core.rasterize.preview.tiles import preview_tiles
 from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
