@@ -8,10 +8,11 @@ from copy import copy
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_core.edits.absorb import AbsorbFloaters
+from instdrive_core.edits.classes import SetClass
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.instances import MergeInstances, RenameInstance
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.split import SplitInstance
 from instdrive_core.progress import report
@@ -100,11 +101,8 @@ class Labels:
 
     def set_class(self, ids: Ids, class_name: str) -> None:
         """Set the class of instances; an empty one means unknown."""
-        if len(ids) == 1:
-            self._apply(SetInstanceClass, ids[0], class_name)
-        elif ids:
-            edits = tuple(SetInstanceClass(i, class_name) for i in ids)
-            self._apply(CompoundEdit, edits, f"Set class of {len(ids)} instances to {class_name or 'unknown'}")
+        if ids:
+            self._apply(SetClass, ids, class_name)
 
     def classes(self) -> tuple[str, ...]:
         """The classes that occur in the scene, in alphabetical order."""

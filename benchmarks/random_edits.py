@@ -116,6 +116,7 @@ class RandomEdits:
             "select_none": dict,
             "select_rows": lambda: {"rows": self._runs(), "mode": pick(_MODES)},
             "set_adjustment": lambda: {"ids": ids(), **self._adjustment()},
+            "set_class": lambda: {"ids": ids(), "class_name": pick(_CLASSES)},
             "set_instance_class": lambda: {"id": one(), "class_name": pick(_CLASSES)},
             "show_all": dict,
             "shrink_selection": lambda: {"distance": pick((None, 0.2)), "time": self._float(0, 0.5)},

@@ -38,6 +38,7 @@ ICONS = {
     "select_none": "ICON_FA_ARROW_POINTER",
     "select_rows": "ICON_FA_ARROW_POINTER",
     "set_adjustment": "ICON_FA_SLIDERS",
+    "set_class": "ICON_FA_TAG",
     "set_instance_class": "ICON_FA_TAG",
     "show_all": "ICON_FA_EYE",
     "shrink_selection": "ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",

@@ -145,7 +145,7 @@ class RenameInstance(Edit):
 
     def __post_init__(self) -> None:
         checked_ids((self.id,))
-        self.name = _checked_text(self.name, "name")
+        self.name = checked_text(self.name, "name")
         if not self.name:
             raise EditError(f"instance {self.id} needs a name of at least one character")
 
@@ -177,7 +177,7 @@ class SetInstanceClass(Edit):
 
     def __post_init__(self) -> None:
         checked_ids((self.id,))
-        self.class_name = _checked_text(self.class_name, "class")
+        self.class_name = checked_text(self.class_name, "class")
 
     @property
     def title(self) -> str:
@@ -248,6 +248,7 @@ class MergeInstances(Edit):
 
 
 def known_instance(document: Document, instance_id: int) -> Instance:
+    """The table's entry. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]
@@ -271,7 +272,8 @@ def _joined(target: Instance, others: list[Instance]) -> Instance:
     return replace(target, count=sum(instance.count for instance in parts), bounds=bounds)
 
 
-def _checked_text(text: str, what: str) -> str:
+def checked_text(text: str, what: str) -> str:
+    """The text without blanks around it. Raises EditError where it is no printable line of reasonable length."""
     if not isinstance(text, str) or len(text) > MAX_NAME_LENGTH or not (text.isprintable()):
         raise EditError(f"{what} {text!r} is not a line of printable text of at most {MAX_NAME_LENGTH} characters")
     return text.strip()

@@ -10,6 +10,7 @@ from typing import Any
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.base import Edit
+from instdrive_core.edits.classes import SetClass
 from instdrive_core.edits.color import RecolorInstances, ResetColors
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
@@ -68,6 +69,7 @@ EDITS: dict[str, type[Edit]] = {
         SelectNone,
         SelectRows,
         SetAdjustment,
+        SetClass,
         SetInstanceClass,
         ShowAll,
         ShrinkSelection,

@@ -44,6 +44,7 @@ simple_edits = st.one_of(
         [("hue", 40.0), ("contrast", 1.5), ("temperature", -0.5), ("opacity", 0.5), ("saturation", 1.0)]
     ).flatmap(lambda pair: entries("adjust_instances", ids=ids, what=st.just(pair[0]), amount=st.just(pair[1]))),
     entries("rename_instance", id=st.integers(1, 9), name=st.sampled_from(["car", "bus"])),
+    entries("set_class", ids=ids, class_name=st.sampled_from(["", "Car"])),
     entries("set_instance_class", id=st.integers(1, 9), class_name=st.sampled_from(["", "Car"])),
     entries("merge_instances", ids=ids, into=st.integers(1, 9)),
     entries("split_instance", id=st.integers(1, 9), gap=st.sampled_from([0.25, 1.5])),

@@ -6,6 +6,7 @@ from random_scene import random_gaussians, random_scene
 
 from instdrive_core.edits import split
 from instdrive_core.edits.absorb import AbsorbFloaters
+from instdrive_core.edits.classes import SetClass
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.frozen_copy import frozen_copy
@@ -236,6 +237,7 @@ def test_locked_splats_are_not_absorbed_and_surfaces_have_no_inside():
         MergeInstances((2,), 1),
         RenameInstance(1, "taxi"),
         SetInstanceClass(1, "Truck"),
+        SetClass((1, 2), "Truck"),
         ReassignSelected(1),
         AbsorbFloaters(1),
         SplitInstance(1, 0.5),
