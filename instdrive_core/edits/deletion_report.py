@@ -18,7 +18,7 @@ from instdrive_core.edits.fill_hole import FillHole, fill_of
 from instdrive_core.edits.holes import Hole, hole_under
 from instdrive_core.edits.instances import MAX_NAME_LENGTH, known_instance
 from instdrive_core.edits.parameters import checked_ids
-from instdrive_core.edits.remainder import amid_gone, remainder_of
+from instdrive_core.edits.remainder import Remainder, amid_gone, remainder_of
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.surroundings import surroundings
 from instdrive_core.progress import report
@@ -114,26 +114,28 @@ def deletion_report_of_rows(document: Document, rows: Int64[ndarray, " m"], time
 
 
 def _report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
-    found = []
+    found, kept = [], []
     for number, part in enumerate(parts):
         report(0.4 * number / len(parts))
-        found.append(_residue_of(document, part))
+        remainder = None if part.whole else remainder_of(document, part.instance_id, part.rows)
+        found.append(_residue_of(document, part, remainder))
+        if remainder is not None:
+            kept.append(remainder.kept)
     report(0.4)
     residue = np.unique(np.concatenate([np.zeros(0, np.int64), *found]))
     gone = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
     residue = np.setdiff1d(residue, gone, assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
-    around = surroundings(document, [(part.instance_id, part.rows) for part in parts], time)
+    around = surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
     report(0.6)
     hole = None if around is None else hole_under(around, residue)
     return DeletionReport(tuple(parts), residue, carriers, hole)
 
 
-def _residue_of(document: Document, part: DeletedPart) -> Int64[ndarray, " k"]:
-    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the rest."""
-    if part.whole:
+def _residue_of(document: Document, part: DeletedPart, remainder: Remainder | None) -> Int64[ndarray, " k"]:
+    """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`."""
+    if remainder is None:
         return floaters_around(document, part.instance_id, part.rows)
-    remainder = remainder_of(document, part.instance_id, part.rows)
     strays = floaters_around(document, part.instance_id, part.rows, remainder.kept)
     return strays[np.isin(strays, remainder.missed) | amid_gone(document, strays, remainder)]

@@ -16,6 +16,7 @@ from instdrive_core.edits.ground_cells import all_under, grown, large_parts
 from instdrive_core.edits.ground_grid import GroundGrid
 from instdrive_core.edits.ground_map import GroundMap, ground_map, solid
 from instdrive_core.edits.ground_plane import ground_plane
+from instdrive_core.edits.kept_footprint import under_kept
 from instdrive_core.edits.placement import SOLID_OPACITY
 from instdrive_core.edits.sight import Occluder, sightings, standing
 from instdrive_core.edits.surroundings import Neighborhood, Standing, Surroundings, standing_around
@@ -83,18 +84,19 @@ def hole_under(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | Non
     if grid is None:
         return None
     ground = ground_map(grid, found.around.without(residue))
-    footprint, reached = _footprints(grid, found.deleted)
+    kept = under_kept(found.kept, grid)
+    footprint, reached = _footprints(grid, found.deleted, kept)
     hidden, uncovered = _hidden_cells(grid, found)
     if hidden is None:
         hidden = uncovered = grown(footprint, grid.size, FOOTPRINT_MARGIN)
     edge = grown(footprint, grid.size, EDGE)
-    candidates = ((hidden & uncovered & reached) | edge) & (footprint | ~ground.obstructed)
-    clean = (
-        solid(ground) & ~hidden & ~ground.obstructed & ~edge & ~grown(all_under(found.others, grid), grid.size, EDGE)
-    )
+    candidates = ((hidden & uncovered & reached) | edge) & (footprint | ~ground.obstructed) & ~kept
+    stained = edge | grown(all_under(found.others, grid) | kept, grid.size, EDGE)
+    clean = solid(ground) & ~hidden & ~ground.obstructed & ~stained
     wrong = candidates & ~_plausible(ground, clean, candidates)
     missing = footprint & ~solid(ground)
-    hole = large_parts(_closed(wrong, candidates, ground.obstructed, grid.size) | missing, grid.size, MIN_AREA)
+    closed = _closed(wrong, candidates, ground.obstructed | kept, grid.size)
+    hole = large_parts(closed | missing, grid.size, MIN_AREA)
     shadow = cast_shadow(ground, clean, footprint, hole)
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow))
 
@@ -160,10 +162,12 @@ def _occluder(each: Standing, grid: GroundGrid) -> Occluder | None:
     return standing(each.body, each.points, floor, each.track)
 
 
-def _footprints(grid: GroundGrid, deleted: tuple[Standing, ...]) -> tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"]]:
-    """Cells under the hulls of what stood there, and those within `MAX_AWAY` of them. Where an actor drove is none of
-    its footprint: photos before and after show it."""
-    under, places = all_under(deleted, grid), grid.centers(grid.all_cells())
+def _footprints(
+    grid: GroundGrid, deleted: tuple[Standing, ...], kept: Bool[ndarray, "a b"]
+) -> tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"]]:
+    """Cells under the hulls of what stood there and not under what is `kept` of it, and those within `MAX_AWAY` of
+    them. Where an actor drove is none of its footprint: photos before and after show it."""
+    under, places = all_under(deleted, grid) & ~kept, grid.centers(grid.all_cells())
     reached: Bool[ndarray, "a b"] = grown(under, grid.size, MAX_AWAY)
     for each in deleted:
         if each.track is not None:

@@ -72,15 +72,20 @@ class Surroundings:
     around: Neighborhood
     deleted: tuple[Standing, ...]
     others: tuple[Standing, ...]
+    kept: tuple[Float64[ndarray, "k 3"], ...]
+    """Of each thing that was deleted in part and does not move: solid splats of what is left, metres."""
     views: tuple[CameraView, ...]
 
 
 def surroundings(
-    document: Document, groups: Sequence[tuple[int, Int64[ndarray, "_"]]], time: float
+    document: Document,
+    groups: Sequence[tuple[int, Int64[ndarray, "_"]]],
+    time: float,
+    kept: Sequence[Int64[ndarray, "_"]] = (),
 ) -> Surroundings | None:
     """Around deleted rows, grouped by instance; None where none of the groups is an object that stood on the ground.
 
-    `time` (seconds) says where moving ones were.
+    `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose.
     """
     deleted = [found for found in (_standing(document, *group) for group in groups) if found is not None]
     if not deleted:
@@ -94,7 +99,8 @@ def surroundings(
     except EditError:
         lane = np.array([0.0, 1.0, 0.0])
     along = (float(lane[0]), float(lane[1]))
-    return Surroundings(place, along, near, tuple(deleted), others, document.scene.views)
+    left = tuple(solid_points(document, rows[document.scene.nodes[rows] == 0]) for rows in kept)
+    return Surroundings(place, along, near, tuple(deleted), others, left, document.scene.views)
 
 
 def standing_around(document: Document, near: Neighborhood, without: Sequence[int] = ()) -> tuple[Standing, ...]:
