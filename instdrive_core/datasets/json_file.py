@@ -11,6 +11,7 @@ from instdrive_core.json_value import json_value
 from instdrive_core.plain_file import plain_file
 
 _REMEDY = "Get the file again"
+_MAX_DIGITS = 9
 
 
 def read_json(file: Path) -> Any:
@@ -42,3 +43,13 @@ def numbers(file: Path, value: Any, name: str) -> list[float]:
     if not isinstance(value, list):
         raise DataError(file, f"expected {name}, found {type(value).__name__}", _REMEDY)
     return [number(file, entry, f"[{position}]") for position, entry in enumerate(value)]
+
+
+def whole_number(key: str) -> int:
+    """The number that a key of an object stands for, as JSON has no other keys than text.
+
+    Raises ValueError for anything but a few digits: Python refuses to read thousands of them.
+    """
+    if not (key.isascii() and key.isdecimal() and len(key) <= _MAX_DIGITS):
+        raise ValueError(f"{key[:40]!a} is no whole number of up to {_MAX_DIGITS} digits")
+    return int(key)

@@ -24,11 +24,12 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, Sweep, center_of, is_held_out
-from instdrive_core.datasets.json_file import field, number, numbers, read_json
+from instdrive_core.datasets.json_file import field, number, numbers, read_json, whole_number
 from instdrive_core.datasets.pandaset_cuboids import load_tracks
 from instdrive_core.datasets.pandaset_lidar import FARTHEST, load_sweep
 from instdrive_core.datasets.photos import load_photo, photo_size
 from instdrive_core.errors import DataError, OptionError
+from instdrive_core.json_value import whole_text
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera, CameraView
 
@@ -239,6 +240,10 @@ def _class_names(root: Path) -> dict[int, str]:
     if not file.is_file():
         return {}
     classes = read_json(file)
-    if not isinstance(classes, dict) or not all(key.isdecimal() for key in classes):
+    if not isinstance(classes, dict):
         raise DataError(file, "expected an object from class numbers to names", "Get the file again")
-    return {int(key): str(name) for key, name in classes.items()}
+    try:
+        return {whole_number(key): whole_text(name) for key, name in classes.items()}
+    except ValueError as error:
+        problem = f"expected an object from class numbers to names, but {error}"
+        raise DataError(file, problem, "Get the file again") from error

@@ -13,6 +13,7 @@ from numpy import ndarray
 from instdrive_core.datasets.pandaset_lidar import FARTHEST, numbered_pickle
 from instdrive_core.datasets.restricted_pickle import read_pickle
 from instdrive_core.errors import DataError
+from instdrive_core.json_value import whole_text
 from instdrive_core.scene.track import Track
 
 MOVING_PATH_LENGTH = 1.0
@@ -74,19 +75,23 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
         raise DataError(file, f"row {row} has no usable position, size or yaw: {values[row]}", "Get the file again")
     sensors = table.get("cuboids.sensor_id", np.full(count, -1))
     siblings = table.get("cuboids.sibling_id", np.full(count, "-", object))
-    return [
-        _Cuboid(
-            str(table["uuid"][row]),
-            str(table["label"][row]),
-            index,
-            values[row, :3],
-            values[row, 3:6],
-            float(values[row, 6]),
-            int(sensors[row]),
-            str(siblings[row]),
-        )
-        for row in range(count)
-    ]
+    try:
+        return [
+            _Cuboid(
+                whole_text(table["uuid"][row]),
+                whole_text(table["label"][row]),
+                index,
+                values[row, :3],
+                values[row, 3:6],
+                float(values[row, 6]),
+                int(sensors[row]),
+                whole_text(siblings[row]),
+            )
+            for row in range(count)
+        ]
+    except (TypeError, ValueError, OverflowError) as error:
+        problem = f"a cuboid's uuid, label, sensor or sibling cannot be used ({error})"
+        raise DataError(file, problem, "Get the file again") from error
 
 
 def _merged_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:

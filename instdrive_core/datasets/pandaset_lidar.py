@@ -10,7 +10,7 @@ from jaxtyping import Float64, UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import SweepPoints
-from instdrive_core.datasets.numpy_file import BAD_ARRAY
+from instdrive_core.datasets.numpy_file import BAD_ARRAY, read_numbers
 from instdrive_core.datasets.restricted_pickle import read_pickle
 from instdrive_core.errors import DataError
 
@@ -36,7 +36,7 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPo
         raise DataError(root / "lidar", f"the sweep {index:02d} is missing", "Load the clip again")
     table = read_pickle(file)
     columns = [_numeric_column(file, table, name) for name in ("x", "y", "z", "i")]
-    sensor = table.get("d", np.zeros(len(columns[0]))).astype(np.uint8)
+    sensor = _bytes_of(file, table, "d") if "d" in table else np.zeros(len(columns[0]), np.uint8)
     if max(np.abs(column).max(initial=0) for column in columns[:3]) >= FARTHEST:
         raise DataError(file, f"a point lies farther than {FARTHEST:g} m", "Get the file again")
     points = np.stack(columns[:3], axis=1) - origin
@@ -60,16 +60,26 @@ def _numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64
     return column
 
 
+def _bytes_of(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray, " n"]:
+    """A column of small whole numbers: classes, or which LiDAR it was."""
+    column = _numeric_column(file, table, name)
+    wrong = np.flatnonzero((column < 0) | (column > 255) | (column != np.floor(column)))
+    if len(wrong):
+        problem = f"the column '{name}' holds {column[wrong[0]]:g} in row {wrong[0]}, not a whole number from 0 to 255"
+        raise DataError(file, problem, "Get the file again")
+    return column.astype(np.uint8)
+
+
 def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | None:
     """Semantic classes row by row; None where there are none, or as many as points only by chance (a known fault)."""
     file = numbered_pickle(root / "annotations" / "semseg", index)
     if file is None:
         return None
-    classes = _numeric_column(file, read_pickle(file), "class")
+    classes = _bytes_of(file, read_pickle(file), "class")
     if len(classes) != count:
         logger.warning("%s: %d classes for %d points; going on without them", file, len(classes), count)
         return None
-    return classes.astype(np.uint8)
+    return classes
 
 
 def _load_instance_labels(root: Path, index: int, count: int) -> UInt32[ndarray, " n"] | None:
@@ -78,7 +88,7 @@ def _load_instance_labels(root: Path, index: int, count: int) -> UInt32[ndarray,
     if not file.is_file():
         return None
     try:
-        labels = np.load(file, allow_pickle=False)
+        labels = read_numbers(file, count)
     except BAD_ARRAY as error:
         raise DataError(file, f"is no readable array ({error})", "Write the synthetic clip again") from error
     if labels.shape != (count,) or labels.dtype.kind not in "iu":

@@ -11,6 +11,8 @@ import numpy as np
 from instdrive_core.errors import DataError
 
 MAX_HEADER_BYTES = 16 << 20
+_MAX_DIGITS = 4000
+"""Python refuses to read more than some; far fewer are too many for any file."""
 REMEDY = "Export the scene again from the program that made it"
 _FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
@@ -134,7 +136,7 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[s
                 order = _FORMATS[name]
             case ["comment" | "obj_info", *_]:
                 comments.append(" ".join(line.split(maxsplit=1)[1:]))
-            case ["element", name, count] if count.isascii() and count.isdigit():
+            case ["element", name, count] if count.isascii() and count.isdigit() and len(count) <= _MAX_DIGITS:
                 elements.append(PlyElement(name, int(count), []))
             case ["property", "list", _, _, _] if elements:
                 elements[-1].has_list = True

@@ -13,7 +13,7 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
-from instdrive_core.datasets.json_file import field, read_json
+from instdrive_core.datasets.json_file import field, read_json, whole_number
 from instdrive_core.errors import DataError
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.labelmap import nearest, read_label_map, read_sky
@@ -60,16 +60,17 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
     entries = read_json(file)
     if isinstance(entries, dict) and "instances" in entries:
         entries = entries["instances"]
-    if not isinstance(entries, dict) or not all(key.isdecimal() and int(key) > 0 for key in entries):
+    if not isinstance(entries, dict):
         raise DataError(file, "expected an object from instance numbers to their facts", _REMEDY)
     instances = {}
     for key, entry in entries.items():
+        number = _instance_number(file, key)
         kind = field(file, entry, "kind", f"{key}.")
         if kind not in ("thing", "stuff"):
             raise DataError(file, f"the field '{key}.kind' is {kind!r}, expected 'thing' or 'stuff'", _REMEDY)
         class_name, uuid = str(field(file, entry, "class", f"{key}.")), entry.get("uuid")
-        instances[int(key)] = GroundTruthInstance(
-            id=int(key),
+        instances[number] = GroundTruthInstance(
+            id=number,
             name=str(entry.get("name", f"{class_name} {key}")),
             class_name=class_name,
             kind=kind,
@@ -77,3 +78,14 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
             track_id=None if uuid is None else str(uuid),
         )
     return instances
+
+
+def _instance_number(file: Path, key: str) -> int:
+    try:
+        number = whole_number(key)
+    except ValueError as error:
+        problem = f"expected an object from instance numbers to their facts, but {error}"
+        raise DataError(file, problem, _REMEDY) from error
+    if not number:
+        raise DataError(file, "lists the instance 0, which stands for none", _REMEDY)
+    return number

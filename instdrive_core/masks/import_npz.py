@@ -13,9 +13,8 @@ from typing import IO
 import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
-from numpy.lib import format as npy
 
-from instdrive_core.datasets.numpy_file import BAD_ARRAY
+from instdrive_core.datasets.numpy_file import BAD_ARRAY, array_header
 from instdrive_core.errors import DataError
 from instdrive_core.masks.imported_file import REMEDY, check_count, check_size
 from instdrive_core.masks.labelmap import nearest
@@ -58,7 +57,7 @@ def _array_in(file: Path, archive: zipfile.ZipFile) -> str:
 
 def _masks(file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]) -> Iterator[Bool[ndarray, "h w"]]:
     """One mask after the other."""
-    shape, fortran_order, dtype = _header(stream)
+    shape, fortran_order, dtype = array_header(stream)
     what = f"the field '{name}'"
     if dtype.hasobject:
         raise DataError(file, f"{what} holds Python objects, which are never loaded", _REMEDY)
@@ -83,13 +82,3 @@ def _masks(file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]
             problem = f"{what} holds more than 0 and {value} in the mask {number}"
             raise DataError(file, problem, "Save booleans; label maps are imported as PNG")
         yield mask != 0
-
-
-def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, order and type of an array. Raises ValueError for a damaged one."""
-    version = npy.read_magic(stream)
-    if version == (1, 0):
-        return npy.read_array_header_1_0(stream)
-    if version == (2, 0):
-        return npy.read_array_header_2_0(stream)
-    raise ValueError(f"array format {version[0]}.{version[1]}")

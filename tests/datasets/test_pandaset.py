@@ -1,8 +1,10 @@
 """PandaSet's layout as a clip: a small one made here, and the real one."""
 
+import io
 import json
 import logging
 import pickle
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -40,6 +42,13 @@ def root(tmp_path):
 
 def load(root, **options):
     return load_clip(str(root), ClipOptions(**{"cameras": ALL, **options}))
+
+
+def npy_of(shape, content, kind="<u4"):
+    """A .npy file whose header may lie."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": kind, "fortran_order": False, "shape": shape})
+    return file.getvalue() + content
 
 
 def edit_json(path, change):
@@ -178,6 +187,31 @@ def test_exact_labels_of_points_are_read(root):
     assert sweeps[2].load().instance_labels is None
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        # Both would have taken as much memory as they promise before they were found to be lies.
+        (b"\x93NUMPY\x02\x00" + (700 << 20).to_bytes(4, "little") + b"{'descr': '<u4'}", "EOF|expected"),
+        (npy_of((1 << 40,), b"\0" * 24), "24 bytes are there"),
+        (npy_of((6,), b"\0" * 20), "20 bytes are there"),
+        (npy_of((6,), b"\0" * 100_000), "larger than 6 values"),
+        (npy_of((6,), b"\0" * 24, "|O"), "not numbers"),
+    ],
+)
+def test_lying_label_arrays_are_refused_before_memory_is_taken(root, content, message):
+    labels = root / "labels" / "lidar"
+    labels.mkdir(parents=True)
+    (labels / "02.npy").write_bytes(content)
+    sweep = load(root).sweeps[0]
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match=message):
+            sweep.load()
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
+
+
 def test_camera_sets_and_names(root, caplog):
     assert load(root, cameras="1").camera_names == ("front_camera",)
     with caplog.at_level(logging.WARNING):
@@ -227,6 +261,8 @@ FRONT = "camera/front_camera"
         ("meta/timestamps.json", '[1, "x"]', r"'\[1\]' is 'x'"),
         (f"{FRONT}/02.jpg", "no photo", "no readable photo"),
         ("annotations/semseg/classes.json", '{"a": "b"}', "from class numbers to names"),
+        ("annotations/semseg/classes.json", '{"%s": "b"}' % ("9" * 5000), "'9{40}' is no whole number"),
+        ("annotations/semseg/classes.json", r'{"7": "\udc80"}', "half a character"),
     ],
 )
 def test_damaged_files_are_named(root, file, content, message):
@@ -281,10 +317,14 @@ def test_half_a_photo_is_named_when_read(root, name, keep):
         ("lidar/02.pkl.gz", {"x": [0.0]}, "the column 'y' is missing, found x"),
         ("lidar/02.pkl.gz", {"x": ["a"]}, "the column 'x' holds no numbers"),
         ("lidar/02.pkl.gz", {"x": [np.nan]}, "not finite"),
+        ("lidar/02.pkl.gz", {"d": [0, 0, 256, 0, 0, 0]}, "'d' holds 256 in row 2, not a whole number"),
+        ("lidar/02.pkl.gz", {"d": [0, 0, 0, None, 0, 0]}, "'d' holds values that are not finite"),
+        ("annotations/semseg/02.pkl.gz", {"class": [7, 7, 7, 7, 7, -1.0]}, "'class' holds -1 in row 5"),
     ],
 )
 def test_damaged_sweeps_are_named_when_read(root, file, columns, message):
-    write_table(root / file, columns)
+    x, y, z, intensity = (list(range(6)) for _ in range(4))
+    write_table(root / file, {"x": x, "y": y, "z": z, "i": intensity} | columns if "d" in columns else columns)
     sweep = load(root).sweeps[0]
     with pytest.raises(DataError, match=message):
         sweep.load()
@@ -297,6 +337,14 @@ def test_damaged_cuboids_are_named(root):
     write_table(file, table)
     with pytest.raises(DataError, match=r"03\.pkl\.gz: row 1 has no usable position, size or yaw"):
         load(root)
+    for column, wrong in (
+        ("cuboids.sensor_id", [-1, None, 0]),
+        ("cuboids.sensor_id", [0, np.nan, 1]),
+        ("label", ["a\ud800"] * 3),
+    ):
+        write_table(file, cuboids_at(3) | {column: np.array(wrong)})
+        with pytest.raises(DataError, match=r"03\.pkl\.gz: a cuboid's uuid, label, sensor or sibling"):
+            load(root)
     del table["uuid"]
     write_table(file, table)
     with pytest.raises(DataError, match="the column 'uuid' is missing"):

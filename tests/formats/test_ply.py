@@ -199,6 +199,7 @@ def changed(path, old, new):
         (b"element vertex 20", b"element vertex 21", "promises 21"),
         (b"element vertex 20", b"element vertex 19", "follow the 19"),
         (b"element vertex 20", b"element vertex 999999999999999999999", "promises 9"),
+        (b"element vertex 20", b"element vertex " + b"9" * 5000, "not understood"),
         (b"element vertex 20", b"element vertex -20", "not understood"),
         (b"element vertex 20", b"element point 20", "no vertex element"),
         (b"element vertex 20", b"property float early\nelement vertex 20", "not understood"),

@@ -92,7 +92,8 @@ def test_progress_is_told(clip, tmp_path):
     ("content", "message"),
     [
         ("[]", "from instance numbers"),
-        ('{"0": {}}', "from instance numbers"),
+        ('{"0": {"class": "Road", "kind": "stuff"}}', "the instance 0"),
+        ('{"%s": {}}' % ("9" * 5000), "from instance numbers to their facts, but '9"),
         ('{"1": {"class": "Road"}}', r"'1\.kind' is missing"),
         ('{"1": {"class": "Road", "kind": "street"}}', r"'1\.kind' is 'street'"),
     ],
