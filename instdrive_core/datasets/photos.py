@@ -11,13 +11,13 @@ from PIL import Image
 
 from instdrive_core.datasets.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.errors import DataError
-from instdrive_core.plain_file import plain_file
+from instdrive_core.plain_file import BoundedReader
 
 
 def photo_size(photo: Path) -> tuple[int, int]:
     """Width and height, from the header alone. Raises DataError where it is no photo."""
     try:
-        with Image.open(plain_file(photo)) as image:
+        with BoundedReader(photo) as file, Image.open(file) as image:
             check_pixels(photo, image.size)
             return image.size
     except BAD_IMAGE as error:
@@ -30,7 +30,7 @@ def load_photo(photo: Path, full_size: tuple[int, int], size: tuple[int, int]) -
     Raises DataError where it is damaged or its size on disk is not `full_size`.
     """
     try:
-        with Image.open(plain_file(photo)) as image:
+        with BoundedReader(photo) as file, Image.open(file) as image:
             check_pixels(photo, image.size)
             if image.size != full_size:
                 problem = f"is {image.size[0]}×{image.size[1]}, the camera's photos {full_size[0]}×{full_size[1]}"

@@ -13,13 +13,13 @@ from instdrive_core.datasets.image_limit import BAD_IMAGE
 from instdrive_core.errors import DataError
 from instdrive_core.masks.imported_file import MAX_MASKS, REMEDY, check_count, check_size
 from instdrive_core.masks.labelmap import nearest, read_label_map
-from instdrive_core.plain_file import plain_file
+from instdrive_core.plain_file import BoundedReader
 
 
 def read_imported_label_map(file: Path, width: int, height: int) -> UInt32[ndarray, "h w"]:
     """The labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     try:
-        with Image.open(plain_file(file)) as image:  # reads the header only
+        with BoundedReader(file) as stream, Image.open(stream) as image:  # reads the header only
             size = image.size
     except BAD_IMAGE as error:
         raise DataError(file, f"is no readable PNG ({error})", REMEDY) from error

@@ -29,7 +29,7 @@ from instdrive_core.datasets.json_file import field, number, read_json
 from instdrive_core.errors import DataError
 from instdrive_core.formats.atomic import atomic_path, write_bytes
 from instdrive_core.masks.journal import Journal
-from instdrive_core.plain_file import plain_file
+from instdrive_core.plain_file import BoundedReader
 
 SIDECAR = "masks.json"
 VERSION = 1
@@ -203,7 +203,7 @@ def read_sky(file: Path) -> Bool[ndarray, "h w"]:
 
 def _read_png(file: Path) -> tuple[ndarray, str]:
     try:
-        with Image.open(plain_file(file)) as image:
+        with BoundedReader(file) as stream, Image.open(stream) as image:
             check_pixels(file, image.size)
             return np.asarray(image), image.mode
     except FileNotFoundError as error:

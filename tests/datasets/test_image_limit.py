@@ -1,7 +1,9 @@
 """Pictures larger than any camera's are refused by their header, with the number."""
 
+import contextlib
 import io
 import struct
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -53,3 +55,19 @@ def test_large_photos_of_real_cameras_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr(image_limit, "MAX_PIXELS", 64 * 48 - 1)
     with pytest.raises(DataError, match="64×48, 3,072 pixels; at most 3,071 are read"):
         photo_size(path)
+
+
+@pytest.mark.parametrize("read", [lambda path: load_photo(path, (64, 48), (64, 48)), read_label_map])
+def test_a_lying_length_in_a_picture_takes_no_memory(tmp_path, read):
+    path = tmp_path / "photo.png"
+    Image.fromarray(np.arange(64 * 48, dtype=np.uint8).reshape(48, 64)).save(path)
+    content = path.read_bytes()
+    place = content.index(b"IDAT") - 4
+    path.write_bytes(content[:place] + (700 << 20).to_bytes(4, "big") + content[place + 4 :])
+    tracemalloc.start()
+    try:
+        with contextlib.suppress(DataError):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
