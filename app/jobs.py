@@ -34,6 +34,8 @@ class Job:
     share: float | None = None
     """How much of it is done, 0 … 1; None while that is not known."""
     stop: Event = field(default_factory=Event)
+    over: bool = False
+    """Whether its end, whatever it was, has been told."""
 
     def progressed(self, share: float) -> None:
         """Told by the work, in its own thread. Raises CancelledError where the user wants it to stop."""
@@ -75,7 +77,7 @@ class Jobs:
         done: Callable[[Any], None] = lambda _: None,
         modal: bool = True,
         failed: Callable[[BaseException], bool] = lambda _: False,
-    ) -> None:
+    ) -> Job:
         """Run `work` in the background, then `done(result)` on the UI's thread.
 
         What `work` tells by `instdrive_core.progress.report` is the job's `share`. A failure goes to `failed` first,
@@ -84,6 +86,7 @@ class Jobs:
         job = Job(title, done, modal, failed)
         self._start(self._pool, job, work)
         self._jobs.append(job)
+        return job
 
     def submit_aside(
         self,
@@ -129,6 +132,7 @@ class Jobs:
                 self._deliver(jobs.pop(0))
 
     def _deliver(self, job: Job) -> None:
+        job.over = True
         error = None if job.future.cancelled() else job.future.exception()
         if job.future.cancelled() or isinstance(error, CancelledError | NeverBegunError):
             self._report_cancelled(f"{job.title} was cancelled")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from instdrive_app.aftermath import Aftermath
 from instdrive_app.autosave import Autosave
+from instdrive_app.borders import Borders
 from instdrive_app.commands import Commands
 from instdrive_app.export_kinds import ExportChoice
 from instdrive_app.exporting import Exporting
@@ -58,6 +59,7 @@ class EditorSession:
         self.exporting = Exporting(self.state, lambda: self.document, self.jobs, self.messages, self.files)
         self.references = ReferencePictures(self.messages.error, lambda: self.wake())
         self.labels = Labels(lambda: self.document, self.apply, self.jobs, self.messages)
+        self.borders = Borders(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
         self.solo = Solo(lambda: self.document, self.apply)
         self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
         self.aftermath = Aftermath(self.state, lambda: self.document, self.apply, self.jobs, self.messages)

@@ -8,7 +8,6 @@ from instdrive_app.actions.conditions import editable
 from instdrive_app.commands import Command
 from instdrive_app.session import EditorSession
 from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.select import InvertSelection, SelectAll, SelectClass
 
 
@@ -57,7 +56,7 @@ def _borders(session: EditorSession) -> list[Command]:
         Command(
             "select.grow",
             "Grow the selection",
-            lambda: _apply(session, GrowSelection, None, session.state.time),
+            session.borders.grow,
             "Select",
             ("Ctrl+=",),
             enabled=lambda: session.has_selection,
@@ -68,7 +67,7 @@ def _borders(session: EditorSession) -> list[Command]:
         Command(
             "select.shrink",
             "Shrink the selection",
-            lambda: _apply(session, ShrinkSelection, None, session.state.time),
+            session.borders.shrink,
             "Select",
             ("Ctrl+-",),
             enabled=lambda: session.has_selection,

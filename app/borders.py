@@ -1,0 +1,76 @@
+"""Growing and shrinking the selection: of a large one the border is looked along beside the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from instdrive_app.jobs import Job, Jobs
+from instdrive_app.messages import Messages
+from instdrive_app.state import EditorState
+from instdrive_core.edits.document import Document
+from instdrive_core.edits.frozen_copy import frozen_copy
+from instdrive_core.edits.grow import BorderEdit, GrowSelection, ShrinkSelection
+from instdrive_core.scene.selection import Flag
+
+AT_ONCE = 20_000
+"""Selected splats up to which it takes no longer than a frame."""
+_TITLES: dict[type[BorderEdit], str] = {
+    GrowSelection: "Growing the selection",
+    ShrinkSelection: "Shrinking the selection",
+}
+
+
+class Borders:
+    """Changes of the selection along its border; those asked for while one is under way follow it, in order."""
+
+    def __init__(
+        self,
+        state: EditorState,
+        document: Callable[[], Document | None],
+        apply: Callable[..., bool],
+        jobs: Jobs,
+        messages: Messages,
+    ) -> None:
+        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
+        self._state, self._document, self._apply = state, document, apply
+        self._jobs, self._messages = jobs, messages
+        self._job: Job | None = None
+        self._following: list[type[BorderEdit]] = []
+
+    def grow(self) -> None:
+        """Select, too, what lies near the selected splats."""
+        self._ask(GrowSelection)
+
+    def shrink(self) -> None:
+        """Deselect what lies near splats that are not selected."""
+        self._ask(ShrinkSelection)
+
+    def _ask(self, kind: type[BorderEdit]) -> None:
+        if self._job is not None and not self._job.over:
+            self._following.append(kind)
+        else:
+            self._following.clear()  # those after one that was cancelled
+            self._start(kind)
+
+    def _start(self, kind: type[BorderEdit]) -> None:
+        document = self._document()
+        if document is None:
+            return
+        edit = kind(None, self._state.time)
+        if len(document.state.rows_with(Flag.SELECTED)) <= AT_ONCE:
+            self._finish(edit)
+            return
+        frozen = frozen_copy(document)
+
+        def done(_: None) -> None:
+            if self._document() is document and edit.is_prepared_for(document):
+                self._finish(edit)
+            else:
+                self._following.clear()
+                self._messages.info(f"{_TITLES[kind]} was given up: something else was done meanwhile")
+
+        self._job = self._jobs.submit(_TITLES[kind], lambda: edit.prepare(frozen), done, modal=False)
+
+    def _finish(self, edit: BorderEdit) -> None:
+        if self._apply(lambda: edit) and self._following:
+            self._start(self._following.pop(0))
