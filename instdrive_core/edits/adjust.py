@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment, checked_adjustment
@@ -61,9 +61,3 @@ class AdjustInstances(ColorEdit):
             return stacked_values(after, values[:, DRAWN - 1].astype(np.float64) * factor)
 
         return change
-
-
-def shown_mean(document: Document, rows: ndarray) -> Float64[ndarray, "3"]:
-    """The mean of the rows' colours as they are shown now, without view dependence, weighted by opacity."""
-    palette = document.colors
-    return mean_colors(document.scene.gaussians, RowParts.whole(rows), palette.matrices, palette.indices)[0]

@@ -11,10 +11,11 @@ from numpy import ndarray
 
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.instances import add_entries, restore_entries
+from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
-from instdrive_core.scene.entry_palette import PaletteFullError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import moved
@@ -88,11 +89,12 @@ class AppendEdit(Edit):
     def _shift_rows(self, document: Document, rows: ndarray) -> None:
         change = moved(np.c_[np.eye(3), np.array(self.shift)])
         try:
-            document.transforms.assign(rows, document.transforms.add_changed(rows, change))
-        except PaletteFullError as error:
+            entries = changed_entries(document.transforms, [(RowParts.whole(rows), change)])
+        except EditError:
             self._entries = ()
             self.undo(document)
-            raise EditError(f"{error}; export the scene and open the export to start afresh") from error
+            raise
+        document.transforms.assign(rows, entries)
 
 
 def unique_track_id(wanted: str, taken: set[str]) -> str:

@@ -12,33 +12,21 @@ from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.scene.entry_palette import EntryPalette, PaletteFullError
 
-RowsChange = tuple[ndarray, Callable[[ndarray], ndarray]]
-"""Rows, and what becomes of the values of the entries that they name."""
 PartsChange = Callable[[Float[ndarray, "k w"], Int64[ndarray, " k"]], Float[ndarray, "k w"]]
 """What becomes of the values of k entries, each named by the part of the rows whose number it gets."""
 
 
-def changed_entries(palette: EntryPalette, parts: Sequence[RowsChange]) -> UInt16[ndarray, " m"]:
-    """The entries that the rows of all parts, one part after the other, should name instead, added where they are new.
+def changed_entries(
+    palette: EntryPalette, changes: Sequence[tuple[RowParts, Callable[[ndarray], ndarray]]]
+) -> UInt16[ndarray, " m"]:
+    """The entries that rows should name instead, added where they are new: one change after the other, and of each one
+    part after the other, which all change in the same way.
 
     Raises EditError, with nothing added, where they do not all fit.
     """
     size = len(palette)
     try:
-        entries = [palette.add_changed(rows, change) for rows, change in parts]
-    except PaletteFullError as error:
-        palette.truncate(size)
-        raise _full(error) from error
-    return np.concatenate([np.zeros(0, np.uint16), *entries])
-
-
-def entries_alike(
-    palette: EntryPalette, changes: Sequence[tuple[RowParts, Callable[[ndarray], ndarray]]]
-) -> UInt16[ndarray, " m"]:
-    """As `changed_entries`, for parts of rows that all change in the same way: entries are added part by part."""
-    size = len(palette)
-    try:
-        found = [palette.add_changed_parts(parts.rows, parts.bounds, _each_once(change)) for parts, change in changes]
+        found = [palette.add_changed(parts.rows, parts.bounds, _each_once(change)) for parts, change in changes]
     except PaletteFullError as error:
         palette.truncate(size)
         raise _full(error) from error
@@ -57,9 +45,12 @@ def _each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
 
 
 def entries_of_parts(palette: EntryPalette, parts: RowParts, change: PartsChange) -> UInt16[ndarray, " m"]:
-    """The same for any number of parts at once. Raises EditError, with nothing added, where they do not all fit."""
+    """The same for parts that change each in its own way.
+
+    Raises EditError, with nothing added, where they do not all fit.
+    """
     try:
-        return palette.add_changed_parts(parts.rows, parts.bounds, change)
+        return palette.add_changed(parts.rows, parts.bounds, change)
     except PaletteFullError as error:
         raise _full(error) from error
 

@@ -106,12 +106,6 @@ def _linear(offsets: list[float]) -> Float64[ndarray, "3 3"]:
     return linear
 
 
-def base_mean(document: Document, rows: ndarray) -> Float64[ndarray, "3"]:
-    """The mean of the rows' colours before adjustment, without view dependence, weighted by opacity."""
-    palette = document.colors
-    return mean_colors(document.scene.gaussians, RowParts.whole(rows), palette.bases, palette.indices)[0]
-
-
 @dataclass(frozen=True)
 class Look:
     """How instances are coloured now."""

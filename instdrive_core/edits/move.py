@@ -13,7 +13,7 @@ from numpy import ndarray
 from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.delete import check_unlocked, editable_parts
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.entries import entries_alike
+from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.instances import known_instance
 from instdrive_core.edits.parameters import (
     Vector,
@@ -97,7 +97,7 @@ class MoveInstances(PoseEdit):
             driving = np.flatnonzero(np.isin(document.scene.nodes, nodes))
             changes.append((RowParts.whole(driving), moved(self.scale * np.eye(3, 4))))
         size_before = len(document.transforms)
-        entries = entries_alike(document.transforms, changes)
+        entries = changed_entries(document.transforms, changes)
         rows = np.concatenate([parts.rows for parts, _ in changes])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
         tracks = {node: moved_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}

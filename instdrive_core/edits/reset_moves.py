@@ -13,6 +13,7 @@ from instdrive_core.edits.document import Document
 from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.edits.poses import PoseEdit
+from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.scene.transforms import sent_home
 
 
@@ -52,5 +53,6 @@ class ResetMoves(PoseEdit):
             return False
         touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in self.ids]
         size_before = len(palette)
-        self.put(document, rows, changed_entries(palette, [(rows, sent_home)]), moved, touched, size_before)
+        entries = changed_entries(palette, [(RowParts.whole(rows), sent_home)])
+        self.put(document, rows, entries, moved, touched, size_before)
         return True

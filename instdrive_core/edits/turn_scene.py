@@ -17,6 +17,7 @@ from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.frozen_copy import fingerprint, frozen_copy
 from instdrive_core.edits.instances import recount, restore_entries
 from instdrive_core.edits.parameters import Vector, checked_number, checked_numbers, checked_vector
+from instdrive_core.edits.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Bounds, Instance
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix
@@ -158,10 +159,10 @@ class TurnScene(Edit):
     def _entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
         """Of all rows. An actor's are turned by its track: in the box's frame they only grow."""
         nodes = document.scene.nodes
-        rows = [np.flatnonzero(nodes == 0), np.flatnonzero(nodes)]
-        changes = [(rows[0], rehomed(matrix)), (rows[1], rehomed(self._growth))]
+        still, driving = np.flatnonzero(nodes == 0), np.flatnonzero(nodes)
+        changes = [(RowParts.whole(still), rehomed(matrix)), (RowParts.whole(driving), rehomed(self._growth))]
         entries = np.empty(len(nodes), np.uint16)
-        entries[np.concatenate(rows)] = changed_entries(document.transforms, changes)
+        entries[np.concatenate([still, driving])] = changed_entries(document.transforms, changes)
         return entries
 
     def _turn_tracks(self, document: Document, matrix: Similarity) -> None:

@@ -80,32 +80,20 @@ class EntryPalette(PerSplatArray):
         return found
 
     def add_changed(
-        self, rows: Int[ndarray, " m"], change: Callable[[Float[ndarray, " w"]], Float[ndarray, " w"]]
-    ) -> UInt16[ndarray, " m"]:
-        """Add `change` of every entry that `rows` name; returns the entry that each row should name instead.
-
-        Raises PaletteFullError, with nothing added, where they do not all fit.
-        """
-
-        def one_by_one(values: ndarray, _: ndarray) -> ndarray:
-            return np.array([change(entry.copy()) for entry in values]).reshape(len(values), -1)
-
-        return self.add_changed_parts(rows, np.array([0, len(rows)]), one_by_one)
-
-    def add_changed_parts(
         self,
         rows: Int[ndarray, " m"],
         bounds: Int64[ndarray, " p"],
         change: Callable[[Float[ndarray, "k w"], Int64[ndarray, " k"]], Float[ndarray, "k w"]],
     ) -> UInt16[ndarray, " m"]:
-        """As `add_changed` for one part of the rows after another, each of which is changed in its own way.
+        """Add `change` of every entry that `rows` name, one part of the rows after another, each in its own way.
 
         Args:
             rows: of all parts.
             bounds: where each part begins, and the number of rows.
             change: of the values of k entries, each named by the part whose number it gets.
 
-        Raises PaletteFullError, with nothing added, where they do not all fit.
+        Returns the entry that each row should name instead. Raises PaletteFullError, with nothing added, where they do
+        not all fit.
         """
         named = named_entries(self._rows, np.asarray(rows, np.int64), bounds, len(self))
         if not len(named.entries):

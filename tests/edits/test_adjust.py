@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_scene import assert_same_scene, random_scene
 
-from instdrive_core.edits.adjust import AdjustInstances, shown_mean
+from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.adjustments import LUMA, RANGES, adjustment, hue_rotation
 from instdrive_core.edits.bake import baked
 from instdrive_core.edits.color import RecolorInstances
@@ -53,6 +53,14 @@ def test_warm_is_red_and_greys_keep_their_luma():
 def shown(gaussians, rows, direction):
     basis = rest_basis(np.tile(direction, (len(rows), 1)), gaussians.sh_rest.shape[1])
     return color_from_dc(gaussians.sh_dc[rows]) + np.einsum("nk,nkc->nc", basis, gaussians.sh_rest[rows])
+
+
+def shown_mean(document, rows):
+    """Weighted by opacity, without view dependence."""
+    gaussians, palette = document.scene.gaussians, document.colors
+    maps = palette.matrices[palette.indices[rows]].astype(float)
+    colors = np.einsum("nij,nj->ni", maps[:, :, :3], color_from_dc(gaussians.sh_dc[rows])) + maps[:, :, 3]
+    return np.average(np.maximum(colors, 0), axis=0, weights=gaussians.opacities[rows])
 
 
 @given(st.lists(amounts, min_size=1, max_size=3), st.booleans())

@@ -12,7 +12,7 @@ from instdrive_core.edits.bake import baked
 from instdrive_core.edits.color import RecolorInstances, ResetColors
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.duplicate import DuplicateInstances
-from instdrive_core.edits.look import ORDER, SetAdjustment, base_mean, look_of
+from instdrive_core.edits.look import ORDER, SetAdjustment, look_of
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
@@ -51,7 +51,9 @@ def test_the_map_is_the_base_then_the_adjustments_in_order():
     rows = document.rows_of((2,))
     document.apply(RecolorInstances((2,), "tint", (0.7, 0.4, 0.2)))
     base = document.colors.matrices[document.colors.indices[rows[0]]].astype(float)
-    mean = base_mean(document, rows)
+    gaussians = document.scene.gaussians
+    colors = color_from_dc(gaussians.sh_dc[rows]).astype(float) @ base[:, :3].T + base[:, 3]
+    mean = np.average(np.maximum(colors, 0), axis=0, weights=gaussians.opacities[rows])
     chosen = {"temperature": 0.5, "hue": 40.0, "saturation": 1.5, "brightness": 0.8, "contrast": 1.7}
     for kind, amount in chosen.items():
         document.apply(SetAdjustment((2,), kind, amount))
