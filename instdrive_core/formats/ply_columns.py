@@ -36,6 +36,10 @@ ID_LIMITS = {"instance_id": ID_LIMIT, "codeword": 1 << 32}
 def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
     """The number of SH coefficients above the constant and the feature dimension. Raises DataError."""
     missing = [name for name in REQUIRED if name not in names]
+    if missing == ["scale_2"]:
+        problem = "the splats have two sizes and no scale_2: it is a file of 2D Gaussians (2DGS), which are flat discs"
+        remedy = "Train 3D Gaussians, or give every splat a thickness: a column scale_2 of e.g. -12, its logarithm"
+        raise DataError(path, problem, remedy)
     if missing:
         problem = f"the columns {', '.join(missing)} are missing"
         raise DataError(path, problem, "Only .ply files of 3D Gaussians can be opened, not point clouds or meshes")

@@ -44,6 +44,8 @@ class PlyHeader:
     """Bytes before the first vertex."""
     skipped_lines: int
     """Rows of elements before the vertices (ASCII)."""
+    skipped_least: int
+    """Bytes that they take at least."""
     is_last: bool
     """Whether nothing follows the vertices."""
     comments: tuple[str, ...]
@@ -63,6 +65,10 @@ class PlyElement:
     def dtype(self, order: str) -> np.dtype:
         """One row, without lists, in a byte order (``<``, ``>`` or ``=``)."""
         return np.dtype([(name, order + kind) for name, kind in self.columns])
+
+    def least_text(self) -> int:
+        """Bytes of all rows in ASCII, where each value is a digit and a separator, and a list its own length."""
+        return self.count * 2 * max(len(self.columns) + self.has_list, 1)
 
 
 @dataclass(frozen=True)
@@ -93,9 +99,12 @@ def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
         raise DataError(path, f"the header names no vertex element, only {names}", REMEDY)
     vertex = names.index("vertex")
     before, element = elements[:vertex], elements[vertex]
-    if element.has_list or any(other.has_list for other in before):
-        raise DataError(path, "a list property stands before or among the vertices; splat files have none", REMEDY)
     is_ascii = order == "="
+    if element.has_list:
+        raise DataError(path, "a list property stands among the vertices; splat files have none", REMEDY)
+    if not is_ascii and any(other.has_list for other in before):
+        problem = "rows of lists stand before the vertices, so that nothing says where these begin"
+        raise DataError(path, problem, "Export it without faces, as ASCII, or with the vertices first")
     dtype = element.dtype(order)
     offset = end if is_ascii else end + sum(other.dtype(order).itemsize * other.count for other in before)
     header = PlyHeader(
@@ -104,6 +113,7 @@ def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
         dtype=dtype,
         body_offset=offset,
         skipped_lines=sum(other.count for other in before),
+        skipped_least=sum(other.least_text() for other in before),
         is_last=vertex == len(elements) - 1,
         comments=layout.comments,
     )
@@ -157,7 +167,7 @@ def _check_length(header: PlyHeader, path: Path, file_size: int) -> None:
     """A lying count must fail here, before anything is allocated by it."""
     available = file_size - header.body_offset
     if header.is_ascii:
-        needed = (header.count + header.skipped_lines) * 2 * max(len(header.dtype.names or ()), 1) - 1
+        needed = header.skipped_least + header.count * 2 * max(len(header.dtype.names or ()), 1) - 1
         exact = False
     else:
         needed = header.count * header.dtype.itemsize

@@ -131,6 +131,31 @@ def test_elements_around_the_vertices_are_passed_over(tmp_path):
         np.testing.assert_array_equal(read_ply(tmp_path / "a.ply").gaussians.means, scene.gaussians.means)
 
 
+def test_faces_before_the_vertices_are_passed_over_in_text(tmp_path):
+    scene = static_scene(count=5)
+    rows = np.empty(5, [(name, column.dtype) for name, column in vertices(scene).items()])
+    for name, column in vertices(scene).items():
+        rows[name] = column
+    faces = np.empty(400, [("vertex_indices", object)])
+    faces["vertex_indices"] = [np.arange(length % 5, dtype=np.int32) for length in range(400)]
+    elements = [PlyElement.describe(faces, "face"), PlyElement.describe(rows, "vertex")]
+    PlyData(elements, text=True).write(str(tmp_path / "a.ply"))
+    np.testing.assert_array_equal(read_ply(tmp_path / "a.ply").gaussians.means, scene.gaussians.means)
+    PlyData(elements, text=False).write(str(tmp_path / "b.ply"))
+    with pytest.raises(DataError, match="lists stand before the vertices"):
+        read_ply(tmp_path / "b.ply")
+
+
+def test_many_short_rows_before_few_vertices_are_believed(tmp_path):
+    times = PlyElement.describe(np.array([(1,)] * 3000, [("t", "u1")]), "time")
+    columns = vertices(static_scene(count=2))
+    rows = np.empty(2, [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        rows[name] = column
+    PlyData([times, PlyElement.describe(rows, "vertex")], text=True).write(str(tmp_path / "a.ply"))
+    assert len(read_ply(tmp_path / "a.ply")) == 2
+
+
 def test_names_classes_bits_and_origin_travel_in_comments(tmp_path):
     scene = static_scene()
     write_ply(tmp_path / "a.ply", scene)
@@ -226,6 +251,14 @@ def test_wrong_headers_are_explained(plain, old, new, message):
 def test_a_point_cloud_is_recognised(tmp_path):
     write_by_plyfile(tmp_path / "a.ply", {name: np.zeros(3, np.float32) for name in "xyz"})
     with pytest.raises(DataError, match="point clouds"):
+        read_ply(tmp_path / "a.ply")
+
+
+def test_flat_gaussians_are_recognised(tmp_path):
+    columns = vertices(static_scene(count=3))
+    del columns["scale_2"]
+    write_by_plyfile(tmp_path / "a.ply", columns)
+    with pytest.raises(DataError, match=r"a file of 2D Gaussians \(2DGS\)"):
         read_ply(tmp_path / "a.ply")
 
 
