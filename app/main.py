@@ -66,6 +66,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if name not in COMMANDS:
         print(f"instdrive: there is no command {name!r}. Commands: {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
+    if "" in rest:
+        # As a path it would be the current folder, which nobody meant to write a scene into.
+        problem = "an argument is empty, as a variable of the shell is that was never set; for this folder give ."
+        print(f"instdrive {name}: {problem}", file=sys.stderr)
+        return 2
     return _run(name, rest)
 
 

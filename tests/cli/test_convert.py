@@ -62,3 +62,14 @@ def test_what_cannot_be_converted_is_explained(run, tmp_path, capsys, source, ta
     assert main(["convert", str(tmp_path / source), str(tmp_path / target)]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / target).exists()
+
+
+def test_an_empty_name_does_not_mean_this_folder(run, tmp_path, capsys, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for arguments in (["convert", str(run), ""], ["apply", str(run), "--delete", "1", "-o", ""]):
+        assert main(arguments) == 2
+        assert "an argument is empty" in capsys.readouterr().err
+    assert list((tmp_path / "here").iterdir()) == []
+    assert main(["convert", str(run), "."]) == 0
+    assert (tmp_path / "here" / "scene.json").is_file()
