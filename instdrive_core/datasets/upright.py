@@ -9,6 +9,8 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
+from instdrive_core.scene.upright import upright_rotation
+
 _CLEAR = 0.3
 """Length that the mean of unit up vectors needs to mean anything."""
 PLAUSIBLE_REACH = (1.0, 100.0)
@@ -54,20 +56,10 @@ def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[nd
         rotation = np.eye(3)
         turned = "the cameras' up vectors contradict each other: the file's z axis is taken to point up"
     else:
-        rotation = rotation_to_z(up / length)
+        rotation = upright_rotation(up)
         turned = "up is estimated from the cameras"
     scale, unit = _unit(world_from_camera[:, :3, 3], points)
     return Upright(rotation, scale, (turned, f"the scale is unknown: {unit}"))
-
-
-def rotation_to_z(up: Float64[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
-    """A rotation that carries the unit vector `up` to (0, 0, 1), the smallest where it points up at all."""
-    if up[2] < 0:
-        over = np.diag([1.0, -1.0, -1.0])  # first turned over: the formula below loses its digits near (0, 0, -1)
-        return rotation_to_z(over @ up) @ over
-    axis = np.cross(up, [0.0, 0.0, 1.0])
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + cross + cross @ cross / (1 + up[2])
 
 
 def _unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:

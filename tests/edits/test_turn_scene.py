@@ -27,6 +27,7 @@ from instdrive_core.scene.turned import turned_sky
 from instdrive_core.scene.upright import AXES, direction_of, upright_rotation
 
 ANY_TURN = (0.8, 0.1, -0.3, 0.5)
+NEARLY_DOWN = [np.array([x, 0.3 * x, -1.0]) for x in (1e-2, 1e-4, 1e-6, 1e-9, 1e-13)]
 AXIS_TURNS = [TurnScene.upright(tuple(direction_of(axis))) for axis in AXES if axis != "+z"]
 
 
@@ -172,10 +173,11 @@ def test_turns_add_up_and_a_turn_back_leaves_the_identity():
 
 def test_the_shortest_way_up_is_taken():
     rng = np.random.default_rng(5)
-    for up in (*(direction_of(axis) for axis in AXES), *rng.normal(size=(50, 3)), np.array([1e-9, 0, -1.0])):
+    for up in (*(direction_of(axis) for axis in AXES), *rng.normal(size=(50, 3)), *NEARLY_DOWN):
         rotation, unit = upright_rotation(up), up / np.linalg.norm(up)
-        np.testing.assert_allclose(rotation @ unit, [0, 0, 1], atol=1e-6)
-        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+        np.testing.assert_allclose(rotation @ unit, [0, 0, 1], atol=1e-9)
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(rotation) == pytest.approx(1)
         angle = np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))
         assert angle == pytest.approx(np.arccos(np.clip(unit[2], -1, 1)), abs=1e-5)
     for axis in ("+y", "-y", "-z", "+x", "-x"):
