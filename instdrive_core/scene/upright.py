@@ -46,8 +46,8 @@ def upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
     squared_sine = x * x + y * y
     if z < 0 and squared_sine < 1e-24:
         return np.diag([-1.0, 1.0, -1.0])
-    # Rodrigues' formula for the axis (y, -x, 0), whose length is the sine and z the cosine of the angle. Near -z hardly a
-    # digit of 1 + z is left; the quotient is the same number.
+    # Rodrigues' formula for the axis (y, -x, 0), whose length is the sine and z the cosine of the angle. Near -z the
+    # sum 1 + z has lost its digits; the quotient is the same number.
     share = (1 - z) / squared_sine if z < 0 else 1 / (1 + z)
     rotation = np.array([[1 - x * x * share, -x * y * share, -x], [-x * y * share, 1 - y * y * share, -y], [x, y, z]])
     return snapped(rotation)
