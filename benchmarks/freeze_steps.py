@@ -14,7 +14,8 @@ import numpy as np
 from benchmarks.monkey_hands import Hands
 from instdrive_app.session import EditorSession
 from instdrive_app.window import EditorWindow
-from instdrive_core.edits.adjustments import RANGES
+from instdrive_core.edits.adjustments import RANGES, AdjustKind
+from instdrive_core.edits.color import RecolorMode
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.split import SplitInstance
 from instdrive_core.project.save import SUFFIX
@@ -102,21 +103,21 @@ def _select_largest(count: int) -> Act:
     return lambda desk: desk.session.select(desk.largest(count))
 
 
-def _recolor(desk: Desk, mode: str = "tint") -> None:
-    desk.session.recolor(desk.session.selected, mode, RED)  # type: ignore[arg-type]
+def _recolor(desk: Desk, mode: RecolorMode = "tint") -> None:
+    desk.session.recolor(desk.session.selected, mode, RED)
 
 
-def _adjust(what: str, amount: float) -> Act:
-    return lambda desk: desk.session.adjust(desk.session.selected, what, amount)  # type: ignore[arg-type]
+def _adjust(what: AdjustKind, amount: float) -> Act:
+    return lambda desk: desk.session.adjust(desk.session.selected, what, amount)
 
 
-def _slide(what: str) -> Act:
+def _slide(what: AdjustKind) -> Act:
     """A slider dragged: every frame replaces the edit of the one before."""
 
     def act(desk: Desk) -> Iterator[None]:
-        low, high, _ = RANGES[what]  # type: ignore[index]
+        low, high, _ = RANGES[what]
         for share in np.linspace(0.2, 0.45, 6):
-            desk.session.adjust(desk.session.selected, what, low + share * (high - low), "slide")  # type: ignore[arg-type]
+            desk.session.adjust(desk.session.selected, what, low + share * (high - low), "slide")
             yield
 
     return act

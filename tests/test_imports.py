@@ -21,11 +21,11 @@ CORE_LAYERS = [
 ]
 """A package imports from layers before its own, never from a sibling."""
 APP_LAYERS = [
-    {"state", "messages", "commands", "kept", "theme"},
+    {"state", "messages", "commands", "kept", "theme", "display", "file_drops", "file_names", "jumping"},
     {"camera", "jobs", "render", "selection_box", "export_kinds", "reference_pictures"},
     {"moving"},
-    {"aftermath", "files", "inserting", "labels", "navigation", "solo"},
-    {"exporting", "view_memory"},
+    {"aftermath", "borders", "files", "inserting", "labels", "navigation", "solo"},
+    {"exporting", "turning", "view_memory"},
     {"session"},
     {"tools"},
     {"actions"},

@@ -1,5 +1,7 @@
 """Standing scenes upright, without a window: the guess that is told, the view, and what knows "up" after it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from procedural_street import FIRST_CAR, procedural_street
@@ -142,6 +144,10 @@ def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     assert told(DOWN, 1.0, scene).startswith("The whole scene turns by 90°, so that −Y points up.")
     assert "what lies 19° from −Y" in told(ASKEW, 0.01, scene)
     assert "0.01 times as large" in told(ASKEW, 0.01, scene)
+    assert told(DOWN, 1.0, scene).endswith(" The drives, the photos' cameras and the sky go along. It can be undone.")
+    parked = scene_from_gaussians(scene.gaussians)
+    assert " The sky goes along." in told(DOWN, 1.0, replace(parked, sky=scene.sky))
+    assert " The photos' cameras go along." in told(DOWN, 1.0, replace(parked, views=scene.views))
     assert guessed(None) == "Looking for the way up…"
     session.turning.look()
     finish(session)

@@ -126,7 +126,8 @@ def told(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
     along = {"the drives": scene.actors, "the photos' cameras": scene.views, "the sky": scene.sky}
     if names := [name for name, found in along.items() if found]:
         words = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        parts.append(f"{words[0].upper()}{words[1:]} go along." if len(names) > 1 else f"So does {names[0]}.")
+        verb = "goes" if names == ["the sky"] else "go"
+        parts.append(f"{words[0].upper()}{words[1:]} {verb} along.")
     return " ".join([*parts, "It can be undone."])
 
 
