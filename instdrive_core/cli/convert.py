@@ -40,7 +40,10 @@ def convert(
         time = default_time(opened) if time is None else time
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     if time is not None:
+        everything = len(opened)
         opened = frozen_at(opened, time)
+        if len(opened) < everything:
+            print(f"{everything - len(opened):,} splats of objects that are not there at that time are left out")
     before = _contents(opened)
     save_scene(out, opened, sibr=sibr)
     # Two scenes at once would not fit where one just does.

@@ -82,6 +82,9 @@ def _level_at_least(level: int, levels: set[int]) -> int:
 
 def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
     content = FolderStore(folder).json(LOD_META)
+    version = content.get("version", 1)  # older files have none
+    if version != 1:
+        raise DataError(folder, f"{LOD_META} has 'version' {version!r}, not 1", "Export it as version 1")
     names = content.get("filenames")
     if not isinstance(names, list):
         raise DataError(folder, f"{LOD_META} has as 'filenames' {names!r}, not a list", REMEDY)

@@ -37,7 +37,11 @@ def test_a_run_becomes_files_and_says_what_they_cannot_hold(run, tmp_path, capsy
 
 def test_without_a_time_it_says_which_moment_it_took(run, tmp_path, capsys):
     assert main(["convert", str(run), str(tmp_path / "a.splat")]) == 0
-    assert "at 0 s" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "at 0 s" in text
+    absent = len(random_scene()) - len(open_scene(tmp_path / "a.splat"))
+    assert absent > 0
+    assert f"{absent} splats of objects that are not there at that time are left out" in text
 
 
 def test_a_folder_loses_nothing_and_says_nothing(run, tmp_path, capsys):

@@ -194,6 +194,7 @@ def test_a_streamed_scene_shows_the_finest_rows_of_each_leaf(tmp_path):
         (leaf(l0=(0, 0, 0)), {}, "names no splats"),
         ([], {}, "not a node"),
         ({"children": 5}, {}, "wrong kind"),
+        (leaf(l0=(0, 0, 1)), {"version": 2}, "'version' 2, not 1"),
         (leaf(l0=(0, 0, 1)), {"filenames": "0_0/meta.json"}, "not a list"),
         (leaf(l0=(0, 0, 1)), {"filenames": ["1_0/meta.json"]}, "is missing"),
         (leaf(l0=(0, 0, 1)), {"environment": "0_0/meta.json"}, "same file"),
