@@ -16,7 +16,7 @@ demo: $(VENV)/.ready
 	$(BIN)/instdrive demo --out $(RUN)
 
 test: $(VENV)/.ready-dev
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 # pyright does not follow pyproject's package-dir: it finds app/ under its import name through a link.
 lint: $(VENV)/.ready-dev
