@@ -63,10 +63,8 @@ VIEW = "View"
 
 def created_panels() -> tuple[DockedPanel, ...]:
     """The panels, in the order of their tabs."""
-    overlays = (
-        FirstPicture(),
-        DeletionOverlay(),
-        Gizmo(),
+    beneath = (FirstPicture(), DeletionOverlay())
+    above = (
         ViewSwitch(),
         Toolbar(),
         CameraTag(),
@@ -76,7 +74,7 @@ def created_panels() -> tuple[DockedPanel, ...]:
         RegionOutline(),
     )
     return (
-        DockedPanel(VIEW, "MainDockSpace", ViewportPanel(overlays)),
+        DockedPanel(VIEW, "MainDockSpace", ViewportPanel(beneath, Gizmo(), above)),
         DockedPanel("Instances", "Right", InstancesPanel()),
         DockedPanel("Inspector", "RightBottom", InspectorPanel()),
         DockedPanel("History", "RightBottom", HistoryPanel()),

@@ -22,8 +22,6 @@ BUTTON = 2.1
 class Toolbar:
     """A column of tools under the view switch; beside the one in hand the row of its options."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         side = round(imgui.get_font_size() * BUTTON)

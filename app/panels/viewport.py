@@ -10,12 +10,14 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app import camera
 from instdrive_app.panels.empty_view import EmptyView
 from instdrive_app.panels.instance_menu import instance_menu
-from instdrive_app.panels.overlays import Overlay
+from instdrive_app.panels.overlays import Handles, Overlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
 from instdrive_app.panels.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 
+PICTURE = "##picture"
+"""The item that the picture is to the mouse."""
 DRAG_PIXELS = 4.0
 """A press that moves further is a drag, not a click; at scale 1, as is the next."""
 TURN_PER_PIXEL = 0.005
@@ -33,10 +35,11 @@ LIFT_KEYS = {imgui.Key.e: 1.0, imgui.Key.q: -1.0}
 class ViewportPanel:
     """Shows the document, moves the camera, and hands clicks to the tool."""
 
-    def __init__(self, overlays: Sequence[Overlay]) -> None:
-        """`overlays` are drawn over the picture in this order."""
-        self._reference = ReferenceOverlay()
-        self._overlays: tuple[Overlay, ...] = (self._reference, *overlays)
+    def __init__(self, beneath: Sequence[Overlay], handles: Handles, above: Sequence[Overlay]) -> None:
+        """What is drawn over the picture: all in this order, though the mouse is offered to the handles first."""
+        self._reference, self._handles = ReferenceOverlay(), handles
+        self._beneath: tuple[Overlay, ...] = (self._reference, *beneath)
+        self._above = tuple(above)
         self._drags = False
         """Whether the present press, or the one just released, was a drag."""
         self._tool_drags = False
@@ -62,20 +65,41 @@ class ViewportPanel:
         picture = ui.view.show(ui.session.document, ui.session.state, place.width, place.height)
         imgui.image(imgui.ImTextureRef(picture.glo), ImVec2(place.width, place.height))
         imgui.set_cursor_screen_pos(at)
-        imgui.set_next_item_allow_overlap()
-        buttons = imgui.ButtonFlags_
-        all_buttons = buttons.mouse_button_left | buttons.mouse_button_right | buttons.mouse_button_middle
-        taken = any(overlay.holds_mouse for overlay in self._overlays)
-        if taken:  # handles over the picture wait for the mouse to be over no item
-            imgui.dummy(ImVec2(place.width, place.height))
-        else:
-            imgui.invisible_button("##picture", ImVec2(place.width, place.height), all_buttons)
-        hovered = imgui.is_item_hovered() and not taken
-        self._navigate(ui, place, hovered, imgui.is_item_active() and not taken)
+        layers = imgui.get_window_draw_list()
+        layers.channels_split(2)
+        layers.channels_set_current(1)
+        self._offer_handles(ui, place)
+        layers.channels_set_current(0)
+        hovered, active = self._picture_button(place)
+        self._navigate(ui, place, hovered, active)
         self._point(ui, place, hovered)
         self._context_menu(ui)
-        for overlay in self._overlays:
+        for overlay in self._beneath:
             overlay.draw(ui, place)
+        layers.channels_merge()
+        for overlay in self._above:
+            overlay.draw(ui, place)
+
+    def _offer_handles(self, ui: Ui, place: Rectangle) -> None:
+        """Draw the handles. They take no press where the mouse was over an item in the frame before: the picture behind
+        them is none, and what was elsewhere does not count where mouse and press come in one frame."""
+        context, moved = imgui.get_current_context(), imgui.get_io().mouse_delta
+        hovered_before = context.hovered_id_previous_frame
+        if hovered_before == imgui.get_id(PICTURE) or moved.x or moved.y:
+            context.hovered_id_previous_frame = 0
+        self._handles.draw(ui, place)
+        context.hovered_id_previous_frame = hovered_before
+
+    def _picture_button(self, place: Rectangle) -> tuple[bool, bool]:
+        """The picture as one thing to point at and press, where the handles leave it the mouse: hovered, and active."""
+        imgui.set_next_item_allow_overlap()
+        if self._handles.holds_mouse:
+            imgui.dummy(ImVec2(place.width, place.height))
+            return False, False
+        buttons = imgui.ButtonFlags_
+        all_buttons = buttons.mouse_button_left | buttons.mouse_button_right | buttons.mouse_button_middle
+        imgui.invisible_button(PICTURE, ImVec2(place.width, place.height), all_buttons)
+        return imgui.is_item_hovered(), imgui.is_item_active()
 
     def _navigate(self, ui: Ui, place: Rectangle, hovered: bool, active: bool) -> None:
         state, io = ui.session.state, imgui.get_io()

@@ -108,6 +108,25 @@ def test_a_car_is_moved_and_turned_by_handles(window, tmp_path):
     window.wait_for(lambda state: state["hovered"] == BLUE_CAR, "the car to be found where it is now")
 
 
+def test_a_handle_is_grasped_also_by_a_press_that_comes_with_the_mouse(window):
+    """In the frame that first sees the mouse there: it came over the picture, or from outside of the view."""
+    take(window, BLUE_CAR_REAR, BLUE_CAR, "t")
+    steps = len(window.state["history"])
+    for count, (start, beside) in enumerate((("gizmo.center", 160), ("instances.search", 0))):
+        x, y = window.wait_for_widget(start)
+        window.move(x - beside, y)
+        window.wait_for_frames()
+        x, y = window.wait_for_widget("gizmo.x")
+        camera = window.state["camera"]
+        window.hasty_drag((x, y), (x + 40, y))
+        state = window.wait_for(
+            lambda state, past=steps + count: len(state["history"]) > past, "the drag to move the car"
+        )
+        assert state["history"][-1].startswith("Move")
+        assert state["camera"] == camera, "the camera stays where it is"
+    assert window.quit() == 0
+
+
 def test_typed_numbers_undo_and_a_copy(window):
     take(window, BLUE_CAR_REAR, BLUE_CAR, "t")
     before = window.wait_for_widget("gizmo.center")

@@ -317,6 +317,16 @@ class WindowDriver:
         self.move(x, y)
         self._xdotool("mousedown", 1, "mouseup", 1)
 
+    def hasty_drag(self, start, end):
+        """Come and press in one frame of the window, then drag to `end` and release."""
+        with self.stalled():
+            self.move(*start)
+            self._xdotool("mousedown", 1)
+        self.move(*end)
+        self.wait_for_frames()
+        self._xdotool("mouseup", 1)
+        self.wait_for_frames()
+
     def wait_for_end(self):
         """The exit status, once the editor has ended by itself."""
         return self._process.wait(PATIENCE)

@@ -1,6 +1,6 @@
 """What is drawn over the picture, one file each.
 
-A new overlay is a file and a line in `panels/registry.py`. The list's order is the order of drawing.
+A new overlay is a file and a line in `panels/registry.py`. The lists' order is the order of drawing.
 """
 
 from __future__ import annotations
@@ -13,9 +13,13 @@ from instdrive_app.panels.ui import Rectangle, Ui
 class Overlay(Protocol):
     """Something over the picture."""
 
-    holds_mouse: bool
-    """Whether it has the mouse now: then a press neither moves the camera nor goes to the tool."""
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame; `place` is where the picture is in the window."""
         ...
+
+
+class Handles(Overlay, Protocol):
+    """Something over the picture that the mouse takes hold of, told before the picture is."""
+
+    holds_mouse: bool
+    """Whether it has the mouse now: then a press neither moves the camera nor goes to the tool."""

@@ -11,8 +11,6 @@ from instdrive_app.theme import BACKGROUND, TEXT, packed
 class CameraTag:
     """Through which camera the viewport looks, at the top right."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         state, document = ui.session.state, ui.session.document

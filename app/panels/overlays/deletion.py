@@ -41,8 +41,6 @@ class _Line:
 class DeletionOverlay:
     """Drawn while something is left of the last deletion."""
 
-    holds_mouse: bool = False
-
     def __init__(self) -> None:
         self._pattern: tuple[Hole, HolePattern] | None = None
 

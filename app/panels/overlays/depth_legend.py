@@ -16,8 +16,6 @@ from instdrive_app.theme import BACKGROUND, TEXT, packed
 class DepthLegend:
     """The ramp with metres at its ends and in the middle."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         if ui.session.state.view_mode is not ViewMode.DEPTH:

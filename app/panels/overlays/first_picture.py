@@ -16,8 +16,6 @@ LONG_WAIT_SECONDS = 3.0
 class FirstPicture:
     """Says so where no frame of the viewport's size comes for a while: the very first start compiles kernels."""
 
-    holds_mouse: bool = False
-
     def __init__(self) -> None:
         self._since = 0.0
 

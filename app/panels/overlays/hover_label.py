@@ -17,8 +17,6 @@ BOLD = 1.1
 class HoverLabel:
     """What is under the cursor, next to it."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         document = ui.session.document

@@ -12,8 +12,6 @@ from instdrive_app.theme import BACKGROUND, rgba
 class OpacitySlider:
     """From which opacity on splats are drawn in the ID views and can be clicked."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         if ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):

@@ -25,8 +25,6 @@ def parted(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
 class ReferenceOverlay:
     """Photo or masks as the user has chosen in the timeline; only dataset cameras have them."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Over the splats, as opaque as the slider says, and exactly where the film is."""
         state = ui.session.state

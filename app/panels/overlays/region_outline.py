@@ -21,8 +21,6 @@ MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "kee
 class RegionOutline:
     """A dark line with light dashes on it, which show on any picture, and what the keys held will do."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         outline = ui.tool.outline

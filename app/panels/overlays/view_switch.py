@@ -15,8 +15,6 @@ WORDS_FROM = 40
 class ViewSwitch:
     """Four buttons, the present mode highlighted."""
 
-    holds_mouse: bool = False
-
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         narrow = place.width < WORDS_FROM * imgui.get_font_size()
