@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
 RESOURCES = {"shaders": "instdrive_app/shaders", "assets": "instdrive_app/assets"}
-ARCHIVED = ("tests", "benchmarks", "docs")
+ARCHIVED = ("tests", "benchmarks", "docs", "examples")
 """Only in the source archive."""
 FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "Makefile", "constraints.txt")
 
@@ -81,8 +81,10 @@ def test_the_source_archive_builds_and_tests(source, tmp_path):
     with tarfile.open(archive) as packed:
         found = {name.partition("/")[2] for name in packed.getnames()}
     expected = {f"{folder}/{name}" for folder in (*FOLDERS, *RESOURCES) for name in files_under(source / folder)}
-    expected |= {f"{folder}/{name}" for folder in ("tests", "benchmarks") for name in files_under(source / folder)}
-    expected |= {f"docs/{name}" for name in files_under(source / "docs") if name.endswith(".md")}
+    expected |= {
+        f"{folder}/{name}" for folder in ("tests", "benchmarks", "examples") for name in files_under(source / folder)
+    }
+    expected |= {f"docs/{name}" for name in files_under(source / "docs") if name.endswith((".md", ".jsonl"))}
     assert expected | set(FILES) <= found
     assert not {name for name in found if "/__pycache__" in name or name.startswith(("runs", ".venv", ".git"))}
 
