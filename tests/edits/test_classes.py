@@ -38,7 +38,9 @@ def test_only_those_of_another_class_are_touched_and_come_back_as_they_were(docu
 
 def test_one_edit_does_what_old_projects_did_with_many(document):
     ids = tuple(classes_of(document))
-    old = CompoundEdit(tuple(SetInstanceClass(number, "Car") for number in ids), f"Set class of {len(ids)} instances to Car")
+    old = CompoundEdit(
+        tuple(SetInstanceClass(number, "Car") for number in ids), f"Set class of {len(ids)} instances to Car"
+    )
     twin = Document(random_scene(count=80, instances=5))
     for edit in edits_from_lines(edits_to_lines([old])):
         twin.apply(edit)
