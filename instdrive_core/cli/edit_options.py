@@ -11,11 +11,12 @@ from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.adjustments import RANGES
 from instdrive_core.edits.base import Edit, ids_in_words
+from instdrive_core.edits.classes import SetClass
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteSelected
 from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.insert import InsertScene
-from instdrive_core.edits.instances import MergeInstances, SetInstanceClass
+from instdrive_core.edits.instances import MergeInstances
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.select import InvertSelection, SelectClass, SelectInstances
 from instdrive_core.edits.split import SplitInstance
@@ -62,7 +63,7 @@ class EditOptions:
         steps += [SplitInstance(number) for number in known_ids(self.split, table)] if self.split else []
         for text in self.set_class:
             number, name = parsed_assignment(text, "--set-class 4=Car")
-            steps.append(SetInstanceClass(known_ids([number], table)[0], name))
+            steps.append(SetClass(known_ids([number], table), name))
         steps += [_adjustment(text, table) for text in self.adjust]
         steps += [self._move(text, table, time) for text in self.move]
         for text in self.duplicate:

@@ -15,7 +15,7 @@ from instdrive_core.instances.table import Instance
 
 @dataclass
 class SetClass(Edit):
-    """Set the class of instances; an empty one means unknown. Of one instance `SetInstanceClass` does the same."""
+    """Set the class of instances; an empty one means unknown."""
 
     kind: ClassVar[str] = "set_class"
     ids: tuple[int, ...]

@@ -168,7 +168,7 @@ class RenameInstance(Edit):
 
 @dataclass
 class SetInstanceClass(Edit):
-    """Set the class of an instance; an empty one means unknown."""
+    """Set the class of one instance: in projects saved before there was `classes.SetClass`, which does the same."""
 
     kind: ClassVar[str] = "set_instance_class"
     id: int
