@@ -36,10 +36,10 @@ def under_kept(kept: Sequence[Float64[ndarray, "_ 3"]], grid: GroundGrid) -> Boo
 def _pieces(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> list[Float64[ndarray, "m 3"]]:
     """Points that hang together, seen from above."""
     cells = grid.cells_of(points)
-    joined, numbers = grown(grid.counted(cells) > 0, grid.size, MAX_GAP / 2), np.zeros(grid.shape, np.int32)
-    count = ndimage.label(joined, np.ones((3, 3)), numbers)
+    numbers = np.zeros(grid.shape, np.int32)
+    ndimage.label(grown(grid.counted(cells) > 0, grid.size, MAX_GAP / 2), np.ones((3, 3)), numbers)
     mine = numbers[tuple(cells.T)]
-    return [points[mine == number] for number in range(1, int(count) + 1)]
+    return [points[mine == number] for number in np.unique(mine)]
 
 
 def _inside_outline(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> Bool[ndarray, "a b"]:
@@ -49,4 +49,4 @@ def _inside_outline(points: Float64[ndarray, "k 3"], grid: GroundGrid) -> Bool[n
     except (QhullError, ValueError):
         return grid.counted(grid.cells_of(points)) > 0
     beyond = grid.centers(grid.all_cells()) @ edges[:, :2].T + edges[:, 2]
-    return (beyond <= grid.size / 2).all(axis=1).reshape(grid.shape)
+    return (beyond.max(axis=1) <= grid.size / 2).reshape(grid.shape)
