@@ -69,6 +69,11 @@ class SparsePoints:
     """World coordinates in the clip's unit."""
     colors: UInt8[ndarray, "n 3"]
 
+    @staticmethod
+    def none() -> SparsePoints:
+        """No points: training starts from random ones."""
+        return SparsePoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+
 
 @dataclass(frozen=True)
 class Clip:

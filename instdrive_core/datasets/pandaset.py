@@ -23,11 +23,12 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, Sweep, center_of, is_held_out
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, center_of, is_held_out
 from instdrive_core.datasets.json_file import field, number, numbers, read_json, whole_number
 from instdrive_core.datasets.pandaset_cuboids import load_tracks
 from instdrive_core.datasets.pandaset_lidar import FARTHEST, load_sweep
 from instdrive_core.datasets.photos import load_photo, photo_size
+from instdrive_core.datasets.posed_photos import start_note
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.json_value import whole_text
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -99,6 +100,8 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         for index in sorted(files_by_index(root / "lidar"))
         if first <= index <= last
     ]
+    # Where there is not one sweep, training starts as from any other photos.
+    points = None if sweeps else SparsePoints.none()
     return Clip(
         path=str(root),
         name=root.resolve().name,
@@ -108,6 +111,8 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         tracks=load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin),
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
+        points=points,
+        notes=() if sweeps else (start_note(0),),
     )
 
 

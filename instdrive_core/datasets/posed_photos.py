@@ -118,7 +118,7 @@ def clip_of_photos(
         class_names={},
         camera_names=tuple(dict.fromkeys(camera_name(photo) for _, photo in chosen)),
         points=SparsePoints((world.points(points.points) - origin).astype(np.float32), points.colors),
-        notes=(*world.notes, _start_note(len(points.points))),
+        notes=(*world.notes, start_note(len(points.points))),
     )
 
 
@@ -215,7 +215,8 @@ def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Lens) ->
     return image if lens.is_pinhole else undistorted(image, camera, lens)
 
 
-def _start_note(count: int) -> str:
+def start_note(count: int) -> str:
+    """What training of a clip without LiDAR starts from, in words."""
     if count:
         return f"no LiDAR: starting from {count:,} sparse points"
     return "no LiDAR and no points: starting from random points before the cameras"

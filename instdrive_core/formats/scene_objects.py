@@ -87,7 +87,7 @@ def scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[Scene
 def _rows_of_instances(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
     order = np.argsort(scene.instance_ids, kind="stable")
     ids, starts = np.unique(scene.instance_ids[order], return_index=True)
-    for instance_id, rows in zip(ids.tolist(), np.split(order, starts[1:]), strict=True):
+    for instance_id, rows in zip(ids.tolist(), np.split(order, starts)[1:], strict=True):
         if instance_id in scene.table:
             yield scene.table[instance_id], rows
 

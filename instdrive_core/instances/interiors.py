@@ -124,7 +124,7 @@ def _bodies(
     solid = solid[np.argsort(groups[solid], kind="stable")]
     numbers, starts = np.unique(groups[solid], return_index=True)
     bodies = []
-    for number, members in zip(numbers.tolist(), np.split(solid, starts[1:]), strict=True):
+    for number, members in zip(numbers.tolist(), np.split(solid, starts)[1:], strict=True):
         if len(members) >= config.min_gaussians:
             body = body_of_points(number, means[members].astype(np.float64), config)
             bodies += [] if body is None else [body]

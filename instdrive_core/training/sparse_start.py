@@ -36,7 +36,7 @@ def points_without_lidar(clip: Clip, views: ViewStore, config: InitConfig, seed:
 
     Raises DataError where there are points and no training photo sees one.
     """
-    given = clip.points or SparsePoints(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8))
+    given = clip.points or SparsePoints.none()
     is_random = not len(given.points)
     reach = _typical_distance(views)
     seen = np.zeros(len(given.points), bool)

@@ -17,6 +17,8 @@ from instdrive_core.formats.objects import write_objects
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.scene.scene import scene_from_gaussians
 
 PARKED, DRIVING, LONELY, FLAT = 1, 2, 3, 4
 SIZE = np.array([4.0, 2.0, 1.0])
@@ -189,4 +191,6 @@ def test_nothing_is_changed_and_odd_requests_are_refused(scene, tmp_path):
     scene.instance_ids[:] = 0
     with pytest.raises(DataError, match="no instances"):
         write_objects(tmp_path / "b.json", scene, TIME)
+    with pytest.raises(DataError, match="no instances"):
+        write_objects(tmp_path / "b.json", scene_from_gaussians(empty_gaussians(0, 0)), TIME)
     assert not (tmp_path / "b.json").exists()

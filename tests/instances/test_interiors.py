@@ -48,6 +48,13 @@ def test_surfaces_have_no_inside(street):
     np.testing.assert_array_equal(result, only_road)
 
 
+def test_where_nothing_is_solid_nothing_is_filled(street):
+    means, groups = street
+    faint, everything = np.full(len(means), 0.001), np.ones(len(means), bool)
+    shares = csr_array(np.zeros((len(means), 2)))
+    np.testing.assert_array_equal(filled_bodies(groups, means, faint, everything, shares), groups)
+
+
 def test_unseen_gaussians_take_the_nearest_of_their_node():
     means = np.array([[0, 0, 0], [1, 0, 0], [5, 0, 0], [5.1, 0, 0]], np.float32)
     nodes = np.array([0, 0, 0, 1], np.uint16)

@@ -1,11 +1,13 @@
 """Clips of photos alone train: from sparse points or random ones, static, without masks, and it says so."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from photo_models import photo_model, write_colmap_binary, write_nerfstudio
+from small_clip import write_small_clip
 
 from instdrive_core.datasets.clip import ClipOptions, load_clip
 from instdrive_core.errors import DataError
@@ -65,6 +67,16 @@ def test_without_points_training_starts_from_random_ones(model, tmp_path):
     np.testing.assert_array_equal(start.gaussians.means, again.gaussians.means)
     notes, _ = run(root, tmp_path / "run")
     assert "starting from random points" in notes
+
+
+def test_a_recorded_drive_whose_sweeps_are_missing_starts_from_random_points(tmp_path):
+    root = write_small_clip(tmp_path / "clip")
+    shutil.rmtree(root / "lidar")
+    notes, steps = run(root, tmp_path / "run")
+    assert "no LiDAR and no points: starting from random points" in notes
+    assert "no masks: training RGB only" in notes
+    assert len(steps) > 0
+    assert len(read_scene_folder(tmp_path / "run")) > 0
 
 
 def test_sparse_points_are_taken_with_their_colours(model, tmp_path):
