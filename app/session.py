@@ -40,6 +40,9 @@ from instdrive_core.scene.lint import HARMFUL, Finding
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted
 
+CAUGHT_UP = 150_000
+"""Splats of moved instances that are looked at in one frame."""
+
 
 class EditorSession:
     """One open document and the user's view of it. All methods run on the UI's thread."""
@@ -86,6 +89,8 @@ class EditorSession:
         self.dropped: tuple[Path, ...] = ()
         """Files dropped onto the window, to be taken up in the next frame."""
         self.quitting = False
+        self._moved: tuple[int, int] | None = None
+        """What had moved in the frame before."""
 
     def enter(self, opened: Opened) -> None:
         """Show what was opened from a file, as it was looked at when it was saved."""
@@ -105,6 +110,7 @@ class EditorSession:
         scene = document.scene
         self.jumping.stop()
         self.document = document
+        document.bounds_can_wait = True
         self.files.entered(document, path, saved)
         self.state.hovered = 0
         self.references.forget()
@@ -300,7 +306,19 @@ class EditorSession:
         self.jumping.tick()
         self.autosave.tick()
         self.turning.tick()
+        self._catch_up()
         self.navigation.tick(seconds)
+
+    def _catch_up(self) -> None:
+        """Bound what was moved, some of it in each frame, once nothing goes on moving."""
+        document = self.document
+        if document is None:
+            return
+        goes_on, self._moved = document.geometry_version != self._moved, document.geometry_version
+        if document.is_behind:
+            if not goes_on:
+                document.catch_up(CAUGHT_UP)
+            self.wake()
 
     def close(self, by_choice: bool = True) -> None:
         """Wait for running work. Not `by_choice` (after a failure), the autosave stays for the next editor to offer."""

@@ -94,6 +94,10 @@ class Document:
         """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
         self.first_free_id = _first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
+        self.bounds_can_wait = False
+        """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
+        self._outermost: Edit | None = None
+        self._rest: Callable[[int | None], bool] | None = None
         self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
@@ -110,6 +114,9 @@ class Document:
         Edits of the same `gesture` (a unique name per slider drag) become one step.
         Raises EditError, with nothing changed, where the edit does not fit the scene.
         """
+        if not self.history.goes_on(gesture):  # else what it has put off is undone before the edit is done
+            self.catch_up()
+        self._outermost = edit
         self.history.apply(edit, self, gesture)
 
     def undo(self) -> Edit | None:
@@ -118,7 +125,34 @@ class Document:
 
     def redo(self) -> Edit | None:
         """Redo one step; returns its edit, or None where nothing is left."""
+        self.catch_up()
+        self._outermost = self.history.next
         return self.history.redo(self)
+
+    def put_off(self, edit: Edit, rest: Callable[[int | None], bool]) -> bool:
+        """Leave the rest of what an edit does to `catch_up`; returns False where that must be done at once.
+
+        `rest` gets about how many rows to look at, None = all of them, and returns whether all is done. Only the edit
+        that was done last may have anything left to do, and no part of another edit.
+        """
+        if not self.bounds_can_wait or edit is not self._outermost:
+            return False
+        self._rest = rest
+        return True
+
+    def leave_off(self) -> None:
+        """Forget what was put off: its edit is undone."""
+        self._rest = None
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether anything was put off and is not done."""
+        return self._rest is not None
+
+    def catch_up(self, rows: int | None = None) -> None:
+        """Do what the last edit has put off: all of it, or about as much as concerns so many rows."""
+        if self._rest is not None and self._rest(rows):
+            self._rest = None
 
     def rows_of(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
         """Rows of any of these instances, rising, deleted ones included. Raises EditError for an unknown ID."""

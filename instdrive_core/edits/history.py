@@ -30,13 +30,22 @@ class History:
         """The edits before the cursor."""
         return tuple(self._edits[: self._cursor])
 
+    @property
+    def next(self) -> Edit | None:
+        """The edit that `redo` would do."""
+        return self._edits[self._cursor] if self._cursor < len(self._edits) else None
+
+    def goes_on(self, gesture: str | None) -> bool:
+        """Whether an edit of this gesture would replace the last one."""
+        return gesture is not None and gesture == self._gesture and 0 < self._cursor == len(self._edits)
+
     def apply(self, edit: Edit, document: Any, gesture: str | None = None) -> None:
         """Do an edit, drop what could be redone, and push it. An edit that changes nothing is not pushed.
 
         Edits of one `gesture` (one drag of a slider: any unique name) become one step: each replaces the one before.
         Where `edit.do` raises, document and history stay as they were.
         """
-        replaces = gesture is not None and gesture == self._gesture and 0 < self._cursor == len(self._edits)
+        replaces = self.goes_on(gesture)
         if replaces:
             self._edits[-1].undo(document)
         try:

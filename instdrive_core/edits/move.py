@@ -101,7 +101,7 @@ class MoveInstances(PoseEdit):
         rows = np.concatenate([parts.rows for parts, _ in changes])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
         tracks = {node: moved_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
-        self.put(document, rows, entries, tracks, touched, size_before)
+        self.put(document, rows, entries, tracks, touched, size_before, matrix)
         return True
 
     def matrix(self, document: Document) -> Similarity:

@@ -12,8 +12,10 @@ from numpy import ndarray
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import recount, restore_entries
+from instdrive_core.edits.rough_bounds import MANY, LateBounds, guess_bounds
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import Similarity
 
 
 @dataclass
@@ -34,10 +36,12 @@ class PoseEdit(Edit):
         tracks: Mapping[int, Track],
         touched: Iterable[int],
         size_before: int,
+        matrix: Similarity | None = None,
     ) -> None:
         """Point rows at entries, replace tracks by node, and bound the instances `touched` by it again.
 
-        `size_before` is the palette's number of entries before this edit added any.
+        `size_before` is the palette's number of entries before this edit added any. Where bounds can wait, those of
+        very many instances do; until then they are moved by `matrix` where there is one.
         """
         scene, touched = document.scene, tuple(touched)
         self._rows, self._size_before = rows.astype(np.int32), size_before
@@ -45,7 +49,10 @@ class PoseEdit(Edit):
         self._tracks_before = {node: scene.actors[node - 1] for node in tracks}
         self._before = document.transforms.assign(self._rows, entries)
         document.replace_tracks(tracks)
-        recount(document, touched)
+        if len(touched) > MANY and document.put_off(self, LateBounds(document, touched)):
+            guess_bounds(document, touched, matrix)
+        else:
+            recount(document, touched)
         document.instances_changed(ids_changed=False)
 
     def undo(self, document: Document) -> None:
@@ -55,5 +62,6 @@ class PoseEdit(Edit):
         document.transforms.assign(self._rows, self._before)
         document.transforms.truncate(self._size_before)
         document.replace_tracks(self._tracks_before)
+        document.leave_off()
         restore_entries(document, self._table_before)
         document.instances_changed(ids_changed=False)

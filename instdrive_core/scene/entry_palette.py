@@ -113,6 +113,4 @@ class EntryPalette(PerSplatArray):
 
     def assign(self, rows: Int[ndarray, " m"], entries: UInt16[ndarray, " m"]) -> UInt16[ndarray, " m"]:
         """Name an entry for each row; returns the entries named before (the delta an edit stores)."""
-        before = self._rows[rows]
-        self._write(rows, entries)
-        return before
+        return self._exchange(np.asarray(rows), entries)

@@ -7,6 +7,7 @@ from jaxtyping import Int, Shaped
 from numpy import ndarray
 
 from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
+from instdrive_core.scene.exchanged import exchanged
 
 
 class PerSplatArray:
@@ -34,10 +35,11 @@ class PerSplatArray:
         """Follows changes for one more reader; to it all rows are new."""
         return self._dirty.reader()
 
-    def _write(self, rows: Int[ndarray, " m"], values: Shaped[ndarray, " m"]) -> None:
+    def _exchange(self, rows: Int[ndarray, " m"], values: Shaped[ndarray, " m"]) -> Shaped[ndarray, " m"]:
+        before, low, high = exchanged(self._rows, rows, np.asarray(values, self._rows.dtype))
         if len(rows):
-            self._rows[rows] = values
-            self._touch(int(rows.min()), int(rows.max()) + 1)
+            self._touch(int(low), int(high))
+        return before
 
     def _touch(self, start: int, stop: int) -> None:
         self.version += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from instdrive_core.instances.table import Bounds
@@ -45,7 +45,11 @@ def turned_sky(sky: Sky, rotation: Float[ndarray, "3 3"]) -> Sky:
 
 def turned_bounds(bounds: Bounds, matrix: Similarity) -> Bounds:
     """The box around a box after [s R | t]; it fits as tightly as before where R is a quarter turn."""
-    spans = matrix[:, :3, None] * np.array(bounds).T  # axis of the result, axis of the box, end of the box
-    low = (spans.min(axis=2).sum(axis=1) + matrix[:, 3]).tolist()
-    high = (spans.max(axis=2).sum(axis=1) + matrix[:, 3]).tolist()
+    low, high = turned_boxes(np.array(bounds)[None], matrix)[0].tolist()
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+
+def turned_boxes(boxes: Float[ndarray, "k 2 3"], matrix: Similarity) -> Float64[ndarray, "k 2 3"]:
+    """The same of many boxes, lower corners first."""
+    spans = matrix[:, :3] * boxes[:, :, None]  # box, end of it, axis of the result, axis of the box
+    return np.stack([spans.min(axis=1).sum(axis=2), spans.max(axis=1).sum(axis=2)], axis=1) + matrix[:, 3]
