@@ -28,7 +28,10 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
     path = path or log_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = RotatingFileHandler(path, maxBytes=MAX_BYTES, backupCount=KEPT, encoding="utf-8")
+        # File names need not be text: a failure that names one is logged all the same.
+        handler = RotatingFileHandler(
+            path, maxBytes=MAX_BYTES, backupCount=KEPT, encoding="utf-8", errors="backslashreplace"
+        )
     except OSError as error:
         print(f"instdrive: the log {path} cannot be written ({error}); going on without one", file=sys.stderr)
         return None

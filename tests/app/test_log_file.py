@@ -44,6 +44,11 @@ def test_failures_in_threads_and_warnings_are_kept(log):
     assert "something is old" in text
 
 
+def test_failures_with_names_that_are_no_text_are_kept(log):
+    logging.getLogger("instdrive_app").error("%s is damaged", "street\udcff.ply")
+    assert r"street\udcff.ply is damaged" in log.read_text(encoding="utf-8")
+
+
 def test_logs_are_rotated(tmp_path, monkeypatch):
     monkeypatch.setattr(log_file, "MAX_BYTES", 2000)
     handler = start_logging(tmp_path / "editor.log")
