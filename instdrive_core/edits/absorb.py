@@ -10,8 +10,8 @@ from jaxtyping import Int64
 from numpy import ndarray
 
 from instdrive_core.edits.bodies import body_of_rows, is_compact, of_main_node
-from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import check_unlocked
 from instdrive_core.edits.flags import FlagChange
 from instdrive_core.edits.frozen_copy import fingerprint
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance

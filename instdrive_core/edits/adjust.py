@@ -12,8 +12,8 @@ from numpy import ndarray
 from instdrive_core.edits.adjustments import RANGES, AdjustKind, adjustment, checked_adjustment
 from instdrive_core.edits.base import ids_in_words
 from instdrive_core.edits.color import ColorEdit
-from instdrive_core.edits.delete import editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import editable_parts
 from instdrive_core.edits.entries import PartsChange
 from instdrive_core.edits.mean_colors import mean_colors
 from instdrive_core.edits.parameters import checked_ids

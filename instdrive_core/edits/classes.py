@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from instdrive_core.edits.base import Edit, ids_in_words
-from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import check_unlocked
 from instdrive_core.edits.instances import checked_text, known_instance, restore_entries
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.instances.table import Instance

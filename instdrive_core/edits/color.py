@@ -11,8 +11,8 @@ from numpy import ndarray
 
 from instdrive_core.edits.adjustments import LUMA, hue_of, hue_rotations, hues_of
 from instdrive_core.edits.base import Edit, ids_in_words
-from instdrive_core.edits.delete import editable, editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import editable, editable_parts
 from instdrive_core.edits.entries import PartsChange, entries_of_parts
 from instdrive_core.edits.mean_colors import mean_colors
 from instdrive_core.edits.parameters import checked_ids

@@ -9,8 +9,8 @@ import numpy as np
 
 from instdrive_core.edits.append import Addition, AppendEdit, unique_track_id
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import editable_parts
 from instdrive_core.edits.instances import new_instances
 from instdrive_core.edits.parameters import Vector, checked_ids, checked_vector
 from instdrive_core.scene.scene import Scene

@@ -11,8 +11,8 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.base import Edit, ids_in_words
-from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import check_unlocked
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.edits.part_bounds import bounds_of_parts, main_nodes_of_parts
 from instdrive_core.errors import EditError

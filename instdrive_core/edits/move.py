@@ -11,8 +11,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import check_unlocked, editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import check_unlocked, editable_parts
 from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.instances import known_instance
 from instdrive_core.edits.parameters import (

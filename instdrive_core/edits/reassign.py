@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from instdrive_core.edits.delete import check_unlocked
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import check_unlocked
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance, new_instances
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.errors import EditError

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from instdrive_core.edits.base import ids_in_words
-from instdrive_core.edits.delete import check_unlocked, editable
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import check_unlocked, editable
 from instdrive_core.edits.entries import changed_entries
 from instdrive_core.edits.parameters import checked_ids
 from instdrive_core.edits.poses import PoseEdit

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float32, Int64, UInt32
 from numpy import ndarray
 
-from instdrive_core.edits.delete import editable
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import editable
 from instdrive_core.edits.instances import RelabelEdit, Relabeling, known_instance, new_instances
 from instdrive_core.edits.parameters import checked_ids, is_number
 from instdrive_core.errors import EditError

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_scene import random_scene
 
-from instdrive_core.edits.delete import editable, editable_parts
 from instdrive_core.edits.document import Document
+from instdrive_core.edits.editable import editable, editable_parts
 from instdrive_core.edits.mean_colors import mean_colors
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.part_bounds import bounds_of_parts
