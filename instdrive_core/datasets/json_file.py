@@ -17,7 +17,7 @@ _MAX_DIGITS = 9
 def read_json(file: Path) -> Any:
     """The parsed file. Raises DataError where it is missing or broken."""
     try:
-        return json_value(plain_file(file).read_text(encoding="utf-8"))
+        return json_value(plain_file(file).read_text(encoding="utf-8-sig"))  # Windows programs mark UTF-8
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
     except (OSError, ValueError, RecursionError) as error:

@@ -82,20 +82,22 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
         width, height = photo_size(file) if file.is_file() else (1, 1)
     if width != int(width) or height != int(height):
         raise DataError(listing, f"{where}w, h are {width}, {height}, expected whole numbers", _REMEDY)
-    if "fl_x" in known or "camera_angle_x" not in known:
-        fx = value("fl_x")
-    else:
-        fx = _focal_length(listing, value("camera_angle_x"), width, where)
-    intrinsics = (fx, value("fl_y", fx), value("cx", width / 2), value("cy", height / 2))
+
+    def focal_length(axis: str, pixels: float, default: float | None) -> float:
+        if f"fl_{axis}" in known or f"camera_angle_{axis}" not in known:
+            return value(f"fl_{axis}", default)
+        return _focal_length(listing, f"{where}camera_angle_{axis}", value(f"camera_angle_{axis}"), pixels)
+
+    fx = focal_length("x", width, None)
+    intrinsics = (fx, focal_length("y", height, fx), value("cx", width / 2), value("cy", height / 2))
     lens = Lens(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
     return checked_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), lens
 
 
-def _focal_length(listing: Path, angle: float, width: float, where: str) -> float:
+def _focal_length(listing: Path, name: str, angle: float, pixels: float) -> float:
     if not 0 < angle < math.pi:
-        problem = f"the field '{where}camera_angle_x' is {angle}, expected radians between 0 and π"
-        raise DataError(listing, problem, _REMEDY)
-    return width / 2 / math.tan(angle / 2)
+        raise DataError(listing, f"the field '{name}' is {angle}, expected radians between 0 and π", _REMEDY)
+    return pixels / 2 / math.tan(angle / 2)
 
 
 def _pose(listing: Path, value: Any, name: str) -> Float64[ndarray, "4 4"]:

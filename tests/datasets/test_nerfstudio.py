@@ -73,6 +73,22 @@ def test_sizes_come_from_photos_and_angles_from_the_first_nerfs(root):
     np.testing.assert_allclose([camera.fx, camera.fy, camera.cx, camera.cy], [FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2])
 
 
+def test_two_angles_give_two_focal_lengths(root):
+    def to_angles(content):
+        del content["fl_x"], content["fl_y"]
+        content |= {"camera_angle_x": 2 * np.arctan(WIDTH / 2 / 50), "camera_angle_y": 2 * np.arctan(HEIGHT / 2 / 40)}
+
+    edit(root, to_angles)
+    camera = load(root).frames[0].view.camera
+    np.testing.assert_allclose([camera.fx, camera.fy], [50, 40])
+
+
+def test_a_byte_order_mark_before_the_listing_is_no_damage(root):
+    listing = root / "transforms.json"
+    listing.write_bytes(b"\xef\xbb\xbf" + listing.read_bytes())
+    assert len(load(root).frames) > 0
+
+
 def test_a_photo_may_have_intrinsics_of_its_own(root):
     edit(root, lambda content: content["frames"][1].update(fl_x=60.0, k1=0.05))
     frames = load(root).frames
