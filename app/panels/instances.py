@@ -8,23 +8,35 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.instance_row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instance_rows import InstanceRows, Query
+from instdrive_app.panels.list_walk import Step, Walk
 from instdrive_app.panels.ui import Ui, icon, scaled, scaled_size
 from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
 from instdrive_core.edits.document import Document
 from instdrive_core.wording import counted
 
+WALKING: dict[imgui.Key, Step] = {
+    imgui.Key.up_arrow: "up",
+    imgui.Key.down_arrow: "down",
+    imgui.Key.home: "first",
+    imgui.Key.end: "last",
+}
+"""Keys that go through the list while it has the keyboard; in the field for the search the first two."""
+OWN_SHORTCUTS = frozenset({"Home", "Shift+Home"})
+"""Of commands, which mean something else then."""
 UNKNOWN = "unknown"
 """How the class that is none is called."""
 
 
 class InstancesPanel:
-    """Search, filter by class, sort; select (Shift: a range, Ctrl: one more), hide, lock, show alone, rename."""
+    """Search, filter by class, sort; select (Shift: a range, Ctrl: one more; also by keys), hide, lock, show alone,
+    rename."""
 
     def __init__(self) -> None:
         self._rows, self._query = InstanceRows(), Query()
         self._painter = RowPainter()
         self._shows_codes, self._flips_codes = False, False
-        self._anchor = 0
+        self._walk, self._scroll_to = Walk(), 0
+        self._types_search = False
         self._selected_before: tuple[int, ...] = ()
         self._own_click = False
 
@@ -43,6 +55,7 @@ class InstancesPanel:
         self._rows.update(document, self._query)
         self._class_chips(ui)
         self._banner(ui, document)
+        self._keys(ui, document)
         self._table(ui, document)
         self._take_rename(ui)
 
@@ -55,6 +68,7 @@ class InstancesPanel:
         hint = f"{icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
         _, search = imgui.input_text_with_hint("##search", hint, self._query.search)
         ui.mark("instances.search")
+        self._types_search = imgui.is_item_active()
         self._query = replace(self._query, search=search)
         if not code_button:
             return
@@ -151,6 +165,36 @@ class InstancesPanel:
         self._own_click = True
         ui.session.select(self._rows.ids)
 
+    # ------------------------------------------------------------------ by keys
+
+    def _keys(self, ui: Ui, document: Document) -> None:
+        """Arrows, Home and End go from row to row, with Shift they extend the selection; Enter renames."""
+        io = imgui.get_io()
+        if ui.popup_open or not imgui.is_window_focused(imgui.FocusedFlags_.child_windows):
+            return
+        typing = io.want_text_input or self._painter.renamed != 0
+        if not typing:
+            ui.claimed_shortcuts = OWN_SHORTCUTS
+            if imgui.is_key_pressed(imgui.Key.enter, False) and len(ui.session.selected) == 1:
+                ui.session.renamed = ui.session.selected[0]
+        for key, step in WALKING.items():
+            allowed = not typing or (self._types_search and step in ("up", "down"))
+            if allowed and not io.key_ctrl and not io.key_alt and imgui.is_key_pressed(key):
+                self._step(ui, document, step, io.key_shift)
+
+    def _step(self, ui: Ui, document: Document, step: Step, extends: bool) -> None:
+        ids, selected = self._rows.ids, ui.session.selected
+        if self._walk.cursor not in selected:  # something else was selected since, in the view say
+            start = next((i for i in selected if i in self._rows.place), 0)
+            self._walk = Walk(start, start)
+        self._walk = self._walk.after(step, extends, ids, lambda i: not document.instance_flags(i).is_locked)
+        if self._walk.cursor not in self._rows.place:
+            return
+        self._own_click, self._scroll_to = True, self._walk.cursor
+        chosen = self._walk.between(ids) if extends else (self._walk.cursor,)
+        if chosen != selected:
+            ui.session.select(chosen)
+
     # ------------------------------------------------------------------ the list
 
     def _table(self, ui: Ui, document: Document) -> None:
@@ -200,8 +244,11 @@ class InstancesPanel:
         self._painter.begin()
         clipper = imgui.ListClipper()
         clipper.begin(len(self._rows.instances))
-        if scroll_to is not None:
-            clipper.include_item_by_index(scroll_to)
+        walked_to = self._rows.place.get(self._scroll_to)
+        self._scroll_to = 0
+        for row in (scroll_to, walked_to):
+            if row is not None:
+                clipper.include_item_by_index(row)
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
                 instance = self._rows.instances[number]
@@ -211,6 +258,8 @@ class InstancesPanel:
                     self._click(ui, row)
                 if number == scroll_to:
                     imgui.set_scroll_here_y(0.5)
+                elif number == walked_to:
+                    _keep_in_view()
         if not self._rows.instances:
             imgui.table_next_row()
             imgui.table_set_column_index([column.name for column in COLUMNS].index("Name"))
@@ -228,11 +277,11 @@ class InstancesPanel:
     def _click(self, ui: Ui, row: Row) -> None:
         io, session, instance = imgui.get_io(), ui.session, row.instance.id
         self._own_click = True
-        if io.key_shift and self._anchor in self._rows.place:
-            first, last = sorted((self._rows.place[self._anchor], self._rows.place[instance]))
-            session.select(self._rows.ids[first : last + 1], "add" if io.key_ctrl else "replace")
+        if io.key_shift and self._walk.anchor in self._rows.place:
+            self._walk = replace(self._walk, cursor=instance)
+            session.select(self._walk.between(self._rows.ids), "add" if io.key_ctrl else "replace")
             return
-        self._anchor = instance
+        self._walk = Walk(instance, instance)
         if row.summary.is_locked:
             session.messages.info(f"{row.instance.name} is locked: unlock it in order to select it")
         elif io.key_ctrl:
@@ -250,3 +299,13 @@ class InstancesPanel:
                 self._query = replace(self._query, search="", class_name=None)
             self._painter.rename(session.document.scene.table[session.renamed])
         session.renamed = 0
+
+
+def _keep_in_view() -> None:
+    """Scroll by as much as the last item, of a row, is out of what is seen of the list below its frozen header."""
+    top, height = imgui.get_window_pos().y, imgui.get_window_height()
+    row = imgui.get_item_rect_max().y - imgui.get_item_rect_min().y + 2 * imgui.get_style().cell_padding.y
+    above = top + row - (imgui.get_item_rect_min().y - imgui.get_style().cell_padding.y)
+    below = imgui.get_item_rect_max().y + imgui.get_style().cell_padding.y - (top + height)
+    if above > 0 or below > 0:
+        imgui.set_scroll_y(imgui.get_scroll_y() + (below if below > 0 else -above))

@@ -54,13 +54,15 @@ def _submenu(ui: Ui, command: Command) -> None:
 
 def run_shortcuts(ui: Ui) -> None:
     """Run the commands whose keys were pressed in this frame; never while text is typed, a dialog is open or a region
-    or a handle is dragged."""
+    or a handle is dragged, nor by keys that the panel with the keyboard has a use for."""
     _close_by_escape()
+    claimed, ui.claimed_shortcuts = ui.claimed_shortcuts, frozenset()
     io, dragged = imgui.get_io(), ui.tool.outline or ui.session.moving.drag is not None
     if io.want_text_input or dragged or ui.popup_open or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
     for command in ui.session.commands:
-        if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in command.shortcuts):
+        shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
+        if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in shortcuts):
             ui.session.commands.run(command.id)
 
 

@@ -48,6 +48,8 @@ class Ui:
     """Where a script holds the pointer over the picture (pixels), instead of the mouse."""
     popup_open: bool = False
     """Whether a menu or dialog was open when the last frame ended: the key that has closed it does nothing else."""
+    claimed_shortcuts: frozenset[str] = frozenset()
+    """Shortcuts of commands that a panel with the keyboard has used for itself in the frame before."""
     marks: dict[str, Rect] = field(default_factory=dict)
     """Left, top, right, bottom of what can be seen of named widgets, in window pixels, of this frame."""
     cut: set[str] = field(default_factory=set)

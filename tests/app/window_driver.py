@@ -268,6 +268,18 @@ class WindowDriver:
         for modifier in modifiers:
             self._xdotool("keyup", modifier)
 
+    def tap(self, name):
+        """Press a key, with modifiers held, so shortly that it does not repeat, however long frames last."""
+        *modifiers, key = name.split("+")
+        for modifier in modifiers:
+            self._xdotool("keydown", modifier)
+        self.wait_for_frames()
+        self._xdotool("key", key)
+        self.wait_for_frames()
+        for modifier in modifiers:
+            self._xdotool("keyup", modifier)
+        self.wait_for_frames()
+
     def type(self, text):
         """Type text into what has the keyboard."""
         subprocess.run(["xdotool", "type", "--delay", "15", text], check=True, capture_output=True)
