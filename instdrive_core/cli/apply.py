@@ -24,6 +24,7 @@ from instdrive_core.formats.registry import format_to_write, save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.project.save import is_project, save_project
 from instdrive_core.scene.scene import Scene
+from instdrive_core.wording import counted
 
 
 def apply(
@@ -75,7 +76,7 @@ def apply(
             raise OptionError("a project keeps the edits of a whole scene; give --only another --out, e.g. part.ply")
         parts.write(document, shown, "", sibr)
         save_project(out, document, view)
-        print(f"{out}: {len(document.history.done)} edits of {scene}")
+        print(f"{out}: {counted(len(document.history.done), 'edit')} of {scene}")
         return
     if time is None and out.suffix and not out.is_dir() and document.scene.actors:
         time = default_time(document.scene)
@@ -83,7 +84,8 @@ def apply(
     result = baked(document, time) if rows is None else baked_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
     parts.write(document, shown, format_to_write(out)[0].suffix, sibr)
-    print(f"{out}: {len(result):,} splats, {len(result.table)} instances ({len(document.history.done)} edits applied)")
+    held = f"{counted(len(result), 'splat')}, {counted(len(result.table), 'instance')}"
+    print(f"{out}: {held} ({counted(len(document.history.done), 'edit')} applied)")
 
 
 def _edits(
