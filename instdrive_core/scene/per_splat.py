@@ -7,7 +7,7 @@ from jaxtyping import Int, Shaped
 from numpy import ndarray
 
 from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
-from instdrive_core.scene.exchanged import exchanged
+from instdrive_core.scene.row_writes import exchanged
 
 
 class PerSplatArray:

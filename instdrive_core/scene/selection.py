@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
-from instdrive_core.scene.bit_changes import change_bits
 from instdrive_core.scene.per_splat import PerSplatArray, read_only
+from instdrive_core.scene.row_writes import change_bits
 
 
 class Flag(IntFlag):
