@@ -38,6 +38,9 @@ from instdrive_core.scene.scene import Scene
 
 CHUNK_ROWS = 1024
 """Rows converted at a time: about 250 kB, so that a chunk and where its columns go lie in a core's own cache."""
+LONGEST_VALUE = 256
+"""Bytes of a number in text, with what separates it from the next."""
+PIECE = 1 << 16
 
 
 def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
@@ -125,9 +128,8 @@ def _chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
 
 
 def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
-    lines = (line for line in file if line.strip())
-    for _ in islice(lines, header.skipped_lines):
-        pass
+    _skip_lines(file, header.skipped_lines)
+    lines = _lines(file, LONGEST_VALUE * len(header.dtype.names or ()) + LONGEST_VALUE, path)
     for start in range(0, header.count, CHUNK_ROWS):
         part = list(islice(lines, min(CHUNK_ROWS, header.count - start)))
         if start + len(part) < min(start + CHUNK_ROWS, header.count):
@@ -150,6 +152,26 @@ def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[nda
     if header.is_last and next(lines, None) is not None:
         problem = f"more lines follow the {header.count} splats that the header promises"
         raise DataError(path, problem, "The header's count is wrong; export the file again")
+
+
+def _skip_lines(file: BinaryIO, count: int) -> None:
+    """Pass over lines of any length, blank ones not counted, as far as there are any."""
+    while count and (piece := file.readline(PIECE)):
+        is_blank = not piece.strip()
+        while piece and not piece.endswith(b"\n"):
+            piece = file.readline(PIECE)
+            is_blank = is_blank and not piece.strip()
+        count -= not is_blank
+
+
+def _lines(file: BinaryIO, longest: int, path: Path) -> Iterator[bytes]:
+    """Lines that are not blank. Raises DataError for one too long for its values, before memory is taken for it."""
+    while line := file.readline(longest):
+        if len(line) == longest and not line.endswith(b"\n"):
+            problem = f"a line is longer than {longest:,} bytes, too many for the values that the header promises"
+            raise DataError(path, problem, REMEDY)
+        if line.strip():
+            yield line
 
 
 def _check_integers(values: ndarray, name: str, dtype: np.dtype, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,6 +11,7 @@ import numpy as np
 from instdrive_core.errors import DataError
 
 MAX_HEADER_BYTES = 16 << 20
+MAX_COLUMNS = 4096
 _MAX_DIGITS = 4000
 """Python refuses to read more than some; far fewer are too many for any file."""
 REMEDY = "Export the scene again from the program that made it"
@@ -57,18 +58,27 @@ class PlyElement:
 
     name: str
     count: int
-    columns: list[tuple[str, str]]
-    """Names and NumPy kinds (``f4``)."""
+    kinds: dict[str, str] = field(default_factory=dict)
+    """NumPy's kind (``f4``) of each column, in their order."""
     has_list: bool = False
     """Rows of an element with lists differ in length."""
 
     def dtype(self, order: str) -> np.dtype:
         """One row, without lists, in a byte order (``<``, ``>`` or ``=``)."""
-        return np.dtype([(name, order + kind) for name, kind in self.columns])
+        return np.dtype([(name, order + kind) for name, kind in self.kinds.items()])
+
+    def add(self, name: str, kind: str, path: Path) -> None:
+        """One more column. Raises DataError where it has that one, or more than any program writes."""
+        if name in self.kinds:
+            raise DataError(path, f"property {name!r} stands twice in the header", REMEDY)
+        if len(self.kinds) == MAX_COLUMNS:
+            problem = f"the element {self.name!r} has more than {MAX_COLUMNS:,} properties"
+            raise DataError(path, problem, "Leave out those that are not of 3D Gaussians")
+        self.kinds[name] = kind
 
     def least_text(self) -> int:
         """Bytes of all rows in ASCII, where each value is a digit and a separator, and a list its own length."""
-        return self.count * 2 * max(len(self.columns) + self.has_list, 1)
+        return self.count * 2 * max(len(self.kinds) + self.has_list, 1)
 
 
 @dataclass(frozen=True)
@@ -147,13 +157,11 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[s
             case ["comment" | "obj_info", *_]:
                 comments.append(" ".join(line.split(maxsplit=1)[1:]))
             case ["element", name, count] if count.isascii() and count.isdigit() and len(count) <= _MAX_DIGITS:
-                elements.append(PlyElement(name, int(count), []))
+                elements.append(PlyElement(name, int(count)))
             case ["property", "list", _, _, _] if elements:
                 elements[-1].has_list = True
             case ["property", kind, name] if elements and kind in _TYPES:
-                if any(name == known for known, _ in elements[-1].columns):
-                    raise DataError(path, f"property {name!r} stands twice in the header", REMEDY)
-                elements[-1].columns.append((name, _TYPES[kind]))
+                elements[-1].add(name, _TYPES[kind], path)
             case []:
                 continue
             case _:

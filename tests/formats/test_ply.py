@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from random_scene import assert_same_scene, random_scene
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.errors import DataError
 from instdrive_core.formats.ply import read_ply, write_ply
+from instdrive_core.formats.ply_header import MAX_COLUMNS
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
 INRIA_ORDER = (
@@ -246,6 +248,33 @@ def test_wrong_headers_are_explained(plain, old, new, message):
     with pytest.raises(DataError, match=message) as caught:
         read_ply(changed(plain, old, new))
     assert str(plain) in str(caught.value)
+
+
+def test_headers_of_thousands_of_columns_are_refused(tmp_path):
+    columns = "".join(f"property float c{number}\n" for number in range(MAX_COLUMNS + 1))
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex 0\n{columns}end_header\n"
+    (tmp_path / "a.ply").write_text(header)
+    with pytest.raises(DataError, match="more than 4,096 properties"):
+        read_ply(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize("before", ["", "element note 1\nproperty list uint uchar letters\n"])
+def test_endless_lines_take_no_memory(tmp_path, before):
+    columns = vertices(static_scene(count=1, degree=0, features=0))
+    write_by_plyfile(tmp_path / "a.ply", columns, text=True)
+    content = (tmp_path / "a.ply").read_bytes().replace(b"element vertex", before.encode() + b"element vertex")
+    header, row = content.split(b"end_header\n")
+    (tmp_path / "a.ply").write_bytes(header + b"end_header\n" + b"0 " * 10_000_000 + b"\n" + row)
+    tracemalloc.start()
+    try:
+        if before:
+            assert len(read_ply(tmp_path / "a.ply")) == 1
+        else:
+            with pytest.raises(DataError, match="a line is longer than"):
+                read_ply(tmp_path / "a.ply")
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_point_cloud_is_recognised(tmp_path):
