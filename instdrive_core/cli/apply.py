@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from instdrive_core.cli.arguments import default_time, known_ids, parsed_assignment, parsed_color
+from instdrive_core.cli.arguments import default_time, known_ids, moment, parsed_assignment, parsed_color
 from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.part_options import PartOptions
@@ -64,7 +64,7 @@ def apply(
         keep_every: 3 opens every 3rd splat only, each made larger: for scenes that do not fit into memory.
     """
     document, view = open_document(scene, keep_every=keep_every)
-    shown = default_time(document.scene) if time is None else time
+    shown = moment(document.scene, time)
     steps = [*(_edits_of_log(edits) if edits else []), *turn.edits(document, scene)]
     steps += _edits(document.scene, delete, recolor, recolor_mode, rename, more, shown)
     for edit in steps:

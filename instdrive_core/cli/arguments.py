@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Iterable
 
@@ -71,3 +72,10 @@ def default_time(scene: Scene) -> float:
     if scene.views:
         return min(view.time for view in scene.views)
     return min((float(actor.times[0]) for actor in scene.actors), default=0.0)
+
+
+def moment(scene: Scene, time: float | None) -> float:
+    """The seconds that were asked for, else the default. Raises OptionError where they are not finite."""
+    if time is not None and not math.isfinite(time):
+        raise OptionError(f"--time {time} is no moment; give seconds, e.g. --time 1.5")
+    return default_time(scene) if time is None else time

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tyro
 
-from instdrive_core.cli.arguments import default_time
+from instdrive_core.cli.arguments import moment
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -36,8 +36,10 @@ def convert(
         remedy = f"`instdrive apply {scene} -o {out}` makes a project of a scene"
         raise DataError(out, "a project keeps edits and no splats, so nothing can be converted into one", remedy)
     opened = open_edited(scene, keep_every)
-    if out.suffix and not out.is_dir() and opened.actors:
-        time = default_time(opened) if time is None else time
+    in_one_file = bool(out.suffix) and not out.is_dir()
+    if time is not None or (in_one_file and opened.actors):
+        time = moment(opened, time)
+    if in_one_file and opened.actors:
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     if time is not None:
         everything = len(opened)

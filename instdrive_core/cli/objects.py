@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from instdrive_core.cli.arguments import default_time
+from instdrive_core.cli.arguments import moment
 from instdrive_core.formats.objects import Shape, check_suffix, write_objects
 from instdrive_core.project.open import open_edited
 
@@ -29,7 +29,7 @@ def objects(
     """
     check_suffix(out)
     opened = open_edited(scene)
-    time = default_time(opened) if time is None else time
+    time = moment(opened, time)
     written = write_objects(out, opened, time, shape)
     print(f"{out}: {len(written)} object{'s' * (len(written) != 1)}{f' at {time:g} s' if opened.actors else ''}")
     absent = sum(not entry.present for entry in written)

@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from instdrive_core.cli.arguments import default_time, known_ids, view_named
+from instdrive_core.cli.arguments import known_ids, moment, view_named
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.atomic import atomic_file
 from instdrive_core.project.open import open_edited
@@ -56,9 +56,9 @@ def render(
     opened = open_edited(scene)
     drawn = ~np.isin(opened.instance_ids, known_ids(hide, opened.table))
     shots = _all_shots(opened, out) if all_views else [(_camera_and_time(opened, view, time), _png(out))]
-    for (camera, moment), path in shots:
-        moment = moment if time is None else time
-        shown = view_scene(opened, _resized(camera, width, height), moment, drawn)
+    for (camera, its_time), path in shots:
+        shown_at = its_time if time is None else moment(opened, time)
+        shown = view_scene(opened, _resized(camera, width, height), shown_at, drawn)
         _save_png(path, picture(opened, shown, mode))
         print(path)
 
@@ -79,8 +79,8 @@ def orbit_camera(scene: Scene, time: float) -> Camera:
 
 def _camera_and_time(scene: Scene, name: str | None, time: float | None) -> tuple[Camera, float]:
     if name == "orbit" or (name is None and not scene.views):
-        moment = default_time(scene) if time is None else time
-        return orbit_camera(scene, moment), moment
+        shown = moment(scene, time)
+        return orbit_camera(scene, shown), shown
     view = view_named(scene, name) if name is not None else scene.views[0]
     return view.camera, view.time
 

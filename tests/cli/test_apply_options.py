@@ -67,6 +67,7 @@ def test_a_class_is_deleted_and_all_but_some_instances(run, tmp_path):
         (["--delete-class", "Bicycle"], "classes are: Car"),
         (["--keep", "2", "77"], "77"),
         (["--split", "2", "--adjust", "2=hue:200"], "180"),
+        (["--time", "nan"], "--time nan is no moment"),
     ],
 )
 def test_options_that_cannot_be_read_are_explained(run, tmp_path, capsys, option, named):
