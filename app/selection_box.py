@@ -12,6 +12,7 @@ from numpy import ndarray
 
 from instdrive_app.kept import Kept
 from instdrive_core.edits.document import Document, InstanceCounts
+from instdrive_core.edits.late_bounds import LateBounds
 from instdrive_core.edits.placement import solid
 from instdrive_core.instances.oriented_box import upright_box
 from instdrive_core.scene.selection import Flag
@@ -76,6 +77,7 @@ class SelectionBoxes:
         self._trained = Box(np.zeros(3), np.eye(3), np.zeros(3))
         self._home: Similarity = np.eye(3, 4)
         self._group: Kept[Box] = Kept()
+        self._still: Kept[Float64[ndarray, "e 3"]] = Kept()
 
     def box_of(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """The box of at least one instance at `time` (seconds).
@@ -89,13 +91,24 @@ class SelectionBoxes:
         entry = None if len(ids) > 1 else _common_entry(document, document.rows_of(ids))
         if entry is None:
             key = (tuple(ids), time, document.geometry_version, document.table_version)
-            return self._group.of(document, key, lambda: _level_box(document, ids, time))
+            return self._group.of(document, key, lambda: self._level_box(document, ids, time))
         counts = document.counts()  # made anew where splats change owner or state, but not where they move
         home = document.transforms.homes[entry]
         if counts is not self._counts or instance.id != self._instance or not np.array_equal(home, self._home):
             self._trained = _trained_box(document, instance.id, home)
             self._counts, self._instance, self._home = counts, instance.id, home.copy()
         return self._trained.moved(document.transforms.move_of(entry))
+
+    def _level_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
+        """Around the bounds of all instances, along the world's axes."""
+        table = document.scene.table
+        still = self._still.of(document, (tuple(ids), document.table_version), lambda: _still_bounds(document, ids))
+        if isinstance(document.rest, LateBounds) and len(still):
+            still = document.rest.moved(still, ids)
+        nodes = [node for node in (table[instance_id].node for instance_id in ids) if node]
+        points = np.concatenate([still, *(_track_box(document, node, time).corners for node in nodes)])
+        low, high = points.min(axis=0), points.max(axis=0)
+        return Box((low + high) / 2, np.eye(3), high - low)
 
 
 def _track_box(document: Document, node: int, time: float) -> Box:
@@ -119,14 +132,11 @@ def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
     return box if longer[1] >= 0 else replace(box, axes=box.axes * [-1, -1, 1])
 
 
-def _level_box(document: Document, ids: Sequence[int], time: float) -> Box:
-    """Around the bounds of all instances, along the world's axes."""
+def _still_bounds(document: Document, ids: Sequence[int]) -> Float64[ndarray, "e 3"]:
+    """Lowest and highest corner of what does not drive; nothing where all does."""
     instances = [document.scene.table[instance_id] for instance_id in ids]
-    still = np.array([instance.bounds for instance in instances if not instance.node], np.float64).reshape(-1, 3)
-    driving = [_track_box(document, instance.node, time).corners for instance in instances if instance.node]
-    points = np.concatenate([still, *driving])
-    low, high = points.min(axis=0), points.max(axis=0)
-    return Box((low + high) / 2, np.eye(3), high - low)
+    corners = np.array([instance.bounds for instance in instances if not instance.node], np.float64).reshape(-1, 3)
+    return np.stack([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else corners
 
 
 def _common_entry(document: Document, rows: Int64[ndarray, " k"]) -> int | None:

@@ -315,7 +315,7 @@ class EditorSession:
         if document is None:
             return
         goes_on, self._moved = document.geometry_version != self._moved, document.geometry_version
-        if document.is_behind:
+        if document.rest is not None:
             if not goes_on:
                 document.catch_up(CAUGHT_UP)
             self.wake()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,6 +68,14 @@ class InstanceCounts:
     drawn: Int64[ndarray, " m"]
 
 
+class Rest(ABC):
+    """What an edit leaves to `Document.catch_up`."""
+
+    @abstractmethod
+    def do(self, document: Document, rows: int | None) -> bool:
+        """Look at about so many rows, None = all of them; returns whether all is done."""
+
+
 class Document:
     """A scene with its edit state, palettes of colours and moves, and history.
 
@@ -97,7 +106,8 @@ class Document:
         self.bounds_can_wait = False
         """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
         self._outermost: Edit | None = None
-        self._rest: Callable[[int | None], bool] | None = None
+        self.rest: Rest | None = None
+        """What the last edit has put off and is not done."""
         self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
@@ -129,30 +139,24 @@ class Document:
         self._outermost = self.history.next
         return self.history.redo(self)
 
-    def put_off(self, edit: Edit, rest: Callable[[int | None], bool]) -> bool:
+    def put_off(self, edit: Edit, rest: Rest) -> bool:
         """Leave the rest of what an edit does to `catch_up`; returns False where that must be done at once.
 
-        `rest` gets about how many rows to look at, None = all of them, and returns whether all is done. Only the edit
-        that was done last may have anything left to do, and no part of another edit.
+        Only the edit that was done last may have anything left to do, and no part of another edit.
         """
         if not self.bounds_can_wait or edit is not self._outermost:
             return False
-        self._rest = rest
+        self.rest = rest
         return True
 
     def leave_off(self) -> None:
         """Forget what was put off: its edit is undone."""
-        self._rest = None
-
-    @property
-    def is_behind(self) -> bool:
-        """Whether anything was put off and is not done."""
-        return self._rest is not None
+        self.rest = None
 
     def catch_up(self, rows: int | None = None) -> None:
         """Do what the last edit has put off: all of it, or about as much as concerns so many rows."""
-        if self._rest is not None and self._rest(rows):
-            self._rest = None
+        if self.rest is not None and self.rest.do(self, rows):
+            self.rest = None
 
     def rows_of(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
         """Rows of any of these instances, rising, deleted ones included. Raises EditError for an unknown ID."""

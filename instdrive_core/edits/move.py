@@ -110,8 +110,11 @@ class MoveInstances(PoseEdit):
         if self.yaw_only:
             # The twist about z of the swing-twist decomposition; a half turn about a level axis has none.
             w, x, y, z = (w, 0.0, 0.0, z) if math.hypot(w, z) > 1e-9 else (1.0, 0.0, 0.0, 0.0)
-        center = center_of(document, self.ids, self.time)
-        pivot = center if self.pivot is None else np.array(self.pivot)
+        fixed = None if self.pivot is None else np.array(self.pivot)
+        # Of thousands of instances the centre takes a while.
+        free = fixed is not None and not (self.along_lane or self.on_ground)
+        center = fixed if fixed is not None and free else center_of(document, self.ids, self.time)
+        pivot = center if fixed is None else fixed
         shift = np.array(self.translation)
         if self.along_lane:
             lane = lane_at(document, self.ids, center, self.time)

@@ -12,7 +12,7 @@ from numpy import ndarray
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import recount, restore_entries
-from instdrive_core.edits.rough_bounds import MANY, LateBounds, guess_bounds
+from instdrive_core.edits.late_bounds import MANY, LateBounds
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity
@@ -26,6 +26,7 @@ class PoseEdit(Edit):
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _late: LateBounds | None = field(default=None, init=False, repr=False, compare=False)
     _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def put(
@@ -41,7 +42,7 @@ class PoseEdit(Edit):
         """Point rows at entries, replace tracks by node, and bound the instances `touched` by it again.
 
         `size_before` is the palette's number of entries before this edit added any. Where bounds can wait, those of
-        very many instances do; until then they are moved by `matrix` where there is one.
+        very many instances stay as they are for now; `matrix` is what moves them, where it is the same for all.
         """
         scene, touched = document.scene, tuple(touched)
         self._rows, self._size_before = rows.astype(np.int32), size_before
@@ -49,11 +50,11 @@ class PoseEdit(Edit):
         self._tracks_before = {node: scene.actors[node - 1] for node in tracks}
         self._before = document.transforms.assign(self._rows, entries)
         document.replace_tracks(tracks)
-        if len(touched) > MANY and document.put_off(self, LateBounds(document, touched)):
-            guess_bounds(document, touched, matrix)
-        else:
+        self._late = LateBounds(touched, matrix) if len(touched) > MANY else None
+        if self._late is None or not document.put_off(self, self._late):
+            self._late = None
             recount(document, touched)
-        document.instances_changed(ids_changed=False)
+            document.instances_changed(ids_changed=False)
 
     def undo(self, document: Document) -> None:
         """Point the rows back, drop the entries this edit added, restore tracks and bounds."""
@@ -63,5 +64,6 @@ class PoseEdit(Edit):
         document.transforms.truncate(self._size_before)
         document.replace_tracks(self._tracks_before)
         document.leave_off()
-        restore_entries(document, self._table_before)
-        document.instances_changed(ids_changed=False)
+        if self._late is None or self._late.begun:
+            restore_entries(document, self._table_before)
+            document.instances_changed(ids_changed=False)

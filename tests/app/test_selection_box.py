@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from instdrive_app import selection_box
 from instdrive_app.selection_box import SelectionBoxes
 from instdrive_core.edits.move import MoveInstances
 
 
 def test_the_box_of_several_instances_is_kept_until_something_moves(street, monkeypatch):
     made = []
-    level_box = selection_box._level_box
-    monkeypatch.setattr(selection_box, "_level_box", lambda *given: made.append(1) or level_box(*given))
+    level_box = SelectionBoxes._level_box
+    monkeypatch.setattr(SelectionBoxes, "_level_box", lambda *given: made.append(1) or level_box(*given))
     boxes = SelectionBoxes()
     parked = tuple(i.id for i in street.scene.table if not i.node)[:3]
     before = boxes.box_of(street, parked, 0.0)

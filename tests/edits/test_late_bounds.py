@@ -1,10 +1,11 @@
-"""Bounds that wait: guessed after a move of very many instances, exact before anything else is done."""
+"""Bounds that wait after a move of very many instances: exact before anything else is done."""
 
 import numpy as np
 import pytest
 from random_scene import random_scene
 
 from benchmarks.random_edits import document_digest
+from instdrive_app.selection_box import SelectionBoxes
 from instdrive_core.edits import poses
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
@@ -41,25 +42,37 @@ def move(shift=1.0, ids=IDS):
     return MoveInstances(ids, (shift, 0.2, 0.0), TURN, 1.1, (0.0, 0.0, 0.0))
 
 
-def test_guesses_hold_what_is_bounded_and_become_exact_bit_by_bit():
+def test_bounds_become_exact_bit_by_bit_some_at_a_time():
     document = fresh()
+    before = list(document.scene.table)
     document.apply(move())
-    assert document.is_behind
-    guesses = {entry.id: np.array(entry.bounds) for entry in document.scene.table}
-    assert document_digest(document) != digest_of(lambda exact: exact.apply(move()))
+    assert list(document.scene.table) == before
     calls = 0
-    while document.is_behind:
+    while document.rest is not None:
         document.catch_up(50)
         calls += 1
     assert 1 < calls <= len(IDS)
     assert document_digest(document) == digest_of(lambda exact: exact.apply(move()))
-    for number in IDS:
-        if not document.scene.table[number].node:
-            low, high = np.array(document.scene.table[number].bounds)
-            span = np.ptp(guesses[number], axis=0)
-            assert (guesses[number][0] < high).all()
-            assert (guesses[number][1] > low).all()
-            assert (span < 3 * (high - low)).all()
+
+
+def test_a_box_around_them_goes_along():
+    document = fresh()
+    boxes = SelectionBoxes()
+    still = tuple(number for number in IDS if not document.scene.table[number].node)
+    before = boxes.box_of(document, still, 0.0)
+    edit = MoveInstances(still, (5.0, -2.0, 1.0))
+    document.apply(edit)
+    assert document.rest is not None
+    along = boxes.box_of(document, still, 0.0)
+    np.testing.assert_allclose(along.center, before.center + np.array([5.0, -2.0, 1.0]), atol=1e-6)
+    document.catch_up()
+    np.testing.assert_allclose(boxes.box_of(document, still, 0.0).center, along.center, atol=1e-5)
+    document.apply(MoveInstances(still, (1.0, 0.0, 0.0), TURN, 1.2))
+    turned = boxes.box_of(document, still, 0.0)
+    document.catch_up()
+    exact = boxes.box_of(document, still, 0.0)
+    assert (turned.corners.min(axis=0) <= exact.corners.min(axis=0) + 1e-4).all()
+    assert (turned.corners.max(axis=0) >= exact.corners.max(axis=0) - 1e-4).all()
 
 
 @pytest.mark.parametrize("caught_up", [0, 60, None])
@@ -91,7 +104,7 @@ def test_whatever_follows_sees_exact_bounds(following, caught_up):
         document.catch_up(caught_up)
     following(document)
     document.catch_up()
-    assert not document.is_behind
+    assert document.rest is None
     assert document_digest(document) == digest_of(drag, following)
     while document.undo():
         pass
@@ -111,14 +124,14 @@ def test_an_edit_that_fails_leaves_exact_bounds():
 def test_a_part_of_another_edit_and_a_document_without_frames_do_not_wait():
     document = fresh()
     document.apply(CompoundEdit((move(), move(2.0)), "both"))
-    assert not document.is_behind
+    assert document.rest is None
     document = fresh(waits=False)
     document.apply(move())
-    assert not document.is_behind
+    assert document.rest is None
 
 
 def test_a_frozen_copy_is_exact():
     document = fresh()
     document.apply(move())
     assert list(frozen_copy(document).scene.table) == list(document.scene.table)
-    assert not document.is_behind
+    assert document.rest is None
