@@ -16,6 +16,10 @@ from instdrive_core.errors import DataError
 from instdrive_core.plain_file import plain_file
 from instdrive_core.scene.camera import Camera
 
+_MOST_WORDS = 32
+"""Of a camera; COLMAP's have up to 16."""
+_MOST_DIGITS = 18
+"""Of a count that is compared; Python refuses to read thousands."""
 _PROMISE = re.compile(r"#\s*Number of (?:cameras|images|points):\s*(\d+)")
 
 
@@ -23,7 +27,7 @@ def read_cameras(file: Path) -> dict[int, tuple[Camera, Lens]]:
     """``cameras.txt``. Raises DataError where anything about it is wrong."""
     cameras = {}
     for number, line in _entries(file, 1):
-        words = line.split()
+        words = line.split(maxsplit=_MOST_WORDS)
         if len(words) < 5:
             raise _misread(file, number, line, "ID MODEL WIDTH HEIGHT PARAMETERS")
         camera_id, width, height = _whole(file, number, [words[0], *words[2:4]])
@@ -72,7 +76,7 @@ def _entries(file: Path, lines_each: int) -> Iterator[tuple[int, str]]:
             numbered = enumerate(lines, 1)
             for number, line in numbered:
                 promise = _PROMISE.match(line)
-                promised = int(promise[1]) if promise else promised
+                promised = int(promise[1][:_MOST_DIGITS]) if promise else promised
                 if line.startswith("#") or not line.strip():
                     continue
                 for _ in range(lines_each - 1):

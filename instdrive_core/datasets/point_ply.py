@@ -16,6 +16,8 @@ from instdrive_core.plain_file import plain_file
 
 _REMEDY = "Export the points again"
 _MAX_HEADER = 1 << 16
+_LONGEST_VALUE = 256
+"""Bytes of a number in text; no memory is taken for lines far longer than their numbers can be."""
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _KINDS = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -108,8 +110,9 @@ def _rows(file: BinaryIO, header: _Header, path: Path) -> ndarray:
     if not is_text:
         return np.frombuffer(file.read(needed), header.dtype, header.count)
     rows = np.zeros(header.count, header.dtype)
+    longest = _LONGEST_VALUE * (len(header.columns) + 1)
     for row in range(header.count):
-        words = file.readline().split()
+        words = file.readline(longest).split()
         try:
             if len(words) != len(header.columns):
                 raise ValueError(f"{len(words)} values for {len(header.columns)} properties")

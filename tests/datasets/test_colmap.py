@@ -161,6 +161,8 @@ def test_distortion_is_removed_and_what_the_photo_lacks_is_invalid(text, model):
         ("64 48 50.0", "64 48 nan", "first two positive"),
         ("64 48 50.0", "64 48 many", "expected numbers"),
         ("cameras: 1", "cameras: 2", "promises 2 entries and holds 1"),
+        ("cameras: 1", "cameras: " + "9" * 5000, "promises 9{18} entries and holds 1"),
+        ("64 48 50.0", "64 48 50.0" + " 1" * 1_000_000, "expected numbers"),
         ("7 PINHOLE", "8 PINHOLE", "which the model does not hold"),
     ],
 )

@@ -1,6 +1,7 @@
 """Folders with transforms.json: axes, intrinsics, missing photos, points, and what may not be in them."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -148,6 +149,19 @@ def test_points_of_any_form_read_the_same_and_none_is_read_short(root, model, fo
         file.write_bytes(whole.replace(b"vertex 40", count))
         with pytest.raises(DataError, match=r"points\.ply"):
             load(root)
+
+
+def test_a_point_without_an_end_takes_no_memory(root, model):
+    write_nerfstudio(root, model, "ascii")
+    file = root / "points.ply"
+    file.write_bytes(file.read_bytes().replace(b"end_header\n", b"end_header\n" + b"10 " * 3_000_000))
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match=r"points\.ply: point 0 cannot be read"):
+            load(root)
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_numbers_and_names_of_absurd_length_are_refused(root):
