@@ -128,10 +128,13 @@ def reference_picture(view: CameraView, kind: Reference) -> Picture:
 
 
 def masks_of(photo: Path) -> Path:
-    """The mask folder of the clip that a photo belongs to. Raises DataError where no folder above has one."""
+    """The mask folder of the clip that a photo belongs to. Raises DataError where no folder above has one; also where
+    that is because the clip is gone."""
     for folder in list(photo.parents)[:MASK_LEVELS]:
         if (folder / "masks" / SIDECAR).is_file():
             return folder / "masks"
+    if not photo.is_file():
+        raise DataError(photo, "its clip is no longer there, nor its masks", _REMEDY)
     raise DataError(photo, "its clip has no folder masks/", "Write masks with `instdrive masks`")
 
 

@@ -46,8 +46,13 @@ def test_what_is_missing_is_named(view, tmp_path):
         reference_picture(replace(view, photo=""), Reference.PHOTO)
     with pytest.raises(DataError, match="no longer there"):
         reference_picture(replace(view, photo=str(tmp_path / "gone.png")), Reference.PHOTO)
+    photo = tmp_path / "elsewhere" / "00.png"
+    with pytest.raises(DataError, match="no longer there"):
+        masks_of(photo)
+    photo.parent.mkdir()
+    photo.touch()
     with pytest.raises(DataError, match="no folder masks/"):
-        masks_of(tmp_path / "elsewhere" / "00.png")
+        masks_of(photo)
 
 
 def test_pictures_are_read_beside_the_window_and_failures_told_once(view, tmp_path):

@@ -25,6 +25,7 @@ MOUSE = (
     ("Middle, Shift + drag", "Pan"),
     ("Wheel", "Nearer, farther"),
     ("W A S D, Q E", "Fly; with Shift: faster"),
+    ("Up, Down, Home, End", "In the list: go to a row; Shift extends"),
 )
 COLUMNS = 3
 
