@@ -12,6 +12,7 @@ from instdrive_core.errors import DataError
 
 MAX_HEADER_BYTES = 16 << 20
 MAX_COLUMNS = 4096
+MAX_ELEMENTS = 256
 _MAX_DIGITS = 4000
 """Python refuses to read more than some; far fewer are too many for any file."""
 REMEDY = "Export the scene again from the program that made it"
@@ -157,6 +158,8 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[s
             case ["comment" | "obj_info", *_]:
                 comments.append(" ".join(line.split(maxsplit=1)[1:]))
             case ["element", name, count] if count.isascii() and count.isdigit() and len(count) <= _MAX_DIGITS:
+                if len(elements) == MAX_ELEMENTS:
+                    raise DataError(path, f"the header has more than {MAX_ELEMENTS:,} elements", REMEDY)
                 elements.append(PlyElement(name, int(count)))
             case ["property", "list", _, _, _] if elements:
                 elements[-1].has_list = True

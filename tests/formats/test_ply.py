@@ -228,6 +228,7 @@ def changed(path, old, new):
         (b"element vertex 20", b"element vertex 999999999999999999999", "promises 9"),
         (b"element vertex 20", b"element vertex " + b"9" * 5000, "not understood"),
         (b"element vertex 20", b"element vertex -20", "not understood"),
+        (b"element vertex 20", b"element a 0\n" * 257 + b"element vertex 20", "more than 256 elements"),
         (b"element vertex 20", b"element point 20", "no vertex element"),
         (b"element vertex 20", b"property float early\nelement vertex 20", "not understood"),
         (b"property float x", b"property float32x x", "not understood"),
