@@ -40,7 +40,7 @@ def edit(
     if not path.exists():
         raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
     from instdrive_app.log_file import start_logging
-    from instdrive_app.session import EditorSession
+    from instdrive_app.session.editor_session import EditorSession
     from instdrive_app.window import EditorWindow, require_display
     from instdrive_app.window_layout import WindowOptions
 

@@ -17,7 +17,7 @@ from scipy.ndimage import distance_transform_edt
 from instdrive_app.display import has_display
 from instdrive_app.pointer import Click
 from instdrive_app.render.frame_renderer import FrameRenderer
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import ViewMode, resolve
 from instdrive_app.virtual_display import virtual_display

@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from instdrive_app import camera
 from instdrive_app.render.frame_renderer import FrameRenderer
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import resolve
 from instdrive_core.instances.table import Instance
 from instdrive_core.instances.vehicles import is_vehicle

@@ -25,7 +25,7 @@ from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.render.warm_up import warm_up
 from instdrive_app.report import Reporter
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.theme import apply_style, load_fonts
 from instdrive_app.tools.registry import created_tools
 from instdrive_app.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, runner_parameters

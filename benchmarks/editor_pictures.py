@@ -21,7 +21,7 @@ from benchmarks.own_state import own_state
 from benchmarks.picture_layout import beside, save_jpeg
 from instdrive_app.display import has_display
 from instdrive_app.render.frame_renderer import FrameRenderer
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.showpiece import best_view, ranked_things
 from instdrive_app.state import Reference, ViewMode, resolve
 from instdrive_app.virtual_display import virtual_display

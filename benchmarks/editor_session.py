@@ -17,7 +17,7 @@ from instdrive_app import camera
 from instdrive_app.pointer import Click
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.warm_up import warm_up
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import Lens, Viewpoint, resolve
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.scene.camera import Camera

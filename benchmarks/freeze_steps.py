@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.monkey_hands import Hands
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.window import EditorWindow
 from instdrive_core.edits.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.color import RecolorMode

@@ -24,7 +24,7 @@ from benchmarks.freeze_steps import STEPS, Act, Desk, Step, frames
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
 from instdrive_app.display import has_display
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.virtual_display import virtual_display
 from instdrive_app.window import EditorWindow
 from instdrive_app.window_layout import WindowOptions

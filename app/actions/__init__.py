@@ -20,7 +20,7 @@ from instdrive_app.actions import (
     tools,
     view,
 )
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 
 TOPICS = (file, edit, select, repair, tools, move, view, aftermath, reference, time_steps, panels, help)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 
 
 def editable(session: EditorSession) -> bool:

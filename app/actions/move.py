@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from instdrive_app.actions.conditions import asking, editable
 from instdrive_app.commands import Command
-from instdrive_app.moving import MoveOptions
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.moving import MoveOptions
 
 SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 """Commands that bind moves."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from instdrive_app.commands import Command
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 
 PANELS = {
     "Instances": "ICON_FA_LIST",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from instdrive_app.actions.conditions import editable
 from instdrive_app.commands import Command
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.select import InvertSelection, SelectAll, SelectClass
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from instdrive_app.commands import Command
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 
 
 def commands(session: EditorSession) -> list[Command]:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.kept import Kept
 from instdrive_app.panels.gestures import Gesture
 from instdrive_app.panels.ui import Ui, dim_text, icon, scaled
+from instdrive_app.session.kept import Kept
 from instdrive_app.theme import ACCENT, DIM, TEXT, rgba
 from instdrive_core.edits.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document import Document

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import imgui
 
-from instdrive_app.kept import Kept
 from instdrive_app.panels.codeword import bit_squares
 from instdrive_app.panels.inspector_rows import fact, widget_label
 from instdrive_app.panels.ui import Ui, dim_text, scaled
+from instdrive_app.session.kept import Kept
 from instdrive_core.edits.document import Document
 from instdrive_core.instances.table import Instance
 

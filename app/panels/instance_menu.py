@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.commands import shortcut_title
 from instdrive_app.panels.recolor import preset_row
 from instdrive_app.panels.ui import Ui, fitted_text, icon_menu_item, icon_submenu, scaled, swatch
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document import Document
 
 Ids = tuple[int, ...]

@@ -7,10 +7,10 @@ from dataclasses import replace
 from imgui_bundle import imgui
 
 from instdrive_app.actions.move import SWITCHES
-from instdrive_app.moving import Placement
 from instdrive_app.panels.inspector_rows import widget_label
 from instdrive_app.panels.number_field import Entered, NumberField
 from instdrive_app.panels.ui import Ui, command_button, dim_text, scaled, scaled_size
+from instdrive_app.session.moving import Placement
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.move import SCALE_LIMITS
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import ImVec4, imgui
 
-from instdrive_app.files import changes_of
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled
+from instdrive_app.session.files import changes_of
 from instdrive_app.theme import ACCENT, DIM, rgba
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted

@@ -13,7 +13,7 @@ from instdrive_app.commands import Command, shortcut_title
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, packed, rgba
 from instdrive_core.instances.table import Instance
 

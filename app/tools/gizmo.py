@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from instdrive_app.pointer import Operation
 from instdrive_app.render.picking import Picker
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.pick import PickTool
 
 OPTIONS: dict[Operation, tuple[str, ...]] = {

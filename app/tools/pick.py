@@ -5,7 +5,7 @@ from __future__ import annotations
 from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.render.picking import Picker
 from instdrive_app.render.shown_frame import instance_shown_at
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document import Document
 

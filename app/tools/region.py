@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.render.picking import Picker
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.edits.region import instances_in_region, rows_in_region

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from instdrive_app.pointer import Operation, Tool
 from instdrive_app.render.picking import Picker
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.pick import PickTool

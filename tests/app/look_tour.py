@@ -18,7 +18,7 @@ from PIL import Image
 from tyro.conf import Positional
 
 from instdrive_app.sample import sample_scene
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import Reference, ViewMode
 from instdrive_app.virtual_display import virtual_display
 from instdrive_app.window import EditorWindow

@@ -7,7 +7,7 @@ from session_driver import finish
 
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.overlays.hole_pattern import hole_pattern, projected
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.deletion_report import deletion_report
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.select_rows import SelectRows
@@ -145,7 +145,7 @@ def test_the_pattern_covers_the_hole():
 
 
 def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeypatch):
-    monkeypatch.setattr("instdrive_app.aftermath.MOST_INSTANCES", 1)
+    monkeypatch.setattr("instdrive_app.session.aftermath.MOST_INSTANCES", 1)
     session.delete((CAR,))
     finish(session)
     assert session.aftermath.finding is not None

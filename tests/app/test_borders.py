@@ -5,8 +5,8 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app import borders
-from instdrive_app.session import EditorSession
+from instdrive_app.session import borders
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.select_rows import SelectRows

@@ -8,9 +8,9 @@ from PIL import Image
 from procedural_street import DRIVING_CAR, FIRST_CAR
 from session_driver import finish
 
-from instdrive_app.export_kinds import KINDS, ExportChoice
 from instdrive_app.messages import Level
 from instdrive_app.panels.dialogs.export import ExportOptions, ending_of, with_ending
+from instdrive_app.session.export_kinds import KINDS, ExportChoice
 from instdrive_core.edits.select_rows import SelectRows
 from instdrive_core.formats import read_back
 from instdrive_core.formats.poses_json import read_poses

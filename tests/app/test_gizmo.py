@@ -7,7 +7,7 @@ import pytest
 from plyfile import PlyData
 from procedural_street import DRIVING_CAR, FIRST_CAR, driving_track, procedural_street
 
-from instdrive_app.selection_box import SelectionBoxes
+from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_core.edits.document import Document
 
 pytestmark = pytest.mark.gui

@@ -1,8 +1,8 @@
 import pytest
 from procedural_street import FIRST_CAR, procedural_street
 
-from instdrive_app import jumping
-from instdrive_app.session import EditorSession
+from instdrive_app.session import jumping
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.invariants import fingerprint
 

@@ -2,7 +2,7 @@
 
 from procedural_street import procedural_street
 
-from instdrive_app.kept import Kept
+from instdrive_app.session.kept import Kept
 from instdrive_core.edits.document import Document
 
 

@@ -17,7 +17,7 @@ from instdrive_app.render.renderer import Renderer
 from instdrive_app.render.software import SoftwareRenderer
 from instdrive_app.render.software_draw import SoftwareDraw
 from instdrive_app.render.software_thread import LatestFrame
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import EditorState
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.edits.delete import DeleteInstances

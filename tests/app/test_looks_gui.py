@@ -10,7 +10,7 @@ from instdrive_app.edit_command import ScaleError, edit
 from instdrive_app.memory import MemoryGauge, resident_bytes
 from instdrive_app.messages import Messages
 from instdrive_app.sample import sample_scene
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.window import title_of
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document

@@ -8,7 +8,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR
 from session_driver import errors
 
 from instdrive_app.panels.overlays.gizmo import change_of, gizmo_axes, gl_projection, gl_view
-from instdrive_app.selection_box import BOX_EDGES
+from instdrive_app.session.selection_box import BOX_EDGES
 from instdrive_app.state import Lens
 from instdrive_core.edits.bake import baked, frozen_at
 from instdrive_core.edits.delete import DeleteInstances, DeleteRows

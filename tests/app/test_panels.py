@@ -14,7 +14,7 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
 from instdrive_app.panels.instance_rows import matches
 from instdrive_app.panels.menus import key_chord
 from instdrive_app.panels.ui import icon
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.timeline import Timeline
 from instdrive_app.window import EditorWindow, require_display
 from instdrive_core.errors import InstDriveError

@@ -12,7 +12,7 @@ from instdrive_app import camera
 from instdrive_app.pointer import Click
 from instdrive_app.render.picking import Picker
 from instdrive_app.render.renderer import Renderer
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import EditorState, resolve
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.edits.adjust import AdjustInstances

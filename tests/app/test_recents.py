@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from instdrive_app.recents import KEPT, RecentFiles
+from instdrive_app.session.recents import KEPT, RecentFiles
+from instdrive_app.session.view_memory import remembered, restore
 from instdrive_app.state import ViewMode
-from instdrive_app.view_memory import remembered, restore
 
 
 def test_the_newest_comes_first_and_what_is_gone_is_left_out(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.formats.registry import save_scene
 
 

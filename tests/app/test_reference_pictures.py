@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from instdrive_app.reference_pictures import ReferencePictures, mask_colors, masks_of, reference_picture
+from instdrive_app.session.reference_pictures import ReferencePictures, mask_colors, masks_of, reference_picture
 from instdrive_app.state import Reference
 from instdrive_core.errors import DataError
 from instdrive_core.instances.colormap import ids_from_colors

@@ -10,7 +10,7 @@ from instdrive_app.actions import register_commands
 from instdrive_app.panels.overlays.region_outline import DASH, dashes
 from instdrive_app.pointer import Click
 from instdrive_app.render.renderer import Renderer
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import resolve
 from instdrive_app.tools.registry import TOOLS, created_tools
 from instdrive_core.edits.document import Document

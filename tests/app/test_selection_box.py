@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from instdrive_app.selection_box import SelectionBoxes
+from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_core.edits.move import MoveInstances
 
 

@@ -11,7 +11,7 @@ from session_driver import errors, finish
 from instdrive_app.actions import register_commands
 from instdrive_app.commands import Command, Commands
 from instdrive_app.messages import Messages
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.bake import frozen_at
 from instdrive_core.edits.document import Document

@@ -4,7 +4,7 @@ import pytest
 from procedural_street import FIRST_CAR, HOUSES, ROAD
 from session_driver import errors, finish
 
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 from random_scene import random_scene
 
 from benchmarks.random_edits import document_digest
-from instdrive_app.selection_box import SelectionBoxes
+from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_core.edits import poses
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document

@@ -12,7 +12,7 @@ from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sorted_out
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_app.panels.dialogs.questions import Answers, question
 from instdrive_app.panels.ui import Ui
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
 
 TITLE = "Dropped files"
 

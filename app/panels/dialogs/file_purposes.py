@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from instdrive_app.export_kinds import WRITTEN
-from instdrive_app.session import EditorSession
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.export_kinds import WRITTEN
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.formats.scene_folder import MANIFEST
 from instdrive_core.formats.sog_levels import is_sog_folder

@@ -6,11 +6,11 @@ import os.path
 from collections.abc import Callable
 from pathlib import Path
 
-from instdrive_app.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
 from instdrive_app.file_names import working_folder
-from instdrive_app.files import Files
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
+from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
+from instdrive_app.session.files import Files
 from instdrive_app.state import EditorState
 from instdrive_core.edits.document import Document
 from instdrive_core.project.export import file_name

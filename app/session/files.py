@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from instdrive_app.autosave import Autosave
 from instdrive_app.file_names import name_problem
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
-from instdrive_app.opening import Opened, opened, recovered
-from instdrive_app.recents import RecentFiles
+from instdrive_app.session.autosave import Autosave
+from instdrive_app.session.opening import Opened, opened, recovered
+from instdrive_app.session.recents import RecentFiles
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.document import Document
 from instdrive_core.errors import SceneChangedError, SceneTooLargeError

@@ -13,7 +13,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 
 from instdrive_app.messages import Messages, told
-from instdrive_app.selection_box import Box, SelectionBoxes
+from instdrive_app.session.selection_box import Box, SelectionBoxes
 from instdrive_app.state import EditorState
 from instdrive_core.edits.append import AppendEdit
 from instdrive_core.edits.compound import CompoundEdit

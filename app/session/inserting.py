@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
-from instdrive_app.moving import Moving
+from instdrive_app.session.moving import Moving
 from instdrive_app.state import EditorState, Viewpoint
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.insert import InsertScene

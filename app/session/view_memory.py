@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from instdrive_app.navigation import Navigation
+from instdrive_app.session.navigation import Navigation
 from instdrive_app.state import EditorState, Lens, ViewMode, Viewpoint
 
 _LENS = ("fx", "fy", "cx", "cy", "width", "height")

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_app.kept import Kept
+from instdrive_app.session.kept import Kept
 from instdrive_core.edits.document import Document, InstanceCounts
 from instdrive_core.edits.late_bounds import LateBounds
 from instdrive_core.edits.placement import solid

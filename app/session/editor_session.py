@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from instdrive_app.aftermath import Aftermath
-from instdrive_app.autosave import Autosave
-from instdrive_app.borders import Borders
 from instdrive_app.commands import Commands
-from instdrive_app.export_kinds import ExportChoice
-from instdrive_app.exporting import Exporting
-from instdrive_app.files import Files
-from instdrive_app.inserting import Inserting
 from instdrive_app.jobs import Jobs
-from instdrive_app.jumping import Jumping
-from instdrive_app.labels import Labels
 from instdrive_app.messages import Messages, told
-from instdrive_app.moving import Moving
-from instdrive_app.navigation import Navigation
-from instdrive_app.opening import Opened
-from instdrive_app.reference_pictures import ReferencePictures
-from instdrive_app.solo import Solo
+from instdrive_app.session.aftermath import Aftermath
+from instdrive_app.session.autosave import Autosave
+from instdrive_app.session.borders import Borders
+from instdrive_app.session.export_kinds import ExportChoice
+from instdrive_app.session.exporting import Exporting
+from instdrive_app.session.files import Files
+from instdrive_app.session.inserting import Inserting
+from instdrive_app.session.jumping import Jumping
+from instdrive_app.session.labels import Labels
+from instdrive_app.session.moving import Moving
+from instdrive_app.session.navigation import Navigation
+from instdrive_app.session.opening import Opened
+from instdrive_app.session.reference_pictures import ReferencePictures
+from instdrive_app.session.solo import Solo
+from instdrive_app.session.turning import Turning
+from instdrive_app.session.view_memory import remembered, restore
 from instdrive_app.state import EditorState
-from instdrive_app.turning import Turning
-from instdrive_app.view_memory import remembered, restore
 from instdrive_core.edits.adjustments import AdjustKind
 from instdrive_core.edits.base import Edit
 from instdrive_core.edits.color import RecolorInstances, RecolorMode, ResetColors

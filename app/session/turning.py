@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
-from instdrive_app.navigation import Navigation
+from instdrive_app.session.navigation import Navigation
 from instdrive_app.state import EditorState
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.frozen_copy import frozen_copy

@@ -1,0 +1,1 @@
+"""The editor without a window: one document, the view of it, and what each action does to them."""
