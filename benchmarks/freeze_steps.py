@@ -22,8 +22,8 @@ from instdrive_core.project.save import SUFFIX
 
 RED = (0.82, 0.13, 0.13)
 HISTORY = 2000
-"""Edits of a long history; every hundredth of them is one of everything."""
-EVERYTHING = 100
+"""Edits of a long history; some of them of everything."""
+EVERYTHING = 400
 
 
 @dataclass(frozen=True)
@@ -210,15 +210,23 @@ def _long_history(desk: Desk) -> Iterator[None]:
         desk.session.recolor(chosen, "tint", (number / HISTORY, 0.5, 0.5))
         if number % EVERYTHING == 0:
             yield
-    assert len(document.history.edits) == HISTORY
+    assert len(document.history.edits) == HISTORY, desk.session.messages.log[-1].text
 
 
 def _jump(cursor: int) -> Act:
     return lambda desk: desk.session.jump(cursor)
 
 
+def _merge_largest(count: int) -> Act:
+    def act(desk: Desk) -> None:
+        desk.session.select(desk.largest(count))
+        desk.run("labels.merge")
+
+    return act
+
+
 def _split(desk: Desk) -> None:
-    desk.session.labels.split(SplitInstance(desk.largest(1)[0], 0.2))
+    desk.session.labels.split(SplitInstance(desk.session.selected[0], 0.2))
 
 
 ALL = (command("select.all"),)
@@ -269,7 +277,7 @@ STEPS = (
     Step("take all out", lambda desk: desk.session.labels.reassign(0), ALL),
     Step("absorb floaters of one", command("labels.absorb"), (_select_largest(1),)),
     Step("absorb floaters of 20", command("labels.absorb"), (_select_largest(20),)),
-    Step("split the largest", _split),
+    Step("split what was merged of 300", _split, (_merge_largest(300),)),
     Step("split dialog", _dialog("split"), (_select_largest(1),), edits=False),
     Step("findings dialog", _dialog("findings"), edits=False),
     Step("export dialog", _dialog("export"), edits=False),

@@ -30,6 +30,14 @@ settings.register_profile("search", UNHURRIED, derandomize=False)  # pytest --hy
 settings.load_profile("same every time")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport():
+    """What a test has logged and printed goes from worker to master as text: half characters in it end the worker."""
+    report = yield
+    report.sections = [(title, text.encode("utf-8", "backslashreplace").decode()) for title, text in report.sections]
+    return report
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_state_folder(tmp_path_factory):
     """Tests, and the editors they start, never touch the user's recent files, logs and recovery journals."""

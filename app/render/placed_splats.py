@@ -13,7 +13,6 @@ from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.rasterize.layout import kernel_array
 from instdrive_core.scene.scene import node_rotations
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import scale_of
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
 
@@ -106,18 +105,18 @@ class PlacedSplats:
 def _frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
     """Where pairs of node and move lie; a move that was undone, which nobody names, counts as none."""
     poses, present = state.poses(time)
-    turns = node_rotations(poses)
+    nodes, moves = np.array(pairs).T
     table = np.zeros((len(pairs), _FRAME_FLOATS))
-    for row, (node, move) in zip(table, pairs, strict=True):
-        if node >= len(poses):
-            continue
-        matrix = state.move_matrices[move if move < len(state.move_matrices) else 0]
-        scale = scale_of(matrix)
-        rotation = turns[node] @ matrix[:, :3] / scale
-        row[:_OFFSET] = rotation.ravel()
-        row[_OFFSET:_QUAT] = poses[node][:3, :3] @ matrix[:, 3] + poses[node][:3, 3]
-        row[_QUAT:_SCALE] = quaternion_from_matrix(rotation)
-        row[_SCALE], row[_EXISTS] = scale, present[node]
+    known = nodes < len(poses)
+    nodes, moves = nodes[known], moves[known]
+    matrices = state.move_matrices[np.where(moves < len(state.move_matrices), moves, 0)]
+    scales = np.linalg.norm(matrices[:, :, 0], axis=1)
+    rotations = node_rotations(poses)[nodes] @ matrices[:, :, :3] / scales[:, None, None]
+    table[known, :_OFFSET] = rotations.reshape(-1, 9)
+    offsets = poses[nodes, :3, :3] @ matrices[:, :, 3:]
+    table[known, _OFFSET:_QUAT] = offsets[..., 0] + poses[nodes, :3, 3]
+    table[known, _QUAT:_SCALE] = quaternion_from_matrix(rotations)
+    table[known, _SCALE], table[known, _EXISTS] = scales, present[nodes]
     return table
 
 

@@ -14,7 +14,7 @@ from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.scene.lane import street_direction, travel_direction
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import Similarity, current_means, scale_of
+from instdrive_core.scene.transforms import Similarity, scale_of
 
 SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
@@ -22,6 +22,8 @@ _FOOT_SHARE = 0.02
 """Of an instance's solid splats that may hang below its foot."""
 _MIN_PATH = 1.0
 """Metres an actor must drive to have a lane of its own."""
+_STREET_SPLATS = 100_000
+"""Of splats spread over the street, so many or fewer tell where it runs."""
 
 
 def solid(opacities: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
@@ -122,7 +124,8 @@ def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], 
     paths = [np.stack([where for _, where in sorted(film, key=lambda shot: shot[0])]) for film in cameras.values()]
     lane = travel_direction(paths, place)
     if lane is None:
-        lane = street_direction(current_means(scene.gaussians, document.transforms)[scene.nodes == 0], place)
+        street = np.flatnonzero(scene.nodes == 0)
+        lane = street_direction(document.means_of(street[:: 1 + len(street) // _STREET_SPLATS]), place)
     if lane is None:
         raise EditError("the scene has neither photo cameras nor a street here, so no lane is known")
     return lane
