@@ -75,18 +75,22 @@ class PlacedSplats:
 
     def _move(self, renamed: Int64[ndarray, " k"], state: SceneState, time: float) -> bool:
         """Name the frames of rows, and place those rows and all whose frame lies elsewhere; whether any did."""
-        pairs = state.nodes[renamed].astype(np.int64) << 16 | state.move_entries[renamed]
-        distinct, inverse = np.unique(pairs, return_inverse=True)
-        names = [
-            self._frame_of.setdefault((pair >> 16, pair & 0xFFFF), len(self._frame_of)) for pair in distinct.tolist()
-        ]
-        self.frames[renamed] = np.array(names, np.int32)[inverse]
+        nodes, moves = state.nodes[renamed].astype(np.int64), state.move_entries[renamed]
+        width = len(state.move_matrices)
+        pairs = nodes * width + moves
+        names = np.zeros((int(pairs.max()) + 1) if len(pairs) else 0, np.int32)
+        names[pairs] = 1
+        for pair in np.flatnonzero(names).tolist():
+            names[pair] = self._frame_of.setdefault(divmod(pair, width), len(self._frame_of))
+        self.frames[renamed] = names[pairs]
         before, self._table = self._table, _frame_table(list(self._frame_of), state, time)
         shifted = np.ones(len(self._table), bool)
         shifted[: len(before)] = (self._table[: len(before), :_EXISTS] != before[:, :_EXISTS]).any(axis=1)
         rows = renamed
         if shifted.any():
-            rows = np.union1d(renamed, np.flatnonzero(shifted[self.frames]))
+            elsewhere = shifted[self.frames]
+            elsewhere[renamed] = True
+            rows = np.flatnonzero(elsewhere)
         self._place(rows, state)
         return len(rows) > 0
 
