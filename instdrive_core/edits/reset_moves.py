@@ -51,7 +51,8 @@ class ResetMoves(PoseEdit):
         moved = {node: track for node, track in first.items() if track is not scene.actors[node - 1]}
         if not len(rows) and not moved:
             return False
-        touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in self.ids]
+        named = set(self.ids)
+        touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in named]
         size_before = len(palette)
         entries = changed_entries(palette, [(RowParts.whole(rows), sent_home)])
         self.put(document, rows, entries, moved, touched, size_before)
