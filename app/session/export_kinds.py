@@ -147,7 +147,7 @@ def _actors(request: ExportRequest) -> str:
 
 def _objects(request: ExportRequest) -> str:
     with part_of_work(0.0, _BAKING):
-        scene = baked(request.document)
+        scene = baked(request.document, to_read=True)
     hulls = request.choice.hulls
     written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
     shapes = "hulls" if hulls else "boxes"
@@ -156,7 +156,7 @@ def _objects(request: ExportRequest) -> str:
 
 def _masks(request: ExportRequest) -> str:
     with part_of_work(0.0, _BAKING):
-        scene = baked(request.document)
+        scene = baked(request.document, to_read=True)
     views = chosen_views(scene)
     write = write_coco_panoptic if request.choice.coco else write_id_pictures
     with part_of_work(_BAKING, 1.0):

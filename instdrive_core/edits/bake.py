@@ -19,20 +19,27 @@ from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import transform_rows
 
 
-def baked(document: Document, time: float | None = None, rows: Int[ndarray, " k"] | None = None) -> Scene:
+def baked(
+    document: Document, time: float | None = None, rows: Int[ndarray, " k"] | None = None, *, to_read: bool = False
+) -> Scene:
     """The edited scene: deleted rows gone, colours in the SH coefficients, moves done, instances counted again.
 
     With a `time` (seconds) the actors are placed where they are then, or left out where they are not yet or no longer,
     and become part of the background; without one they keep their frames and tracks.
     With `rows`, rising, only those of them that are left; tracks, sky and cameras stay (`edits.parts` takes them away).
-    Arrays are copies; rows that no edit touched and no track moves keep their bits.
+    Arrays are copies; rows that no edit touched and no track moves keep their bits. `to_read` promises that nothing is
+    written to them: where every row is left, arrays that no edit has changed are then the document's own.
     """
     scene = document.scene
     deleted = document.state.mask(Flag.DELETED)
     keep = np.flatnonzero(~deleted) if rows is None else rows[~deleted[rows]]
-    gaussians = scene.gaussians.select(keep)
-    report(0.3)
     recolored = np.flatnonzero(document.colors.indices[keep])
+    if to_read and len(keep) == len(scene):
+        moved = bool(document.transforms.indices.any())
+        gaussians = _with_copies_of(scene.gaussians, len(recolored) > 0, moved)
+    else:
+        gaussians = scene.gaussians.select(keep)
+    report(0.3)
     if len(recolored):
         dc, rest, logits = baked_colors(scene.gaussians, document.colors, keep[recolored])
         gaussians.sh_dc[recolored], gaussians.sh_rest[recolored] = dc, rest
@@ -70,6 +77,14 @@ def recounted(scene: Scene) -> Scene:
         classes={instance.id: instance.class_name for instance in scene.table},
     )
     return replace(scene, table=table)
+
+
+def _with_copies_of(gaussians: Gaussians, colors: bool, places: bool) -> Gaussians:
+    """The same Gaussians, of which baking may write the colours, or the places, or both."""
+    written = {"sh_dc", "sh_rest", "opacity_logits"} if colors else set()
+    written |= {"means", "quats", "log_scales", "sh_rest"} if places else set()
+    arrays = gaussians.arrays()
+    return Gaussians(**{name: array.copy() if name in written else array for name, array in arrays.items()})
 
 
 def _rows_of_scene(scene: Scene, rows: ndarray, gaussians: Gaussians) -> Scene:

@@ -82,7 +82,8 @@ def table_from_ids(
 ) -> InstanceTable:
     """Count and bound every ID above 0. Codeword and node are the most frequent ones of the ID's Gaussians (the lowest
     of equals)."""
-    order = np.argsort(instance_ids, kind="stable")
+    narrow = np.min_scalar_type(int(instance_ids.max(initial=0)))  # two bytes are sorted by digits, ten times as fast
+    order = np.argsort(instance_ids.astype(narrow), kind="stable")
     ids, starts, counts = np.unique(instance_ids[order], return_index=True, return_counts=True)
     common = _most_frequent(instance_ids, codewords) if codewords is not None else {}
     node_of = main_nodes(instance_ids, nodes) if nodes is not None else {}

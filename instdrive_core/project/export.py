@@ -60,7 +60,7 @@ def export_scene(
     Raises DataError; what was at `path` is then still there, and whole.
     """
     with part_of_work(0.0, BAKING):
-        scene = baked(document, time) if rows is None else baked_part(document, rows, time)
+        scene = baked(document, time, to_read=True) if rows is None else baked_part(document, rows, time)
     if rows is not None and not len(scene):
         raise OptionError(f"nothing of what is selected is there at {time:g} s; choose another time step")
     with part_of_work(BAKING, 1.0):

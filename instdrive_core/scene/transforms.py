@@ -137,8 +137,12 @@ def transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarr
 
 def transform_rows(gaussians: Gaussians, palette: TransformPalette, entries: UInt16[ndarray, " n"]) -> None:
     """Bake moves: write means, quaternions, scales and SH rest of all rows whose entry is not 0. `entries` (n,)."""
-    for entry in np.unique(entries[entries > 0]).tolist():
-        rows = np.flatnonzero(entries == entry)
+    moved = np.flatnonzero(entries)
+    if not len(moved):
+        return
+    order = moved[np.argsort(entries[moved], kind="stable")]
+    named, starts = np.unique(entries[order], return_index=True)
+    for entry, rows in zip(named.tolist(), np.split(order, starts[1:]), strict=True):
         matrix = palette.matrices[entry]
         scale = scale_of(matrix)
         rotation = matrix[:, :3] / scale

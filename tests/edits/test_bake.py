@@ -1,5 +1,8 @@
 """What is exported: deleted splats gone, recoloured ones changed, everything else bit-equal."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from random_scene import assert_same_scene, random_scene
@@ -9,9 +12,13 @@ from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.instances import RenameInstance
+from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.visibility import HideInstances
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import view_colors
+
+RECOLOR = RecolorInstances((2,), "solid", (1.0, 0.0, 0.0))
+MOVE = MoveInstances((3,), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.1))
 
 
 def test_untouched_documents_bake_to_equal_copies():
@@ -56,6 +63,28 @@ def test_baking_leaves_the_document_alone():
     before = random_scene()
     baked(document, time=0.1).gaussians.means[:] = 0
     assert_same_scene(scene, before)
+
+
+@pytest.mark.parametrize("edits", [(), (RECOLOR,), (MOVE,), (MOVE, RECOLOR), (DeleteInstances((1,)), MOVE)])
+def test_what_is_only_read_is_the_same_and_leaves_the_document_alone(edits):
+    document, before = Document(random_scene()), random_scene()
+    for edit in edits:
+        document.apply(copy(edit))
+    result = baked(document, 0.1, to_read=True)
+    assert_same_scene(result, baked(document, 0.1))
+    assert_same_scene(document.scene, replace(before, table=document.scene.table))
+
+
+def test_what_is_only_read_is_not_copied_where_nothing_has_changed_it():
+    scene = random_scene()
+    document = Document(scene)
+    document.apply(copy(RECOLOR))
+    result = baked(document, to_read=True).gaussians
+    shared = {
+        name for name, array in result.arrays().items() if np.shares_memory(array, getattr(scene.gaussians, name))
+    }
+    assert shared >= {"means", "quats", "log_scales"}
+    assert not shared & {"sh_dc", "sh_rest", "opacity_logits"}
 
 
 def test_placed_actors_look_as_they_did_on_their_tracks():
