@@ -60,7 +60,7 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         extra = {name: np.empty(count, header.dtype[name].newbyteorder("=")) for name in names if name not in known}
         targets = known | extra
         start = 0
-        for chunk in _chunks(file, header, path):
+        for chunk in chunks_of(file, header, path):
             source, target = options.places(start, start + len(chunk))
             for name in names:
                 if name in ids:
@@ -77,7 +77,7 @@ def write_ply(path: str | Path, scene: Scene) -> None:
     Raises DataError where the scene has moving actors: place them first (`edits.bake.frozen_at`).
     """
     check_static(path, scene, ".ply")
-    columns = _columns_to_write(scene)
+    columns = columns_to_write(scene)
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     with atomic_file(path) as file:
         file.write(_header(scene, dtype))
@@ -89,7 +89,8 @@ def write_ply(path: str | Path, scene: Scene) -> None:
             report(start / len(scene))
 
 
-def _columns_to_write(scene: Scene) -> dict[str, ndarray]:
+def columns_to_write(scene: Scene) -> dict[str, ndarray]:
+    """The columns (n,) of a scene's file, in their order there."""
     inria = column_views(scene.gaussians)
     zeros = np.broadcast_to(np.float32(0), len(scene))
     normals = {name: scene.extra.get(name, zeros) for name in NORMALS}
@@ -114,7 +115,8 @@ def _unknown(names: tuple[str, ...], rest: int, features: int) -> set[str]:
     return set(names) - column_views(one).keys() - feature_views(one).keys() - ID_LIMITS.keys()
 
 
-def _chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
+def chunks_of(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
+    """The vertices as structured arrays of up to `CHUNK_ROWS` rows. Raises DataError where the file ends too early."""
     if header.is_ascii:
         yield from _ascii_chunks(file, header, path)
         return

@@ -93,11 +93,14 @@ def save_verified(path: str | Path, scene: Scene, *, sibr: bool = False) -> None
 def _check(temporary: Path, path: Path, scene: Scene, fmt: Format) -> None:
     with part_of_work(WRITING, 1.0):
         try:
-            found = fmt.read(temporary) if fmt.suffix else read_scene_folder(path, temporary.name)
+            if fmt.difference is not None:
+                wrong = fmt.difference(temporary, scene)
+            else:
+                found = fmt.read(temporary) if fmt.suffix else read_scene_folder(path, temporary.name)
+                wrong = difference(scene, found, fmt)
         except (DataError, OSError) as error:
             problem = error.problem if isinstance(error, DataError) else str(error)
             raise _refused(path, f"what was written cannot be read again: {problem}") from error
-        wrong = difference(scene, found, fmt)
     if wrong:
         raise _refused(path, f"what was written reads differently: {wrong}")
 

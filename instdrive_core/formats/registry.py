@@ -10,6 +10,7 @@ from typing import Protocol
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.compressed_ply import read_compressed_ply, write_compressed_ply
 from instdrive_core.formats.ply import read_ply, write_ply
+from instdrive_core.formats.ply_compare import changed_value
 from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
 from instdrive_core.formats.sibr_ply import write_sibr_ply
 from instdrive_core.formats.sog import META, read_sog
@@ -39,10 +40,12 @@ class Format:
     read: SceneReader
     write: Callable[[Path, Scene], None] | None
     """None where the format is only read."""
+    difference: Callable[[Path, Scene], str] | None = None
+    """What a written file has that the scene has not, empty where nothing, found without reading the file whole."""
 
 
 FORMATS = (
-    Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply),
+    Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply, changed_value),
     Format("INRIA layout for SIBR viewers: 62 floats, nothing else", SIBR, read_ply, write_sibr_ply),
     Format("Packed .ply of SuperSplat and PlayCanvas", ".compressed.ply", read_compressed_ply, write_compressed_ply),
     Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat),
