@@ -29,8 +29,9 @@ warm_up_software()
 """
 NO_KEY = "Pause"
 """Means nothing to the editor, and wakes it where it is idle: then it draws but once a second."""
-ANSWERED = ("getmouselocation",)
-"""An xdotool command that waits for an answer of the display, hence for all that was asked of it before."""
+ANSWERED = ("getdisplaygeometry",)
+"""An xdotool command that waits for an answer of the display, hence for all that was asked of it before, and needs no
+window, which may just have closed."""
 DOUBLE_CLICK = 0.5
 """Seconds after which a second click at the same place is a click of its own."""
 
