@@ -34,7 +34,7 @@ APP_LAYERS = [
 ]
 """Modules that are not listed may stand anywhere as long as no circle arises."""
 SESSION_LAYERS = [
-    {"kept", "export_kinds", "reference_pictures", "recents", "jumping", "autosave"},
+    {"context", "kept", "export_kinds", "reference_pictures", "recents", "jumping", "autosave"},
     {"selection_box"},
     {"moving"},
     {"aftermath", "borders", "files", "inserting", "labels", "navigation", "solo"},

@@ -22,7 +22,7 @@ def test_half_characters_are_refused_and_whole_ones_kept(encoding):
 
 
 def test_names_of_files_that_are_no_text_come_through_but_are_not_shown():
-    path = b"/home/J\xfcrgen/a.ply".decode(errors="surrogateescape")
+    path = b"scenes/J\xfcrgen/a.ply".decode(errors="surrogateescape")
     assert json_value(json.dumps({"path": path})) == {"path": path}
     with pytest.raises(ValueError, match="half a character"):
         whole_text(path)

@@ -15,6 +15,10 @@ SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 
 def commands(session: EditorSession) -> list[Command]:
     """The Move menu."""
+    return [*_moves(session), *_bindings(session)]
+
+
+def _moves(session: EditorSession) -> list[Command]:
     moving = session.moving
 
     def selected() -> bool:
@@ -60,6 +64,13 @@ def commands(session: EditorSession) -> list[Command]:
             separator=True,
             undoable=True,
         ),
+    ]
+
+
+def _bindings(session: EditorSession) -> list[Command]:
+    """What moves are bound to."""
+    moving = session.moving
+    return [
         Command(
             "move.on_ground",
             "Moves stay on the ground",

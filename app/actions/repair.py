@@ -9,15 +9,15 @@ from instdrive_app.session.editor_session import EditorSession
 
 def commands(session: EditorSession) -> list[Command]:
     """The Labels menu."""
+    return [*_of_instances(session), *_of_splats(session)]
 
+
+def _of_instances(session: EditorSession) -> list[Command]:
     def some(count: int = 1) -> bool:
         return editable(session) and len(session.selected) >= count
 
     def one() -> bool:
         return editable(session) and len(session.selected) == 1
-
-    def splats() -> bool:
-        return editable(session) and session.has_selection
 
     return [
         Command(
@@ -51,6 +51,14 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_OBJECT_UNGROUP",
             undoable=True,
         ),
+    ]
+
+
+def _of_splats(session: EditorSession) -> list[Command]:
+    def splats() -> bool:
+        return editable(session) and session.has_selection
+
+    return [
         Command(
             "labels.reassign",
             "Reassign the selected splats…",
@@ -77,7 +85,7 @@ def commands(session: EditorSession) -> list[Command]:
             lambda: session.labels.absorb(session.selected),
             "Labels",
             ("Ctrl+B",),
-            enabled=some,
+            enabled=lambda: editable(session) and bool(session.selected),
             icon="ICON_FA_BROOM",
             undoable=True,
         ),

@@ -9,9 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int64, UInt16
 from numpy import ndarray
 
-from instdrive_app.jobs import Jobs
-from instdrive_app.messages import Messages
-from instdrive_app.state import EditorState
+from instdrive_app.session.context import SessionContext
 from instdrive_core import progress
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.base import Edit
@@ -63,17 +61,9 @@ class Finding:
 class Aftermath:
     """Follows deletions. Undoing what was cleaned up brings the report back, undoing the deletion takes it away."""
 
-    def __init__(
-        self,
-        state: EditorState,
-        document: Callable[[], Document | None],
-        apply: Callable[..., bool],
-        jobs: Jobs,
-        messages: Messages,
-    ) -> None:
-        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
-        self._state, self._document, self._apply = state, document, apply
-        self._jobs, self._messages = jobs, messages
+    def __init__(self, context: SessionContext) -> None:
+        self._state, self._document, self._apply = context.state, context.document, context.apply
+        self._jobs, self._messages = context.jobs, context.messages
         self._finding: Finding | None = None
         self._filling = False
 

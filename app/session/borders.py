@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from instdrive_app.jobs import Job, Jobs
-from instdrive_app.messages import Messages
-from instdrive_app.state import EditorState
-from instdrive_core.edits.document import Document
+from instdrive_app.jobs import Job
+from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.grow import BorderEdit, GrowSelection, ShrinkSelection
 from instdrive_core.scene.selection import Flag
@@ -23,17 +19,9 @@ _TITLES: dict[type[BorderEdit], str] = {
 class Borders:
     """Changes of the selection along its border; those asked for while one is under way follow it, in order."""
 
-    def __init__(
-        self,
-        state: EditorState,
-        document: Callable[[], Document | None],
-        apply: Callable[..., bool],
-        jobs: Jobs,
-        messages: Messages,
-    ) -> None:
-        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
-        self._state, self._document, self._apply = state, document, apply
-        self._jobs, self._messages = jobs, messages
+    def __init__(self, context: SessionContext) -> None:
+        self._state, self._document, self._apply = context.state, context.document, context.apply
+        self._jobs, self._messages = context.jobs, context.messages
         self._job: Job | None = None
         self._following: list[type[BorderEdit]] = []
 

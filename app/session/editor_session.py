@@ -11,6 +11,7 @@ from instdrive_app.messages import Messages, told
 from instdrive_app.session.aftermath import Aftermath
 from instdrive_app.session.autosave import Autosave
 from instdrive_app.session.borders import Borders
+from instdrive_app.session.context import SessionContext
 from instdrive_app.session.export_kinds import ExportChoice
 from instdrive_app.session.exporting import Exporting
 from instdrive_app.session.files import Files
@@ -56,21 +57,19 @@ class EditorSession:
         self.commands = Commands()
         self.document: Document | None = None
         self.jumping = Jumping()
-        self.navigation = Navigation(self.state, lambda: self.document)
+        context = SessionContext(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
+        self.navigation = Navigation(context)
         self.autosave = Autosave(self.messages.error)
         self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
-        self.exporting = Exporting(self.state, lambda: self.document, self.jobs, self.messages, self.files)
+        self.exporting = Exporting(context, self.files)
         self.references = ReferencePictures(self.messages.error, lambda: self.wake())
-        self.labels = Labels(lambda: self.document, self.apply, self.jobs, self.messages)
-        self.borders = Borders(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
-        self.solo = Solo(lambda: self.document, self.apply)
-        self.moving = Moving(self.state, lambda: self.document, self.apply, self.messages)
-        self.aftermath = Aftermath(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
-        self.turning = Turning(
-            *(self.state, lambda: self.document, self.apply, self.jobs, self.messages, self.navigation),
-            turned=self.aftermath.clear,
-        )
-        self.inserting = Inserting(self.state, lambda: self.document, self.jobs, self.messages, self.moving)
+        self.labels = Labels(context)
+        self.borders = Borders(context)
+        self.solo = Solo(context)
+        self.moving = Moving(context)
+        self.aftermath = Aftermath(context)
+        self.turning = Turning(context, self.navigation, turned=self.aftermath.clear)
+        self.inserting = Inserting(context, self.moving)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.asked_about: tuple[int, ...] = ()

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import os.path
-from collections.abc import Callable
 from pathlib import Path
 
 from instdrive_app.file_names import working_folder
-from instdrive_app.jobs import Jobs
-from instdrive_app.messages import Messages
+from instdrive_app.session.context import SessionContext
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
 from instdrive_app.session.files import Files
-from instdrive_app.state import EditorState
-from instdrive_core.edits.document import Document
 from instdrive_core.project.export import file_name
 from instdrive_core.project.sources import is_source_of
 
@@ -20,15 +16,9 @@ from instdrive_core.project.sources import is_source_of
 class Exporting:
     """Keeps the choice of the export dialog, and carries exports out."""
 
-    def __init__(
-        self,
-        state: EditorState,
-        document: Callable[[], Document | None],
-        jobs: Jobs,
-        messages: Messages,
-        files: Files,
-    ) -> None:
-        self._state, self._document, self._jobs, self._messages, self._files = state, document, jobs, messages, files
+    def __init__(self, context: SessionContext, files: Files) -> None:
+        self._state, self._document, self._jobs = context.state, context.document, context.jobs
+        self._messages, self._files = context.messages, files
         self.choice = ExportChoice()
         self.amounts: dict[What, str] = {}
         """How much there is of each kind; empty where there is nothing."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,10 +9,9 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.jobs import Jobs
-from instdrive_app.messages import Messages
+from instdrive_app.session.context import SessionContext
 from instdrive_app.session.moving import Moving
-from instdrive_app.state import EditorState, Viewpoint
+from instdrive_app.state import Viewpoint
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.insert import InsertScene
 from instdrive_core.edits.parameters import Vector
@@ -34,15 +32,9 @@ EYE_HEIGHT = 1.6
 class Inserting:
     """Opens a scene beside the window and puts it into the open document."""
 
-    def __init__(
-        self,
-        state: EditorState,
-        document: Callable[[], Document | None],
-        jobs: Jobs,
-        messages: Messages,
-        moving: Moving,
-    ) -> None:
-        self._state, self._document, self._jobs, self._messages, self._moving = state, document, jobs, messages, moving
+    def __init__(self, context: SessionContext, moving: Moving) -> None:
+        self._state, self._document, self._jobs = context.state, context.document, context.jobs
+        self._messages, self._moving = context.messages, moving
 
     def insert(self, path: Path, *others: Path) -> None:
         """Insert all of one or more scene files or folders, a step each; they are selected and taken in hand.

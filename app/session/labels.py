@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 
-from instdrive_app.jobs import Jobs
-from instdrive_app.messages import Messages
+from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.classes import SetClass
 from instdrive_core.edits.compound import CompoundEdit
@@ -24,11 +22,9 @@ Ids = tuple[int, ...]
 class Labels:
     """The verbs of label repair; each is one step of the history."""
 
-    def __init__(
-        self, document: Callable[[], Document | None], apply: Callable[..., bool], jobs: Jobs, messages: Messages
-    ) -> None:
-        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
-        self._document, self._apply, self._jobs, self._messages = document, apply, jobs, messages
+    def __init__(self, context: SessionContext) -> None:
+        self._document, self._apply, self._jobs = context.document, context.apply, context.jobs
+        self._messages = context.messages
 
     def merge(self, ids: Ids, into: int | None = None) -> None:
         """Make several instances one: `into`, or the one with the most splats."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
 from weakref import ref
@@ -12,9 +11,9 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from instdrive_app.messages import Messages, told
+from instdrive_app.messages import told
+from instdrive_app.session.context import SessionContext
 from instdrive_app.session.selection_box import Box, SelectionBoxes
-from instdrive_app.state import EditorState
 from instdrive_core.edits.append import AppendEdit
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
@@ -76,15 +75,9 @@ class Drag:
 class Moving:
     """All methods are about the selected instances at the shown moment."""
 
-    def __init__(
-        self,
-        state: EditorState,
-        document: Callable[[], Document | None],
-        apply: Callable[..., bool],
-        messages: Messages,
-    ) -> None:
-        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
-        self._state, self._document, self._apply, self._messages = state, document, apply, messages
+    def __init__(self, context: SessionContext) -> None:
+        self._state, self._document, self._apply = context.state, context.document, context.apply
+        self._messages = context.messages
         self.options = MoveOptions()
         self.drag: Drag | None = None
         """The one under way."""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
 from instdrive_app import camera
-from instdrive_app.state import EditorState, Viewpoint
+from instdrive_app.session.context import SessionContext
+from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
 from instdrive_core.edits.document import Document
 from instdrive_core.scene.selection import Flag
@@ -25,8 +24,8 @@ LOWEST, HIGHEST = -0.7, 0.2
 class Navigation:
     """Writes camera and time of the view state; dataset cameras and moments come from the open document."""
 
-    def __init__(self, state: EditorState, document: Callable[[], Document | None]) -> None:
-        self._state, self._document = state, document
+    def __init__(self, context: SessionContext) -> None:
+        self._state, self._document = context.state, context.document
         self.timeline = Timeline(())
         self.playing = False
         """Whether the drive plays."""

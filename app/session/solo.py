@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.solo import SoloInstances
@@ -18,9 +17,8 @@ class Solo:
     Whether that is still so is read from the document: undoing the step ends it, redoing brings it back.
     """
 
-    def __init__(self, document: Callable[[], Document | None], apply: Callable[..., bool]) -> None:
-        """`apply` makes and does an edit of the open document, and tells the user what hinders it."""
-        self._document, self._apply = document, apply
+    def __init__(self, context: SessionContext) -> None:
+        self._document, self._apply = context.document, context.apply
         self._of: Document | None = None
         self._ids: Ids = ()
         self._step: SoloInstances | None = None

@@ -8,10 +8,8 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.jobs import Jobs
-from instdrive_app.messages import Messages
+from instdrive_app.session.context import SessionContext
 from instdrive_app.session.navigation import Navigation
-from instdrive_app.state import EditorState
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.frozen_copy import frozen_copy
 from instdrive_core.edits.parameters import Vector
@@ -28,20 +26,11 @@ VIEW_SNAP = 10.0
 class Turning:
     """All methods are about the whole open scene."""
 
-    def __init__(
-        self,
-        state: EditorState,
-        document: Callable[[], Document | None],
-        apply: Callable[..., bool],
-        jobs: Jobs,
-        messages: Messages,
-        navigation: Navigation,
-        turned: Callable[[], None],
-    ) -> None:
-        """`apply` makes and does an edit of the open document; `turned` is called whenever the scene was turned, also
-        back by undo."""
-        self._state, self._document, self._apply = state, document, apply
-        self._jobs, self._messages, self._navigation, self._turned = jobs, messages, navigation, turned
+    def __init__(self, context: SessionContext, navigation: Navigation, turned: Callable[[], None]) -> None:
+        """`turned` is called whenever the scene was turned, also back by undo."""
+        self._state, self._document, self._apply = context.state, context.document, context.apply
+        self._jobs, self._messages = context.jobs, context.messages
+        self._navigation, self._turned = navigation, turned
         self._seen: tuple[Document | None, Float64[ndarray, "3 4"]] = (None, np.eye(3, 4))
         self._stated: Axis | None = None
         self.estimate: UpEstimate | None = None
@@ -63,7 +52,6 @@ class Turning:
         if document is None:
             return
         frozen, orientation = frozen_copy(document), document.orientation
-        frozen.orientation = orientation
 
         def done(found: UpEstimate) -> None:
             if self._document() is document and document.orientation is orientation:

@@ -48,3 +48,30 @@ class SetClass(Edit):
         """Put the old entries back."""
         restore_entries(document, self._before)
         document.instances_changed(ids_changed=False)
+
+
+@dataclass
+class SetInstanceClass(Edit):
+    """`SetClass` of one instance, as projects hold it that were saved before there was one of many."""
+
+    kind: ClassVar[str] = "set_instance_class"
+    id: int
+    class_name: str
+    _edit: SetClass = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self._edit = SetClass((self.id,), self.class_name)
+        self.class_name = self._edit.class_name
+
+    @property
+    def title(self) -> str:
+        """``Set class of instance 17 to Car``."""
+        return self._edit.title
+
+    def do(self, document: Document) -> bool:
+        """As `SetClass.do`."""
+        return self._edit.do(document)
+
+    def undo(self, document: Document) -> None:
+        """As `SetClass.undo`."""
+        self._edit.undo(document)

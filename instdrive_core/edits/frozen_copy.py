@@ -27,7 +27,7 @@ def frozen_copy(document: Document) -> Document:
     frozen = Document(scene)
     for flag in Flag:
         frozen.state.change(document.state.rows_with(flag), flag, True)
-    frozen.transforms = deepcopy(document.transforms)
+    frozen.transforms, frozen.orientation = deepcopy(document.transforms), document.orientation
     return frozen
 
 

@@ -167,36 +167,6 @@ class RenameInstance(Edit):
 
 
 @dataclass
-class SetInstanceClass(Edit):
-    """Set the class of one instance: in projects saved before there was `classes.SetClass`, which does the same."""
-
-    kind: ClassVar[str] = "set_instance_class"
-    id: int
-    class_name: str
-    _before: Instance | None = field(default=None, init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        checked_ids((self.id,))
-        self.class_name = checked_text(self.class_name, "class")
-
-    @property
-    def title(self) -> str:
-        """``Set class of instance 17 to Car``."""
-        return f"Set class of instance {self.id} to {self.class_name or 'unknown'}"
-
-    def do(self, document: Document) -> bool:
-        """Replace the table's entry. Raises EditError where the instance is locked."""
-        self._before = known_instance(document, self.id)
-        check_unlocked(document, (self.id,))
-        return _replaced(document, self._before, replace(self._before, class_name=self.class_name))
-
-    def undo(self, document: Document) -> None:
-        """Put the old entry back."""
-        assert self._before is not None
-        _replaced(document, document.scene.table[self.id], self._before)
-
-
-@dataclass
 class MergeInstances(Edit):
     """Give all splats of some instances to one; the IDs given up are never used again."""
 

@@ -10,7 +10,7 @@ from typing import Any
 from instdrive_core.edits.absorb import AbsorbFloaters
 from instdrive_core.edits.adjust import AdjustInstances
 from instdrive_core.edits.base import Edit
-from instdrive_core.edits.classes import SetClass
+from instdrive_core.edits.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.color import RecolorInstances, ResetColors
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
@@ -18,7 +18,7 @@ from instdrive_core.edits.duplicate import DuplicateInstances
 from instdrive_core.edits.fill_hole import FillHole
 from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.insert import InsertScene
-from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.instances import MergeInstances, RenameInstance
 from instdrive_core.edits.look import SetAdjustment
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected

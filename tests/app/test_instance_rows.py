@@ -4,8 +4,9 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD
 
 from instdrive_app.panels.instance_rows import InstanceRows, Query, natural
+from instdrive_core.edits.classes import SetInstanceClass
 from instdrive_core.edits.delete import DeleteInstances
-from instdrive_core.edits.instances import RenameInstance, SetInstanceClass
+from instdrive_core.edits.instances import RenameInstance
 from instdrive_core.edits.select import SelectInstances
 from instdrive_core.edits.visibility import HideInstances, LockInstances
 

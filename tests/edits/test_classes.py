@@ -3,10 +3,9 @@
 import pytest
 from random_scene import random_scene
 
-from instdrive_core.edits.classes import SetClass
+from instdrive_core.edits.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.compound import CompoundEdit
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.instances import SetInstanceClass
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.errors import EditError
 

@@ -7,10 +7,11 @@ import pytest
 from document_snapshot import snapshot
 from random_scene import random_scene
 
+from instdrive_core.edits.classes import SetInstanceClass
 from instdrive_core.edits.color import RecolorInstances
 from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
 from instdrive_core.edits.document import Document
-from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.instances import MergeInstances, RenameInstance
 from instdrive_core.edits.select import SelectCodeword, SelectInstances, SelectNone
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll

@@ -6,11 +6,11 @@ from random_scene import random_gaussians, random_scene
 
 from instdrive_core.edits import split
 from instdrive_core.edits.absorb import AbsorbFloaters
-from instdrive_core.edits.classes import SetClass
+from instdrive_core.edits.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.instances import MergeInstances, RenameInstance, SetInstanceClass
+from instdrive_core.edits.instances import MergeInstances, RenameInstance
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.reassign import ReassignSelected
 from instdrive_core.edits.select import SelectInstances

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from random_scene import random_scene
 
+from instdrive_core.edits.classes import SetInstanceClass
 from instdrive_core.edits.document import Document
 from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
-from instdrive_core.edits.instances import SetInstanceClass
 from instdrive_core.edits.move import MoveInstances
 from instdrive_core.edits.row_runs import RowRuns
 from instdrive_core.edits.select import InvertSelection, SelectAll, SelectClass, SelectInstances, SelectNone

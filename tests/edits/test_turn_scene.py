@@ -147,6 +147,12 @@ def test_prepared_aside_it_gives_the_same_and_only_for_what_it_was_prepared_for(
         np.testing.assert_allclose(document.scene.table[2].bounds, bounds, atol=1e-5)
 
 
+def test_a_frozen_copy_knows_how_the_scene_was_turned():
+    document = Document(random_scene())
+    document.apply(TurnScene(ANY_TURN))
+    np.testing.assert_array_equal(frozen_copy(document).orientation, document.orientation)
+
+
 def test_drives_are_scaled_with_the_street():
     document = Document(random_scene())
     before = {time: world_means(document, time) for time in (0.0, 0.13, 0.31)}
