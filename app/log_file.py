@@ -8,7 +8,7 @@ import threading
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
-from instdrive_core.user_folders import state_folder
+from instdrive_core.files.user_folders import state_folder
 
 MAX_BYTES, KEPT = 1_000_000, 4
 """Size of one file, and how many older ones are kept."""

@@ -20,10 +20,8 @@ class Command:
 
 
 COMMANDS = {
-    "demo": Command(
-        "instdrive_app.demo_command:demo", "Train a synthetic drive, evaluate it, and open the editor on it."
-    ),
-    "edit": Command("instdrive_app.edit_command:edit", "Open a scene in the editor window."),
+    "demo": Command("instdrive_app.cli.demo:demo", "Train a synthetic drive, evaluate it, and open the editor on it."),
+    "edit": Command("instdrive_app.cli.edit:edit", "Open a scene in the editor window."),
     "synth": Command(
         "instdrive_core.cli.synth:synth",
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
@@ -45,7 +43,7 @@ COMMANDS = {
     "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
     "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
     "doctor": Command(
-        "instdrive_app.doctor_command:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
+        "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
     ),
 }
 

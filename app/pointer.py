@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from instdrive_app.state import FrameSnapshot
-from instdrive_core.edits.select import SelectMode
+from instdrive_core.edits.kinds.select import SelectMode
 
 Point = tuple[float, float]
 """x, y in pixels of the picture, from its top left."""

@@ -17,8 +17,8 @@ from tyro.conf import Positional
 
 from benchmarks.pictures import clip_of_run, save_picture
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.boxes import box_silhouette
-from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.exposure import exposed
 from instdrive_core.scene.scene import Scene

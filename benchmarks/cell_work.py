@@ -19,8 +19,9 @@ import tyro
 
 from benchmarks.cells import Cell, Scale, cell_keys, config_of, learning_settings, plan, street_seed
 from benchmarks.outcomes import PUBLISHED, SPLIT
-from instdrive_core.datasets.clip import Clip, ClipOptions, load_clip
-from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.registry import load_clip
+from instdrive_core.files.atomic import write_bytes
 from instdrive_core.scene.scene import Scene
 
 OWN, FROZEN = "learned in the geometry's own run", "learned on its frozen geometry"
@@ -165,7 +166,7 @@ def _make_clip(cell: Cell, place: Workplace) -> dict[str, Any]:
 def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:
     """By the words of the command line, so that a reader can repeat it."""
     from instdrive_core.cli.masks import masks
-    from instdrive_core.masks.labelmap import open_masks
+    from instdrive_core.masks.label_map_folder import open_masks
 
     options, folder = place.options(cell), place.masks(cell.name)
     words = [str(place.clip(cell.clip)), "--out", str(folder), "--seed", "0"]
@@ -188,7 +189,7 @@ def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
     """Learn a method's instances, unless the geometry's own run has just these, and evaluate them."""
     from instdrive_core.evaluation.protocol import evaluate_scene
     from instdrive_core.evaluation.run_facts import read_run_facts
-    from instdrive_core.formats.scene_folder import read_scene_folder
+    from instdrive_core.formats.folder.scenes import read_scene_folder
     from instdrive_core.masks.ground_truth import open_ground_truth
 
     geometry = cell.needs[0]

@@ -14,7 +14,13 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 from instdrive_core.errors import OptionError
-from instdrive_core.training.config import InstanceConfig, Method, TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.training.settings.config import (
+    InstanceConfig,
+    Method,
+    TrainConfig,
+    on_frozen_geometry,
+    train_config,
+)
 
 Kind = Literal["clip", "masks", "geometry", "method", "figure"]
 

@@ -22,16 +22,17 @@ import numpy as np
 import tyro
 
 from benchmarks.workload import ROOT
-from instdrive_core.datasets.clip import Clip, load_clip
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
-from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.components import split_components
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.training.naming import instance_classes
+from instdrive_core.training.instances.naming import instance_classes
 
 Growth = Literal["longer", "denser"]
 

@@ -19,14 +19,14 @@ from tyro.conf import Positional, arg
 
 from benchmarks.own_state import own_state
 from benchmarks.picture_layout import beside, save_jpeg
-from instdrive_app.display import has_display
+from instdrive_app.demo.showpiece import best_view, ranked_things
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.showpiece import best_view, ranked_things
+from instdrive_app.shell.display import has_display
+from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.window import EditorWindow
+from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode, resolve
-from instdrive_app.virtual_display import virtual_display
-from instdrive_app.window import EditorWindow
-from instdrive_app.window_layout import WindowOptions
 
 SIZE = (1280, 720)
 MAX_BYTES = 900_000

@@ -13,8 +13,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from instdrive_app.display import has_display
-from instdrive_app.virtual_display import virtual_display
+from instdrive_app.shell.display import has_display
+from instdrive_app.shell.virtual_display import virtual_display
 
 PATIENCE = 60.0
 _TICKS = os.sysconf("SC_CLK_TCK")

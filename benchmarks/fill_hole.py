@@ -18,16 +18,16 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 from scipy.ndimage import gaussian_filter
 
-from instdrive_app.sample import sample_scene
+from instdrive_app.files.sample import sample_scene
 from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.layout import build_street
-from instdrive_core.datasets.synthetic.light import Light
-from instdrive_core.datasets.synthetic.render import StepRenderer
-from instdrive_core.datasets.synthetic.street import Street
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.delete import DeleteInstances
+from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
+from instdrive_core.datasets.synthetic.world.layout import build_street
+from instdrive_core.datasets.synthetic.world.light import Light
+from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.edits.deletion_report import deletion_report
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import Instance
 from instdrive_core.rasterize.scene_view import instance_map, view_scene

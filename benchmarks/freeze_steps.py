@@ -13,11 +13,11 @@ import numpy as np
 
 from benchmarks.monkey_hands import Hands
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.window import EditorWindow
-from instdrive_core.edits.adjustments import RANGES, AdjustKind
-from instdrive_core.edits.color import RecolorMode
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.split import SplitInstance
+from instdrive_app.shell.window import EditorWindow
+from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.color import RecolorMode
+from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.project.save import SUFFIX
 
 RED = (0.82, 0.13, 0.13)

@@ -23,11 +23,11 @@ from benchmarks.editor_scene import BLOCK, SIZE, write_street
 from benchmarks.freeze_steps import STEPS, Act, Desk, Step, frames
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
-from instdrive_app.display import has_display
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.virtual_display import virtual_display
-from instdrive_app.window import EditorWindow
-from instdrive_app.window_layout import WindowOptions
+from instdrive_app.shell.display import has_display
+from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.window import EditorWindow
+from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_core.errors import InstDriveError
 
 PATIENCE_FRAMES = 5_000

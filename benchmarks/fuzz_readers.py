@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fuzz_clip_seeds import HEIGHT, WIDTH
-from instdrive_core.datasets.clip import ClipOptions, load_clip
-from instdrive_core.datasets.point_ply import read_point_ply
-from instdrive_core.datasets.restricted_pickle import read_pickle
-from instdrive_core.edits.document import Document
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.point_cloud import read_point_ply
+from instdrive_core.datasets.registry import load_clip
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.serialize import edits_from_lines
 from instdrive_core.errors import DataError
+from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.masks.importing import READERS as MASK_READERS
-from instdrive_core.masks.labelmap import open_masks
+from instdrive_core.masks.imported.labels import READERS as MASK_READERS
+from instdrive_core.masks.label_map_folder import open_masks
 from instdrive_core.project.open import open_project
 from instdrive_core.project.recoverable import pending, restore
 from instdrive_core.scene.lint import linted

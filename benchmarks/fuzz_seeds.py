@@ -16,13 +16,13 @@ from PIL import Image
 
 from benchmarks.edit_street import edit_street
 from benchmarks.fuzz_clip_seeds import clip_seeds
-from instdrive_core.edits.bake import frozen_at
-from instdrive_core.edits.color import RecolorInstances
-from instdrive_core.edits.delete import DeleteInstances
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.formats.registry import save_scene
-from instdrive_core.formats.spz import write_spz
+from instdrive_core.formats.spz.scenes import write_spz
 from instdrive_core.project.edit_log import Logged, difference
 from instdrive_core.project.journal import Journal
 from instdrive_core.project.open import open_document

@@ -22,17 +22,18 @@ import tyro
 
 from benchmarks.train_step import model_of
 from benchmarks.workload import load_workload
-from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
 from instdrive_core.masks.sources import ensure_masks
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.backend import Backend
-from instdrive_core.training.config import Device, TrainConfig, train_config
-from instdrive_core.training.device import chosen_backend
-from instdrive_core.training.start import trainer_from_clip, trainer_from_scene
+from instdrive_core.training.backends.backend import Backend
+from instdrive_core.training.backends.device import chosen_backend
+from instdrive_core.training.build_trainer import trainer_from_clip, trainer_from_scene
+from instdrive_core.training.settings.config import Device, TrainConfig, train_config
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.view_store import ViewStore, view_store
-from instdrive_core.training.views import TrainingView
+from instdrive_core.training.views.training_view import TrainingView
+from instdrive_core.training.views.view_store import ViewStore, view_store
 
 _BLOCKS = 6
 """The workload's photos are noise, with this many times this many masks."""

@@ -21,14 +21,15 @@ from numpy import ndarray
 from PIL import Image
 from tyro.conf import Positional
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, load_clip
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.segmentation import confusion, evaluated_truth, one_to_one
-from instdrive_core.masks.annotations import AnnotationLabels
+from instdrive_core.evaluation.metrics.segmentation import confusion, evaluated_truth, one_to_one
+from instdrive_core.masks.annotated.labels import AnnotationLabels
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.masks.label_source import LabelSource
-from instdrive_core.masks.lidar import LidarLabels
+from instdrive_core.masks.lidar.labels import LidarLabels
 
 PICTURE_WIDTH = 960
 

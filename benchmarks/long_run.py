@@ -99,8 +99,8 @@ def resident_megabytes() -> float:
 def run_editing(options: Editing) -> dict[str, object]:
     """Rounds of what a user does; each ends where it began, so that what stays is a leak."""
     from benchmarks.editor_session import driven_editor
+    from instdrive_app.files.sample import sample_scene
     from instdrive_app.render.offscreen import offscreen_context
-    from instdrive_app.sample import sample_scene
 
     gauge, rounds = Gauge(options.minutes), 0
     with own_state() as folder, offscreen_context() as context, driven_editor(context, SIZE) as editor:
@@ -115,8 +115,8 @@ def run_editing(options: Editing) -> dict[str, object]:
 
 
 def _editing_round(editor, rng: np.random.Generator, folder: Path, reopen: Path | None) -> None:
-    from instdrive_core.edits.duplicate import DuplicateInstances
-    from instdrive_core.edits.move import MoveInstances
+    from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+    from instdrive_core.edits.kinds.move import MoveInstances
 
     session = editor.session
     visible = session.document.visible_instances()
@@ -149,9 +149,9 @@ def _editing_round(editor, rng: np.random.Generator, folder: Path, reopen: Path 
 def run_training(options: Training) -> dict[str, object]:
     """Steps of the RGB stage, then of nothing: the run is cut off when the time is over."""
     from instdrive_core.datasets.clip import ClipOptions
-    from instdrive_core.training.config import train_config
     from instdrive_core.training.run import RunRequest
     from instdrive_core.training.run import run_training as train
+    from instdrive_core.training.settings.config import train_config
 
     config = train_config()
     extra = config.init.near_points + config.init.far_points

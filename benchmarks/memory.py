@@ -18,8 +18,8 @@ from tyro.conf import Positional
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import InstDriveError
-from instdrive_core.training.config import train_config
 from instdrive_core.training.run import FACTS, RunRequest, run_training
+from instdrive_core.training.settings.config import train_config
 
 
 @dataclass(frozen=True)

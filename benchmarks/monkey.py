@@ -23,16 +23,16 @@ import tyro
 
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
-from instdrive_app.display import DisplayError
+from instdrive_app.files.sample import sample_scene
 from instdrive_app.messages import Level
-from instdrive_app.render.gl_objects import live_objects
-from instdrive_app.sample import sample_scene
+from instdrive_app.render.gl.gl_objects import live_objects
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, What
-from instdrive_app.virtual_display import virtual_display
-from instdrive_app.window import EditorWindow
-from instdrive_app.window_layout import WindowOptions
-from instdrive_core.edits.invariants import broken_invariants, fingerprint
+from instdrive_app.shell.display import DisplayError
+from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.window import EditorWindow
+from instdrive_app.shell.window_layout import WindowOptions
+from instdrive_core.edits.document.invariants import broken_invariants, fingerprint
 from instdrive_core.project.save import SUFFIX
 
 SIZE = (1280, 720)

@@ -28,7 +28,7 @@ import tyro
 from benchmarks.edit_street import edit_street
 from benchmarks.kill_targets import ACKNOWLEDGED, TARGETS, Autosave, Target, TornError, prepare, run_until_killed
 from benchmarks.random_edits import RandomEdits, document_digest
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from instdrive_core.user_folders import OVERRIDE
+from instdrive_core.files.user_folders import OVERRIDE
 
 
 @contextmanager

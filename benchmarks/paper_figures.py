@@ -15,8 +15,8 @@ from benchmarks.picture_layout import banner, beside, fitted, save_jpeg
 from instdrive_core.baselines.as_published import as_published
 from instdrive_core.datasets.clip import Clip, Frame, Sweep, is_held_out
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.point_ids import point_ids, point_support
-from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.evaluation.metrics.point_ids import point_ids, point_support
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.ground_truth import GroundTruth, open_ground_truth
 from instdrive_core.rasterize.scene_view import instance_map, view_scene

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image, ImageDraw, ImageFont
 
-from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.files.atomic import write_bytes
 
 MAX_BYTES = 400_000
 _GAP = 4

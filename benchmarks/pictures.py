@@ -18,8 +18,9 @@ from numpy import ndarray
 from PIL import Image
 from tyro.conf import Positional, arg
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, load_clip
-from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame
+from instdrive_core.datasets.registry import load_clip
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
 from instdrive_core.scene.scene import Scene

@@ -14,10 +14,21 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from benchmarks.workload import Workload
-from instdrive_core.rasterize.bin import TILE
-from instdrive_core.rasterize.blend import aligned_zeros
-from instdrive_core.rasterize.fragment import FAST, FLOOR, power_of_two
-from instdrive_core.rasterize.lanes import (
+from instdrive_core.rasterize.kernels.bin import TILE
+from instdrive_core.rasterize.kernels.blend import aligned_zeros
+from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, power_of_two
+from instdrive_core.rasterize.kernels.project import (
+    CONIC_XX,
+    CONIC_XY,
+    CONIC_YY,
+    MEAN_X,
+    MEAN_Y,
+    POWER_LIMIT,
+    Projection,
+    project,
+)
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
+from instdrive_core.rasterize.kernels.simd import (
     add_scaled,
     choose,
     greatest,
@@ -28,17 +39,6 @@ from instdrive_core.rasterize.lanes import (
     spread,
     store_block,
 )
-from instdrive_core.rasterize.project import (
-    CONIC_XX,
-    CONIC_XY,
-    CONIC_YY,
-    MEAN_X,
-    MEAN_Y,
-    POWER_LIMIT,
-    Projection,
-    project,
-)
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
 from instdrive_core.scene.camera import Camera
 
 _SPLATS = 256

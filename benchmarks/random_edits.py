@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from instdrive_core.edits.adjustments import RANGES
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.bases.adjustments import RANGES
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError
 from instdrive_core.scene.selection import Flag

@@ -17,9 +17,9 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from tyro.conf import Positional, arg
 
-from instdrive_core.edits.bake import recounted
-from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
-from instdrive_core.rasterize.blend_weights import blend_weights
+from instdrive_core.edits.queries.bake import recounted
+from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
+from instdrive_core.rasterize.kernels.blend_weights import blend_weights
 from instdrive_core.scene.scene import Scene, placed
 from instdrive_core.scene.sky import Sky
 

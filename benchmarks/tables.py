@@ -20,7 +20,7 @@ from benchmarks.cell_work import Workplace, commit, end_with_parent, work
 from benchmarks.cells import FULL, MINIATURE, Cell, chosen
 from benchmarks.results_page import NOTES_END, NOTES_START, Results, page
 from instdrive_core.errors import InstDriveError, OptionError
-from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.files.atomic import write_bytes
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -21,21 +21,22 @@ import torch
 import tyro
 from tyro.conf import Positional
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, load_clip
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.boxes import moving_box_pixels
-from instdrive_core.evaluation.image_metrics import psnr
-from instdrive_core.masks.labelmap import MaskFolder, open_masks
+from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
+from instdrive_core.evaluation.metrics.image_metrics import psnr
+from instdrive_core.masks.label_map_folder import MaskFolder, open_masks
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.exposure import exposed
 from instdrive_core.scene.scene import Scene
-from instdrive_core.training.config import TrainConfig, train_config
-from instdrive_core.training.cpu_backend import CpuBackend
-from instdrive_core.training.exposures import finished_exposures
-from instdrive_core.training.finish import finished_scene
-from instdrive_core.training.start import trainer_from_clip
+from instdrive_core.training.backends.cpu_backend import CpuBackend
+from instdrive_core.training.build_trainer import trainer_from_clip
+from instdrive_core.training.gaussians.exposures import finished_exposures
+from instdrive_core.training.instances.scene_export import finished_scene
+from instdrive_core.training.settings.config import TrainConfig, train_config
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.view_store import view_store
+from instdrive_core.training.views.view_store import view_store
 from instdrive_core.training.warm_up import compile_kernels
 
 

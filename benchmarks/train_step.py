@@ -28,11 +28,11 @@ from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.rasterize.render import render
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.training.config import train_config
-from instdrive_core.training.cpu_backend import CpuBackend
-from instdrive_core.training.draw import draw_view
-from instdrive_core.training.model import SceneModel, model_from_gaussians
-from instdrive_core.training.optimizers import Optimizers
+from instdrive_core.training.backends.cpu_backend import CpuBackend
+from instdrive_core.training.gaussians.model import SceneModel, model_from_gaussians
+from instdrive_core.training.gaussians.optimizers import Optimizers
+from instdrive_core.training.gaussians.view_rendering import draw_view
+from instdrive_core.training.settings.config import train_config
 
 _FEATURES, _SH_REST = 8, 15
 _WARM_UP = 3

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 

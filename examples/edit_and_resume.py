@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.color import RecolorInstances
-from instdrive_core.edits.delete import DeleteInstances
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.project.open import open_document
 from instdrive_core.project.save import save_project
 

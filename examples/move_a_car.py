@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.duplicate import DuplicateInstances
-from instdrive_core.edits.move import MoveInstances
-from instdrive_core.edits.placement import center_of, lane_at
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.placement import center_of, lane_at
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 

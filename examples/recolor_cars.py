@@ -8,8 +8,8 @@ import numpy as np
 from PIL import Image
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.color import RecolorInstances
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.rasterize.scene_view import view_scene

@@ -15,7 +15,7 @@ CHECKED = ("maths", "instances", "scene", "edits")
 
 def _checked_modules() -> list[str]:
     """Modules of pure numpy; Numba cannot cache functions that a checker has wrapped."""
-    files = [file for package in CHECKED for file in (ROOT / "instdrive_core" / package).glob("*.py")]
+    files = [file for package in CHECKED for file in (ROOT / "instdrive_core" / package).rglob("*.py")]
     pure = [file for file in files if file.stem != "__init__" and "import numba" not in file.read_text()]
     return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in pure]
 
@@ -54,7 +54,7 @@ def _compiled_code_is_saved_by_one_worker_at_a_time(tmp_path_factory):
         return
     from numba.core.caching import IndexDataCacheFile
 
-    from instdrive_core.formats.file_lock import FileLock
+    from instdrive_core.files.file_lock import FileLock
 
     path, save = tmp_path_factory.getbasetemp().parent / "numba.lock", IndexDataCacheFile.save
 

@@ -6,16 +6,17 @@ from pathlib import Path
 import pytest
 from random_scene import random_scene
 
-from instdrive_core.datasets import colmap_binary, colmap_text
-from instdrive_core.datasets.json_file import read_json
+from instdrive_core.datasets.colmap import binary as colmap_binary
+from instdrive_core.datasets.colmap import text as colmap_text
 from instdrive_core.datasets.photos import photo_size
-from instdrive_core.datasets.point_ply import read_point_ply
-from instdrive_core.datasets.restricted_pickle import read_pickle
+from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.errors import DataError
+from instdrive_core.files.json_fields import read_json
+from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.masks.import_label_map import read_imported_label_map
-from instdrive_core.masks.import_npz import read_imported_npz
-from instdrive_core.masks.labelmap import read_sky
+from instdrive_core.masks.imported.label_map import read_imported_label_map
+from instdrive_core.masks.imported.npz import read_imported_npz
+from instdrive_core.masks.label_map_folder import read_sky
 from instdrive_core.project.open import open_document
 
 PIPE = "a pipe, socket or device"

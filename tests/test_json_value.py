@@ -6,9 +6,9 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_core.errors import DataError
+from instdrive_core.files.bounded_json import parsed_json
+from instdrive_core.files.json_value import json_value, whole_text
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.json_value import json_value, whole_text
-from instdrive_core.project.bounded_json import parsed_json
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])

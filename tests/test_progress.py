@@ -5,7 +5,7 @@ import threading
 import pytest
 from random_scene import random_scene
 
-from instdrive_core.edits.bake import frozen_at
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.progress import CancelledError, part_of_work, report, reporting
 

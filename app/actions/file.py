@@ -7,7 +7,7 @@ from pathlib import Path
 
 from instdrive_app.actions.conditions import asking, editable
 from instdrive_app.commands import Command, MenuItem
-from instdrive_app.sample import has_sample_scene, sample_scene
+from instdrive_app.files.sample import has_sample_scene, sample_scene
 from instdrive_app.session.editor_session import EditorSession
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from instdrive_app.actions.conditions import editable
 from instdrive_app.commands import Command
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.select import InvertSelection, SelectAll, SelectClass
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass
 
 
 def commands(session: EditorSession) -> list[Command]:

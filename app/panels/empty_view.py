@@ -7,8 +7,8 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.jobs import Job
-from instdrive_app.panels.ui import Rectangle, Ui, dim_text, fitted_text, icon, scaled, scaled_size
-from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, dim_text, fitted_text, icon, scaled, scaled_size
 
 WIDTH = 340.0
 """Of everything, in pixels at scale 1."""

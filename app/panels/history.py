@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Ui, fitted_text, icon, scaled
-from instdrive_app.theme import ACCENT, DIM, TEXT, packed, rgba
-from instdrive_core.edits.base import Edit
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, packed, rgba
+from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon, scaled
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.wording import counted
 
 OTHER_ICON = "ICON_FA_PEN"

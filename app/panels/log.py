@@ -7,8 +7,8 @@ import time
 from imgui_bundle import imgui
 
 from instdrive_app.messages import Level
-from instdrive_app.panels.ui import Ui, dim_text
-from instdrive_app.theme import ERROR, rgba
+from instdrive_app.panels.widgets.theme import ERROR, rgba
+from instdrive_app.panels.widgets.ui import Ui, dim_text
 
 
 class LogPanel:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.commands import Command, shortcut_title
-from instdrive_app.panels.ui import Ui, icon_menu_item, icon_submenu
+from instdrive_app.panels.widgets.ui import Ui, icon_menu_item, icon_submenu
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {

@@ -22,8 +22,8 @@ from instdrive_app.panels.dialogs.too_large import TooLargeDialog
 from instdrive_app.panels.dialogs.turn_upright import TurnUprightDialog
 from instdrive_app.panels.dialogs.unsaved import UnsavedDialog
 from instdrive_app.panels.history import HistoryPanel
-from instdrive_app.panels.inspector import InspectorPanel
-from instdrive_app.panels.instances import InstancesPanel
+from instdrive_app.panels.inspector.panel import InspectorPanel
+from instdrive_app.panels.instances.panel import InstancesPanel
 from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
@@ -36,8 +36,8 @@ from instdrive_app.panels.overlays.region_outline import RegionOutline
 from instdrive_app.panels.overlays.view_switch import ViewSwitch
 from instdrive_app.panels.timeline import TimelinePanel
 from instdrive_app.panels.toolbar import Toolbar
-from instdrive_app.panels.ui import Ui
 from instdrive_app.panels.viewport import ViewportPanel
+from instdrive_app.panels.widgets.ui import Ui
 
 
 class Panel(Protocol):

@@ -6,9 +6,9 @@ import numpy as np
 from imgui_bundle import ImVec4, imgui
 
 from instdrive_app.memory import MemoryGauge
-from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, rgba
+from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_text, icon, scaled
 from instdrive_app.session.files import changes_of
-from instdrive_app.theme import ACCENT, DIM, rgba
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted
 

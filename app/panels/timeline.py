@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.ui import Ui, bounded_slider, command_button, dim_text, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, bounded_slider, command_button, dim_text, icon, scaled, scaled_size
 from instdrive_app.state import Reference
 
 

@@ -7,8 +7,8 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.jobs import Job
 from instdrive_app.messages import Level, Message
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH
-from instdrive_app.panels.ui import Ui, dim_text, fitted_text, icon, scaled, scaled_size
-from instdrive_app.theme import BACKGROUND, DIM, ERROR, GOOD, packed, rgba
+from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, ERROR, GOOD, packed, rgba
+from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_text, icon, scaled, scaled_size
 
 WIDTH = 380.0
 """Of a toast, in pixels at scale 1."""

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.commands import Command, shortcut_title
-from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled
-from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
 
 MARGIN = 10.0
 """Pixels at scale 1, as are the others, between the picture's edge and the bar."""

@@ -9,10 +9,10 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app import camera
 from instdrive_app.panels.empty_view import EmptyView
-from instdrive_app.panels.instance_menu import instance_menu
+from instdrive_app.panels.instances.menu import instance_menu
 from instdrive_app.panels.overlays import Handles, Overlay
 from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 

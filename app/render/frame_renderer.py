@@ -11,7 +11,7 @@ from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_app.state import FrameSnapshot
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import OptionError
 
 CHOICE = "INSTDRIVE_RENDERER"
@@ -91,9 +91,9 @@ def chosen_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Lit
 def renderer_of(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
     """A renderer of the document. `wake` is called from another thread when one that draws aside has a frame."""
     if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
-        from instdrive_app.render.software import SoftwareRenderer
+        from instdrive_app.render.software.renderer import SoftwareRenderer
 
         return SoftwareRenderer(ctx, document, wake)
-    from instdrive_app.render.renderer import Renderer
+    from instdrive_app.render.gl.renderer import Renderer
 
     return Renderer(ctx, document)

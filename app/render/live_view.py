@@ -10,9 +10,9 @@ import numpy as np
 
 from instdrive_app.render.frame_renderer import FrameRenderer, chosen_kind, renderer_of
 from instdrive_app.render.shown_frame import ShownFrame
-from instdrive_app.render.software_warm_up import warm_up_beside
+from instdrive_app.render.software.warm_up import warm_up_beside
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 SMOOTH_SECONDS = 1 / 16
 """Frames that take longer than this are drawn coarsely while the camera moves or the drive plays."""

@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_app.render.gl_state import GraphicsError
-from instdrive_app.render.renderer import Renderer
+from instdrive_app.render.gl.gl_state import GraphicsError
+from instdrive_app.render.gl.renderer import Renderer
 from instdrive_app.state import FrameSnapshot
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 __all__ = ["GraphicsError", "drawn_blend", "driver_facts", "offscreen_context"]
 

@@ -7,7 +7,7 @@ from jaxtyping import Float32, Int
 from numpy import ndarray
 
 from instdrive_app.render.world_means import WorldMeans
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.rasterize.shown_rows import largest_log_scales, shown_opacities, world_shapes
 from instdrive_core.scene.selection import Flag
 

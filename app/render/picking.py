@@ -11,10 +11,10 @@ from numpy import ndarray
 
 from instdrive_app.render.pickable_splats import PickableSplats
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.rasterize.kernels.settings import settings_for
 from instdrive_core.rasterize.pixel import Contributors, fragments_among, rows_near, winner_of
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
-from instdrive_core.rasterize.settings import settings_for
 
 
 class Below(NamedTuple):

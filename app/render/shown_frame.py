@@ -9,7 +9,7 @@ from jaxtyping import Int32
 from numpy import ndarray
 
 from instdrive_app.state import FrameSnapshot
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.selection import Flag
 
 

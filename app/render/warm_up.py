@@ -7,12 +7,12 @@ import numpy as np
 from instdrive_app.render.depth_order import depth_order
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
-from instdrive_core.edits.color import RecolorInstances
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.look import SetAdjustment, look_of
-from instdrive_core.edits.move import MoveInstances
-from instdrive_core.edits.region import rows_in_region
-from instdrive_core.edits.select import SelectInstances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment, look_of
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.select import SelectInstances
+from instdrive_core.edits.queries.region import rows_in_region
 from instdrive_core.instances.nearness import rows_near
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.gaussians import Gaussians

@@ -11,12 +11,12 @@ from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
 from instdrive_core import progress
-from instdrive_core.edits.absorb import AbsorbFloaters
-from instdrive_core.edits.base import Edit
 from instdrive_core.edits.deletion_report import DeletionReport, deletion_report, deletion_report_of_rows
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.holes import Hole
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.holes.holes import Hole
+from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.errors import EditError
 
 MOST_INSTANCES = 100

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
 from instdrive_core.project.recoverable import RecoverableSession, Restored, discard
 from instdrive_core.project.recovery import Recovery

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from instdrive_app.jobs import Job
 from instdrive_app.session.context import SessionContext
-from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.grow import BorderEdit, GrowSelection, ShrinkSelection
+from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.kinds.grow import BorderEdit, GrowSelection, ShrinkSelection
 from instdrive_core.scene.selection import Flag
 
 AT_ONCE = 20_000

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.state import EditorState
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 
 @dataclass(frozen=True)

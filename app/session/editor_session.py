@@ -26,14 +26,14 @@ from instdrive_app.session.solo import Solo
 from instdrive_app.session.turning import Turning
 from instdrive_app.session.view_memory import remembered, restore
 from instdrive_app.state import EditorState
-from instdrive_core.edits.adjustments import AdjustKind
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.color import RecolorInstances, RecolorMode, ResetColors
-from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.look import SetAdjustment
-from instdrive_core.edits.select import SelectClass, SelectCodeword, SelectInstances, SelectMode, SelectNone
-from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
+from instdrive_core.edits.bases.adjustments import AdjustKind
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
+from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode, ResetColors
+from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.kinds.select import SelectClass, SelectCodeword, SelectInstances, SelectMode, SelectNone
+from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
 from instdrive_core.formats.stated_up import stated_up
 from instdrive_core.project.recoverable import RecoverableSession

@@ -10,15 +10,15 @@ from typing import Literal
 import numpy as np
 
 from instdrive_app.state import EditorState, ViewMode, Viewpoint
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.parts import actors_with_splats, selected_actors, selected_rows
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.parts import actors_with_splats, selected_actors, selected_rows
 from instdrive_core.errors import OptionError
-from instdrive_core.formats.objects import SUFFIXES, write_objects
+from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
 from instdrive_core.formats.registry import FORMATS
-from instdrive_core.masks.coco_panoptic import write_coco_panoptic
-from instdrive_core.masks.id_maps import MAX_SIDE, chosen_views, id_maps
-from instdrive_core.masks.id_pictures import save_png, write_id_pictures
+from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
+from instdrive_core.masks.export.id_maps import MAX_SIDE, chosen_views, id_maps
+from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
 from instdrive_core.progress import part_of_work, report
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
 from instdrive_core.rasterize.pictures import Mode, picture

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os.path
 from pathlib import Path
 
-from instdrive_app.file_names import working_folder
+from instdrive_app.files.file_names import working_folder
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
 from instdrive_app.session.files import Files

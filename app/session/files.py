@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from instdrive_app.file_names import name_problem
+from instdrive_app.files.file_names import name_problem
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.session.autosave import Autosave
 from instdrive_app.session.opening import Opened, opened, recovered
 from instdrive_app.session.recents import RecentFiles
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import SceneChangedError, SceneTooLargeError
+from instdrive_core.files.user_folders import state_folder
 from instdrive_core.project.recoverable import RecoverableSession, pending
 from instdrive_core.project.save import is_project, project_state, write_project
-from instdrive_core.user_folders import state_folder
 
 Stamp = tuple[int, int]
 """When a file was written, nanoseconds, and its size in bytes."""

@@ -12,10 +12,10 @@ from numpy import ndarray
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.moving import Moving
 from instdrive_app.state import Viewpoint
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.insert import InsertScene
-from instdrive_core.edits.parameters import Vector
-from instdrive_core.edits.placement import foot_of, ground_under, solid
+from instdrive_core.edits.bases.parameters import Vector
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.queries.placement import foot_of, ground_under, solid
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import middle_bounds

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 SLICE_SECONDS = 0.03
 """Of a frame that edits are undone or done in; the edit that is begun then is finished."""

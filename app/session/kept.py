@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 from weakref import ref
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 Value = TypeVar("Value")
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from copy import copy
 
 from instdrive_app.session.context import SessionContext
-from instdrive_core.edits.absorb import AbsorbFloaters
-from instdrive_core.edits.classes import SetClass
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.instances import MergeInstances, RenameInstance
-from instdrive_core.edits.reassign import ReassignSelected
-from instdrive_core.edits.split import SplitInstance
+from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.kinds.absorb import AbsorbFloaters
+from instdrive_core.edits.kinds.classes import SetClass
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.reassign import ReassignSelected
+from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.progress import report
 from instdrive_core.wording import counted
 

@@ -14,16 +14,16 @@ from numpy import ndarray
 from instdrive_app.messages import told
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.selection_box import Box, SelectionBoxes
-from instdrive_core.edits.append import AppendEdit
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.duplicate import DuplicateInstances
-from instdrive_core.edits.instances import new_instances
-from instdrive_core.edits.move import SCALE_LIMITS, MoveInstances
-from instdrive_core.edits.parameters import Vector
-from instdrive_core.edits.placement import lane_at
-from instdrive_core.edits.reset_moves import ResetMoves
-from instdrive_core.edits.select import SelectInstances, SelectMode
+from instdrive_core.edits.bases.append import AppendEdit
+from instdrive_core.edits.bases.parameters import Vector
+from instdrive_core.edits.bases.relabel import new_instances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.move import SCALE_LIMITS, MoveInstances
+from instdrive_core.edits.kinds.reset_moves import ResetMoves
+from instdrive_core.edits.kinds.select import SelectInstances, SelectMode
+from instdrive_core.edits.queries.placement import lane_at
 from instdrive_core.errors import EditError
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import quaternion_from_matrix

@@ -10,7 +10,7 @@ from instdrive_app import camera
 from instdrive_app.session.context import SessionContext
 from instdrive_app.state import Viewpoint
 from instdrive_app.timeline import Timeline
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import ordinal
 from instdrive_core.progress import part_of_work, report
 from instdrive_core.project.open import open_document, open_project

@@ -8,7 +8,7 @@ import os.path
 from pathlib import Path
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.files.atomic import write_bytes
 
 KEPT = 10
 _log = logging.getLogger(__name__)

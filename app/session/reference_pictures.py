@@ -16,7 +16,7 @@ from instdrive_app.state import Reference
 from instdrive_core.datasets.photos import load_photo, photo_size
 from instdrive_core.errors import DataError, InstDriveError
 from instdrive_core.instances.colormap import colors_from_ids
-from instdrive_core.masks.labelmap import SIDECAR, FrameMasks, open_masks
+from instdrive_core.masks.label_map_folder import SIDECAR, FrameMasks, open_masks
 from instdrive_core.scene.camera import CameraView
 
 _log = logging.getLogger(__name__)

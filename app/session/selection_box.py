@@ -11,9 +11,9 @@ from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
 from instdrive_app.session.kept import Kept
-from instdrive_core.edits.document import Document, InstanceCounts
-from instdrive_core.edits.late_bounds import LateBounds
-from instdrive_core.edits.placement import solid
+from instdrive_core.edits.bases.late_bounds import LateBounds
+from instdrive_core.edits.document.document import Document, InstanceCounts
+from instdrive_core.edits.queries.placement import solid
 from instdrive_core.instances.oriented_box import upright_box
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.transforms import Similarity, scale_of

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from instdrive_app.session.context import SessionContext
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.solo import SoloInstances
-from instdrive_core.edits.visibility import HideInstances, ShowAll
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.solo import SoloInstances
+from instdrive_core.edits.kinds.visibility import HideInstances, ShowAll
 
 Ids = tuple[int, ...]
 

@@ -10,11 +10,11 @@ from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.navigation import Navigation
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.parameters import Vector
-from instdrive_core.edits.turn_scene import TurnScene
-from instdrive_core.edits.up_of import up_of
+from instdrive_core.edits.bases.parameters import Vector
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.kinds.turn_scene import TurnScene
+from instdrive_core.edits.queries.scene_up import up_of
 from instdrive_core.scene.transforms import composed, inverted
 from instdrive_core.scene.up_estimate import UpEstimate
 from instdrive_core.scene.upright import UP, Axis, direction_of, nearest_axis

@@ -7,7 +7,7 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.render.shown_frame import instance_shown_at
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 SAME_PLACE = 4.0
 """Pixels within which a second click means the same place."""

@@ -15,8 +15,8 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
-from instdrive_core.edits.region import instances_in_region, rows_in_region
-from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.queries.region import instances_in_region, rows_in_region
 from instdrive_core.scene.screen_region import polygon_mask
 
 Winners = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]

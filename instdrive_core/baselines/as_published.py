@@ -9,7 +9,7 @@ import numpy as np
 
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.scene.scene import Scene
-from instdrive_core.training.naming import display_names
+from instdrive_core.training.instances.naming import display_names
 
 
 def as_published(scene: Scene) -> Scene:

@@ -20,12 +20,12 @@ from torch.nn.functional import cross_entropy, log_softmax
 
 from instdrive_core.baselines.iou_tracker import MaskTracks, TrackerConfig, tracked_masks
 from instdrive_core.baselines.learnable_features import CLASSIFIER, NO_MASKS, SAMPLED_ROWS, LearnableFeatures
-from instdrive_core.training.config import TrainConfig
-from instdrive_core.training.feature_weights import CachedView, weighted_features
-from instdrive_core.training.instance_stage import LearnedInstances, cached_views
-from instdrive_core.training.model import SceneModel
-from instdrive_core.training.schedule import step_rng, view_of_step
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import CachedView, weighted_features
+from instdrive_core.training.instances.instance_stage import LearnedInstances, cached_views
+from instdrive_core.training.settings.config import TrainConfig
+from instdrive_core.training.settings.schedule import step_rng, view_of_step
+from instdrive_core.training.views.view_store import ViewStore
 
 _VIEWS = 20
 """Stream of random numbers of the order of the views."""

@@ -21,9 +21,9 @@ from scipy.optimize import linear_sum_assignment
 
 from instdrive_core.baselines.surface_points import SurfacePoints, surface_points
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.feature_weights import CachedView
-from instdrive_core.training.model import SceneModel
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import CachedView
+from instdrive_core.training.views.view_store import ViewStore
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from instdrive_core.training.gather import gathered
-from instdrive_core.training.schedule import step_rng
-from instdrive_core.training.visible_adam import VisibleAdam
+from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.gaussians.visible_adam import VisibleAdam
+from instdrive_core.training.settings.schedule import step_rng
 
 NO_MASKS = "no view shows a mask on the scene: nothing to learn instances from"
 FIRST_VALUES, SAMPLED_ROWS, CLUSTERS, CLASSIFIER = 10, 11, 12, 13

@@ -19,10 +19,10 @@ from instdrive_core.baselines.learnable_features import NO_MASKS
 from instdrive_core.baselines.mask_consensus import MaskGraphConfig, dropped_masks, linked_masks, mask_relations
 from instdrive_core.baselines.mask_members import MaskMembers, mask_members
 from instdrive_core.instances.interiors import nearest_filled
-from instdrive_core.training.config import TrainConfig
-from instdrive_core.training.instance_stage import LearnedInstances
-from instdrive_core.training.model import SceneModel
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.instance_stage import LearnedInstances
+from instdrive_core.training.settings.config import TrainConfig
+from instdrive_core.training.views.view_store import ViewStore
 
 DEFAULT = MaskGraphConfig()
 

@@ -11,10 +11,10 @@ from jaxtyping import Int, Int32, Int64
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.top_contributors import top_contributors
-from instdrive_core.training.feature_weights import gaussians_in_view
-from instdrive_core.training.model import SceneModel
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.rasterize.kernels.top_contributors import top_contributors
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import gaussians_in_view
+from instdrive_core.training.views.view_store import ViewStore
 
 PIXELS_PER_VIEW = 150_000
 """Photos of more pixels are looked at on a grid of about so many: sparser ones miss Gaussians that they do show."""

@@ -20,13 +20,13 @@ from torch.nn.functional import normalize
 from instdrive_core.baselines.kmeans import lloyd, seeded_centers
 from instdrive_core.baselines.learnable_features import CLUSTERS, NO_MASKS, LearnableFeatures
 from instdrive_core.scene.scene import placed
-from instdrive_core.training.config import TrainConfig
-from instdrive_core.training.feature_weights import CachedView, weighted_features
-from instdrive_core.training.instance_losses import contrastive_loss, segment_means
-from instdrive_core.training.instance_stage import LearnedInstances, cached_views
-from instdrive_core.training.model import SceneModel
-from instdrive_core.training.schedule import step_rng, view_of_step
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import CachedView, weighted_features
+from instdrive_core.training.instances.instance_losses import contrastive_loss, segment_means
+from instdrive_core.training.instances.instance_stage import LearnedInstances, cached_views
+from instdrive_core.training.settings.config import TrainConfig
+from instdrive_core.training.settings.schedule import step_rng, view_of_step
+from instdrive_core.training.views.view_store import ViewStore
 
 _FEATURE_VIEWS, _COARSE_VIEWS, _FINE_VIEWS = 21, 22, 23
 """Streams of random numbers of the order of the views."""

@@ -6,8 +6,8 @@ from functools import partial
 
 from instdrive_core.baselines import gaussian_grouping, opengaussian
 from instdrive_core.baselines.mask_graph import learn_mask_graph
-from instdrive_core.training.config import Method, Preset
-from instdrive_core.training.instance_stage import InstanceLearner
+from instdrive_core.training.instances.instance_stage import InstanceLearner
+from instdrive_core.training.settings.config import Method, Preset
 
 
 def learner_for(method: Method, preset: Preset = "quick") -> InstanceLearner | None:

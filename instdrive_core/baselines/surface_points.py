@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64
 from numpy import ndarray
 
-from instdrive_core.rasterize.blend_weights import BlendWeights, apply_weights
+from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import placed
-from instdrive_core.training.feature_weights import CachedView
-from instdrive_core.training.model import SceneModel
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import CachedView
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.cli.turn_options import TurnOptions
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.color import RecolorInstances, RecolorMode
-from instdrive_core.edits.delete import DeleteInstances
-from instdrive_core.edits.instances import RenameInstance
-from instdrive_core.edits.parts import baked_part
+from instdrive_core.edits.bases.relabel import RenameInstance
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.parts import baked_part
 from instdrive_core.edits.serialize import edits_from_lines
 from instdrive_core.errors import DataError, EditError, OptionError
 from instdrive_core.formats.registry import format_to_write, save_scene

@@ -34,7 +34,7 @@ def compare(
     from instdrive_core.cli.eval_progress import eval_progress
     from instdrive_core.errors import OptionError
     from instdrive_core.evaluation.comparison import differences, measured_runs
-    from instdrive_core.evaluation.html_compare import write_comparison
+    from instdrive_core.evaluation.page.compare import write_comparison
 
     if not runs:
         raise OptionError("no run to compare. Give one or more folders that `train` wrote.")

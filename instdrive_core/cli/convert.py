@@ -7,7 +7,7 @@ from pathlib import Path
 import tyro
 
 from instdrive_core.cli.arguments import moment
-from instdrive_core.edits.bake import frozen_at
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_edited

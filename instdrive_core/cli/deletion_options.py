@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.delete import DeleteInstances
 from instdrive_core.edits.deletion_report import DeletionReport, deletion_report
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.errors import OptionError
 
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from instdrive_core.cli.arguments import known_ids, parsed_assignment
-from instdrive_core.edits.absorb import AbsorbFloaters
-from instdrive_core.edits.adjust import AdjustInstances
-from instdrive_core.edits.adjustments import RANGES
-from instdrive_core.edits.base import Edit, ids_in_words
-from instdrive_core.edits.classes import SetClass
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.delete import DeleteSelected
-from instdrive_core.edits.duplicate import DuplicateInstances
-from instdrive_core.edits.insert import InsertScene
-from instdrive_core.edits.instances import MergeInstances
-from instdrive_core.edits.move import MoveInstances
-from instdrive_core.edits.select import InvertSelection, SelectClass, SelectInstances
-from instdrive_core.edits.split import SplitInstance
+from instdrive_core.edits.bases.adjustments import RANGES
+from instdrive_core.edits.bases.relabel import MergeInstances
+from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.edits.kinds.absorb import AbsorbFloaters
+from instdrive_core.edits.kinds.classes import SetClass
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.delete import DeleteSelected
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
+from instdrive_core.edits.kinds.select import InvertSelection, SelectClass, SelectInstances
+from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.errors import OptionError
 from instdrive_core.instances.table import InstanceTable
 

@@ -29,7 +29,7 @@ def evaluate(
     from rich.console import Console
 
     from instdrive_core.cli.eval_progress import eval_progress
-    from instdrive_core.evaluation.html_report import write_report
+    from instdrive_core.evaluation.page.report import write_report
     from instdrive_core.evaluation.protocol import evaluation_of_run
     from instdrive_core.evaluation.report import (
         IMAGES_ONLY,

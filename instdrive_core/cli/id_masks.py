@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 import tyro
 
 from instdrive_core.errors import OptionError
-from instdrive_core.masks.coco_panoptic import write_coco_panoptic
-from instdrive_core.masks.id_maps import chosen_views, id_maps
-from instdrive_core.masks.id_pictures import write_id_pictures
+from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
+from instdrive_core.masks.export.id_maps import chosen_views, id_maps
+from instdrive_core.masks.export.id_pictures import write_id_pictures
 from instdrive_core.project.open import open_edited
 
 WRITERS = {"png": write_id_pictures, "coco": write_coco_panoptic}

@@ -10,7 +10,7 @@ from PIL import Image
 
 from instdrive_core.cli.histogram_picture import histogram_picture
 from instdrive_core.errors import OptionError
-from instdrive_core.formats.atomic import atomic_file
+from instdrive_core.files.atomic import atomic_file
 from instdrive_core.project.open import open_edited
 from instdrive_core.scene.lint import Finding, linted
 from instdrive_core.scene.scene import Scene

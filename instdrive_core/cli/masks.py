@@ -11,10 +11,10 @@ from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import OptionError
-from instdrive_core.masks.sam import SamOptions
+from instdrive_core.masks.sam.labels import SamOptions
 
 if TYPE_CHECKING:
-    from instdrive_core.masks.labelmap import MaskFolder
+    from instdrive_core.masks.label_map_folder import MaskFolder
 
 
 def masks(
@@ -46,7 +46,7 @@ def masks(
         sheet: Picture to write for each camera: masks over some of its photos. A .jpg or .png file, or a folder.
         sam: How Segment Anything makes masks.
     """
-    from instdrive_core.datasets.clip import load_clip
+    from instdrive_core.datasets.registry import load_clip
     from instdrive_core.masks.contact_sheet import check_sheet, write_sheets
     from instdrive_core.masks.sources import SourceOptions, make_masks
 

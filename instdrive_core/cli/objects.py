@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from instdrive_core.cli.arguments import moment
-from instdrive_core.formats.objects import Shape, check_suffix, write_objects
+from instdrive_core.formats.objects.writers import Shape, check_suffix, write_objects
 from instdrive_core.project.open import open_edited
 
 

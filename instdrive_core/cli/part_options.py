@@ -10,8 +10,8 @@ from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.cli.arguments import known_ids
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.parts import actors_with_splats
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.parts import actors_with_splats
 from instdrive_core.errors import OptionError
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances
 from instdrive_core.wording import counted

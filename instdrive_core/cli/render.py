@@ -14,7 +14,7 @@ from PIL import Image
 
 from instdrive_core.cli.arguments import known_ids, moment, view_named
 from instdrive_core.errors import OptionError
-from instdrive_core.formats.atomic import atomic_file
+from instdrive_core.files.atomic import atomic_file
 from instdrive_core.project.open import open_edited
 from instdrive_core.rasterize.pictures import Mode, picture
 from instdrive_core.rasterize.scene_view import view_scene

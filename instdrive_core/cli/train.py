@@ -10,7 +10,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.training.config import Device, Method, Preset, on_frozen_geometry, train_config
+from instdrive_core.training.settings.config import Device, Method, Preset, on_frozen_geometry, train_config
 
 
 def train(

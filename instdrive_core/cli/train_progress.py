@@ -7,8 +7,8 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from instdrive_core.training.events import Event, StageStarted, StepDone
 from instdrive_core.training.run import RunRequest, run_training
+from instdrive_core.training.settings.events import Event, StageStarted, StepDone
 
 _TITLES = {"rgb": "colour", "instances": "instances"}
 

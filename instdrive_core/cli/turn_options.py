@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.turn_scene import TurnScene
-from instdrive_core.edits.up_of import up_of
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.turn_scene import TurnScene
+from instdrive_core.edits.queries.scene_up import up_of
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.stated_up import stated_up
 from instdrive_core.scene.upright import AXES, Axis, direction_of

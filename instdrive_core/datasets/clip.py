@@ -124,22 +124,6 @@ class ClipOptions:
     """Last time step to use, inclusive; default: the clip's last."""
 
 
-def load_clip(path: str, options: ClipOptions) -> Clip:
-    """Open a clip of any known data set.
-
-    Raises DataError where the folder is no clip or a file in it is damaged, OptionError for unknown cameras.
-    """
-    from instdrive_core.datasets.colmap import holds_colmap, load_colmap
-    from instdrive_core.datasets.nerfstudio import holds_nerfstudio, load_nerfstudio
-    from instdrive_core.datasets.pandaset import load_pandaset
-
-    if holds_nerfstudio(path):
-        return load_nerfstudio(path, options)
-    if holds_colmap(path):
-        return load_colmap(path, options)
-    return load_pandaset(path, options)
-
-
 def center_of(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
     """A clip origin: the mean position, rounded to whole metres so that it prints well."""
     return np.round(points.mean(axis=0))

@@ -15,12 +15,12 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions
-from instdrive_core.datasets.json_file import field, number, read_json
-from instdrive_core.datasets.lens import Lens
+from instdrive_core.datasets.distortion import Lens
 from instdrive_core.datasets.photos import photo_size
-from instdrive_core.datasets.point_ply import read_point_ply
+from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, checked_camera, clip_of_photos, inner_path
 from instdrive_core.errors import DataError
+from instdrive_core.files.json_fields import field, number, read_json
 from instdrive_core.scene.camera import Camera
 
 LISTING = "transforms.json"

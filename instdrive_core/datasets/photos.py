@@ -9,9 +9,9 @@ from jaxtyping import UInt8
 from numpy import ndarray
 from PIL import Image
 
-from instdrive_core.datasets.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.errors import DataError
-from instdrive_core.plain_file import BoundedReader
+from instdrive_core.files.image_limit import BAD_IMAGE, check_pixels
+from instdrive_core.files.plain_file import BoundedReader
 
 
 def photo_size(photo: Path) -> tuple[int, int]:

@@ -15,11 +15,11 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, center_of, is_held_out
-from instdrive_core.datasets.image_limit import MAX_PIXELS
-from instdrive_core.datasets.lens import Lens, covered_by_photo, undistorted
+from instdrive_core.datasets.distortion import Lens, covered_by_photo, undistorted
 from instdrive_core.datasets.photos import load_photo
 from instdrive_core.datasets.upright import upright_world
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
+from instdrive_core.files.image_limit import MAX_PIXELS
 from instdrive_core.scene.camera import Camera, CameraView
 
 logger = logging.getLogger(__name__)

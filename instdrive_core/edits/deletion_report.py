@@ -9,18 +9,18 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.edits.absorb import AbsorbFloaters, floaters_around
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.delete import DeleteSelected
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.fill_hole import FillHole, fill_of
-from instdrive_core.edits.holes import Hole, hole_under
-from instdrive_core.edits.instances import MAX_NAME_LENGTH, known_instance
-from instdrive_core.edits.parameters import checked_ids
-from instdrive_core.edits.remainder import Remainder, amid_gone, remainder_of
-from instdrive_core.edits.select_rows import SelectRows
-from instdrive_core.edits.surroundings import surroundings
+from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, known_instance
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.holes.holes import Hole, hole_under
+from instdrive_core.edits.holes.surroundings import surroundings
+from instdrive_core.edits.kinds.absorb import AbsorbFloaters, floaters_around
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.delete import DeleteSelected
+from instdrive_core.edits.kinds.fill_hole import FillHole, fill_of
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.queries.remainder import Remainder, amid_gone, remainder_of
 from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted

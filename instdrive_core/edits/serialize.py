@@ -7,23 +7,23 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
 
-from instdrive_core.edits.absorb import AbsorbFloaters
-from instdrive_core.edits.adjust import AdjustInstances
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.classes import SetClass, SetInstanceClass
-from instdrive_core.edits.color import RecolorInstances, ResetColors
-from instdrive_core.edits.compound import CompoundEdit
-from instdrive_core.edits.delete import DeleteInstances, DeleteRows, DeleteSelected
-from instdrive_core.edits.duplicate import DuplicateInstances
-from instdrive_core.edits.fill_hole import FillHole
-from instdrive_core.edits.grow import GrowSelection, ShrinkSelection
-from instdrive_core.edits.insert import InsertScene
-from instdrive_core.edits.instances import MergeInstances, RenameInstance
-from instdrive_core.edits.look import SetAdjustment
-from instdrive_core.edits.move import MoveInstances
-from instdrive_core.edits.reassign import ReassignSelected
-from instdrive_core.edits.reset_moves import ResetMoves
-from instdrive_core.edits.select import (
+from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
+from instdrive_core.edits.kinds.absorb import AbsorbFloaters
+from instdrive_core.edits.kinds.classes import SetClass, SetInstanceClass
+from instdrive_core.edits.kinds.color import RecolorInstances, ResetColors
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
+from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.reassign import ReassignSelected
+from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
+from instdrive_core.edits.kinds.reset_moves import ResetMoves
+from instdrive_core.edits.kinds.select import (
     InvertSelection,
     SelectAll,
     SelectClass,
@@ -31,13 +31,13 @@ from instdrive_core.edits.select import (
     SelectInstances,
     SelectNone,
 )
-from instdrive_core.edits.select_rows import SelectRows
-from instdrive_core.edits.solo import SoloInstances
-from instdrive_core.edits.split import SplitInstance
-from instdrive_core.edits.turn_scene import TurnScene
-from instdrive_core.edits.visibility import HideInstances, LockInstances, ShowAll
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.kinds.solo import SoloInstances
+from instdrive_core.edits.kinds.split import SplitInstance
+from instdrive_core.edits.kinds.turn_scene import TurnScene
+from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
-from instdrive_core.json_value import json_value
+from instdrive_core.files.json_value import json_value
 
 EDITS: dict[str, type[Edit]] = {
     edit.kind: edit

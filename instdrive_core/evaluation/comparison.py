@@ -12,7 +12,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.evaluation.protocol import Progress, evaluation_of_run
 from instdrive_core.evaluation.report import figure_text, write_figures
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
-from instdrive_core.formats.scene_folder import MANIFEST
+from instdrive_core.formats.folder.scenes import MANIFEST
 
 EVALUATED = "eval.json"
 _NEEDED = ("psnr", "per_view", "scene", "clip", "cameras")

@@ -12,9 +12,9 @@ from scipy.sparse import csr_array, find
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Frame
-from instdrive_core.evaluation.world import WorldGaussians, world_gaussians
+from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
-from instdrive_core.rasterize.blend_weights import blend_weights
+from instdrive_core.rasterize.kernels.blend_weights import blend_weights
 from instdrive_core.scene.scene import Scene
 
 PIXELS_PER_VIEW = 8192

@@ -11,10 +11,12 @@ import numpy as np
 from jaxtyping import UInt32, UInt64
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, load_clip
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.held_out import HeldOutView, held_out_view
-from instdrive_core.evaluation.id_measure import (
+from instdrive_core.evaluation.lidar_components import component_ids
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.metrics.id_measure import (
     CLICK_KEYS,
     SEED,
     IdMeasure,
@@ -23,14 +25,13 @@ from instdrive_core.evaluation.id_measure import (
     id_measure,
     nothing_measured,
 )
-from instdrive_core.evaluation.lidar_components import component_ids
-from instdrive_core.evaluation.lidar_scores import LIDAR_KEYS
-from instdrive_core.evaluation.map_scores import per_view_scores, scene_scores
-from instdrive_core.evaluation.object_rows import ObjectRow
+from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS
+from instdrive_core.evaluation.metrics.map_scores import per_view_scores, scene_scores
+from instdrive_core.evaluation.metrics.object_rows import ObjectRow
+from instdrive_core.evaluation.metrics.sharing import shared_ids
 from instdrive_core.evaluation.oracle import true_instance_ids
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
-from instdrive_core.evaluation.sharing import shared_ids
-from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.masks.ground_truth import (
     NOT_KNOWN,
     GroundTruth,

@@ -11,7 +11,7 @@ from rich import box
 from rich.table import Table
 
 from instdrive_core.evaluation.protocol import Evaluation
-from instdrive_core.formats.atomic import write_bytes
+from instdrive_core.files.atomic import write_bytes
 
 MAP_COLUMNS = ("view mIoU", "view mAcc", "scene mIoU", "scene mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
 """Of `map_rows`."""

@@ -12,12 +12,12 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import checked_before_replacing
-from instdrive_core.formats.compressed_layout import CHUNK
+from instdrive_core.files.atomic import checked_before_replacing
+from instdrive_core.formats.folder.scenes import MANIFEST, read_scene_folder
+from instdrive_core.formats.ply.compressed_layout import CHUNK
 from instdrive_core.formats.registry import SIBR, Format, format_to_write, save_scene
-from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder
 from instdrive_core.formats.spatial_order import spatial_order
-from instdrive_core.formats.spz_values import fractional_bits_for
+from instdrive_core.formats.spz.values import fractional_bits_for
 from instdrive_core.progress import part_of_work
 from instdrive_core.scene.scene import Scene
 

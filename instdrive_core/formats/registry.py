@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Protocol
 
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.formats.compressed_ply import read_compressed_ply, write_compressed_ply
-from instdrive_core.formats.ply import read_ply, write_ply
-from instdrive_core.formats.ply_compare import changed_value
-from instdrive_core.formats.scene_folder import MANIFEST, read_scene_folder, write_scene_folder
-from instdrive_core.formats.sibr_ply import write_sibr_ply
-from instdrive_core.formats.sog import META, read_sog
-from instdrive_core.formats.sog_levels import is_sog_folder, read_sog_folder
+from instdrive_core.files.plain_file import plain_file
+from instdrive_core.formats.allocation import TO_READ, WHOLE, ReadOptions, grown
+from instdrive_core.formats.folder.scenes import MANIFEST, read_scene_folder, write_scene_folder
+from instdrive_core.formats.ply.compare import changed_value
+from instdrive_core.formats.ply.compressed import read_compressed_ply, write_compressed_ply
+from instdrive_core.formats.ply.inria import read_ply, write_ply
+from instdrive_core.formats.ply.sibr import write_sibr_ply
+from instdrive_core.formats.sog.levels import is_sog_folder, read_sog_folder
+from instdrive_core.formats.sog.scenes import META, read_sog
 from instdrive_core.formats.splat import read_splat, write_splat
-from instdrive_core.formats.spz import read_spz, write_spz
-from instdrive_core.formats.unfilled import TO_READ, WHOLE, ReadOptions, grown
-from instdrive_core.plain_file import plain_file
+from instdrive_core.formats.spz.scenes import read_spz, write_spz
 from instdrive_core.scene.scene import Scene
 
 SIBR = ".sibr.ply"

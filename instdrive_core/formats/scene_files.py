@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.scene_folder import MANIFEST, files_of_scene_folder
-from instdrive_core.formats.sog import META
-from instdrive_core.formats.sog_levels import is_sog_folder
-from instdrive_core.plain_file import plain_file
+from instdrive_core.files.plain_file import plain_file
+from instdrive_core.formats.folder.scenes import MANIFEST, files_of_scene_folder
+from instdrive_core.formats.sog.levels import is_sog_folder
+from instdrive_core.formats.sog.scenes import META
 
 _SOG_SUFFIXES = (".json", ".webp", ".png")
 

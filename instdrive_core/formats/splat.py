@@ -23,8 +23,8 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import atomic_file
-from instdrive_core.formats.unfilled import WHOLE, ReadOptions, unfilled
+from instdrive_core.files.atomic import atomic_file
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
 from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.rotations import normalized

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.instances.colormap import colors_from_ids
-from instdrive_core.masks.labelmap import FrameMasks, MaskFolder
+from instdrive_core.masks.label_map_folder import FrameMasks, MaskFolder
 from instdrive_core.wording import counted
 
 COLUMNS, ROWS = 3, 3

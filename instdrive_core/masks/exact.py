@@ -13,10 +13,10 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
-from instdrive_core.datasets.json_file import field, read_json, whole_number
 from instdrive_core.errors import DataError
+from instdrive_core.files.json_fields import field, read_json, whole_number
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
-from instdrive_core.masks.labelmap import nearest, read_label_map, read_sky
+from instdrive_core.masks.label_map_folder import nearest, read_label_map, read_sky
 
 _REMEDY = "Write the synthetic clip again with `instdrive synth`, or use --source annotations"
 

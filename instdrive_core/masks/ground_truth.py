@@ -9,7 +9,7 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.masks.annotations import AnnotationLabels, has_annotations
+from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 

@@ -9,12 +9,11 @@ from typing import Any, Literal
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import OptionError
-from instdrive_core.masks.annotations import AnnotationLabels, has_annotations
+from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations
 from instdrive_core.masks.exact import ExactLabels
 from instdrive_core.masks.faults import FAULT_MODELS, FaultModel, with_faults
 from instdrive_core.masks.journal import Journal
-from instdrive_core.masks.label_source import LabelSource
-from instdrive_core.masks.labelmap import (
+from instdrive_core.masks.label_map_folder import (
     SIDECAR,
     FrameMasks,
     MaskFolder,
@@ -24,7 +23,8 @@ from instdrive_core.masks.labelmap import (
     sky_path,
     write_masks,
 )
-from instdrive_core.masks.sam import SamOptions
+from instdrive_core.masks.label_source import LabelSource
+from instdrive_core.masks.sam.labels import SamOptions
 
 Source = Literal["exact", "annotations", "lidar", "sam", "import"]
 
@@ -49,16 +49,16 @@ def open_source(clip: Clip, source: Source, options: SourceOptions = SourceOptio
     if source == "annotations":
         return AnnotationLabels(clip, held_out=False)
     if source == "lidar":
-        from instdrive_core.masks.lidar import LidarLabels
+        from instdrive_core.masks.lidar.labels import LidarLabels
 
         return LidarLabels(clip)
     if source == "sam":
-        from instdrive_core.masks.sam import SamLabels
+        from instdrive_core.masks.sam.labels import SamLabels
 
         return SamLabels(clip, options.sam)
     if options.imported is None:
         raise OptionError("The source 'import' reads a folder of masks: name it with --from")
-    from instdrive_core.masks.importing import ImportedLabels
+    from instdrive_core.masks.imported.labels import ImportedLabels
 
     return ImportedLabels(clip, options.imported)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 
 
 @dataclass(frozen=True)

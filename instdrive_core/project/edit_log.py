@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from instdrive_core.edits.base import Edit
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.serialize import EDITS
 from instdrive_core.project.large_lists import Numbers, packed, unpacked
 

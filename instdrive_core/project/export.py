@@ -12,12 +12,12 @@ from typing import Any
 from jaxtyping import Int
 from numpy import ndarray
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.parts import actor_alone, baked_part
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.parts import actor_alone, baked_part
 from instdrive_core.errors import DataError, InstDriveError, OptionError
-from instdrive_core.formats.atomic import write_bytes
-from instdrive_core.formats.poses_json import write_poses
+from instdrive_core.files.atomic import write_bytes
+from instdrive_core.formats.objects.poses import write_poses
 from instdrive_core.formats.read_back import save_verified
 from instdrive_core.progress import CancelledError, part_of_work
 

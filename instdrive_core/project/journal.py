@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from instdrive_core.json_value import json_value
-from instdrive_core.plain_file import plain_file
+from instdrive_core.files.json_value import json_value
+from instdrive_core.files.plain_file import plain_file
 
 _CHECKSUM = 8
 """Hexadecimal digits before each line, and a space."""

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.row_runs import RowRuns
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.document.row_runs import RowRuns
 
 LONG = 1024
 """Lists of fewer elements stay JSON."""

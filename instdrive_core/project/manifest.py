@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from instdrive_core.files.bounded_json import parsed_json
 from instdrive_core.formats.scene_files import FileIdentity
-from instdrive_core.project.bounded_json import parsed_json
 from instdrive_core.project.document_check import DocumentCheck
 from instdrive_core.project.sources import RecordedSource
 

@@ -11,12 +11,12 @@ from typing import Any
 from safetensors import SafetensorError
 from safetensors.numpy import load
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.errors import DataError, OptionError, ordinal
+from instdrive_core.files.archive import REMEDY, Archive, opened_archive
+from instdrive_core.files.bounded_json import parsed_json
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.project.archive import REMEDY, Archive, opened_archive
-from instdrive_core.project.bounded_json import parsed_json
 from instdrive_core.project.document_check import check_of
 from instdrive_core.project.large_lists import Numbers, unpacked
 from instdrive_core.project.manifest import Manifest, OtherVersionError, manifest_from_json

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
-from instdrive_core.formats.file_lock import FileLock
+from instdrive_core.files.file_lock import FileLock
+from instdrive_core.files.user_folders import state_folder
 from instdrive_core.project.replay import KeptHistory, replayed
 from instdrive_core.project.session_folder import (
     JOURNAL,
@@ -18,7 +19,6 @@ from instdrive_core.project.session_folder import (
     read_session,
     remove_session,
 )
-from instdrive_core.user_folders import state_folder
 
 _JUNK_AGE = 3600.0
 """Seconds after which a folder without a journal is removed; until then its editor may be about to lock it."""

@@ -7,9 +7,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
-from instdrive_core.formats.file_lock import FileLock
+from instdrive_core.files.file_lock import FileLock
 from instdrive_core.project.edit_log import Logged, difference, shared_length
 from instdrive_core.project.journal import Journal
 from instdrive_core.project.manifest import recorded_to_json

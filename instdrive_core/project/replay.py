@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError, SceneChangedError
 from instdrive_core.project.sources import RecordedScenes, RecordedSource, SceneSources, open_recorded

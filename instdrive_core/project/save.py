@@ -12,11 +12,11 @@ from typing import Any
 
 from safetensors.numpy import save
 
-from instdrive_core.edits.base import Edit
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import atomic_file
-from instdrive_core.project.archive import MAX_MEMBERS, add_member
+from instdrive_core.files.archive import MAX_MEMBERS, add_member
+from instdrive_core.files.atomic import atomic_file
 from instdrive_core.project.document_check import DocumentCheck, check_of
 from instdrive_core.project.large_lists import Numbers, packed
 from instdrive_core.project.manifest import Manifest, manifest_to_json, program_version

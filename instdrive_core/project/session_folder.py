@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import write_bytes
-from instdrive_core.formats.file_lock import FileLock
-from instdrive_core.plain_file import plain_file
-from instdrive_core.project.bounded_json import parsed_json
+from instdrive_core.files.atomic import write_bytes
+from instdrive_core.files.bounded_json import parsed_json
+from instdrive_core.files.file_lock import FileLock
+from instdrive_core.files.plain_file import plain_file
 from instdrive_core.project.edit_log import ReadLog
 from instdrive_core.project.journal import read_journal
 from instdrive_core.project.manifest import recorded_from_json, recorded_to_json

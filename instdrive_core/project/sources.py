@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError, SceneChangedError, SceneTooLargeError
+from instdrive_core.formats.allocation import TO_EDIT
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.formats.scene_files import FileIdentity, identity_of, scene_files, size_of
-from instdrive_core.formats.unfilled import TO_EDIT
 from instdrive_core.scene.scene import Scene
 
 _ATTEMPTS = 3

@@ -8,8 +8,8 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.project import camera_row
-from instdrive_core.rasterize.settings import RasterSettings
+from instdrive_core.rasterize.kernels.project import camera_row
+from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
 _KEYS = 256

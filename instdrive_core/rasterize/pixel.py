@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float, Float32, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.rasterize.bin import TILE
-from instdrive_core.rasterize.fragment import FLOOR, exponent_of, power_of_two
-from instdrive_core.rasterize.layout import kernel_array
+from instdrive_core.rasterize.kernels.bin import TILE
+from instdrive_core.rasterize.kernels.fragment import FLOOR, exponent_of, power_of_two
+from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.project import DEPTH, OPACITY, camera_row, project
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
-from instdrive_core.rasterize.project import DEPTH, OPACITY, camera_row, project
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
 _CHUNK = 1 << 14

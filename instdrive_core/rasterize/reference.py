@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
 

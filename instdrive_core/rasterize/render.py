@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from jaxtyping import Float, Float32
 from numpy import ndarray
 
-from instdrive_core.rasterize.backward import blend_backward
-from instdrive_core.rasterize.bin import TileLists, bin_splats
-from instdrive_core.rasterize.blend import Blended, blend
-from instdrive_core.rasterize.layout import kernel_array
-from instdrive_core.rasterize.project import Projection, project
-from instdrive_core.rasterize.project_backward import RasterGradients, project_backward
-from instdrive_core.rasterize.records import pack_records
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.kernels.backward import blend_backward
+from instdrive_core.rasterize.kernels.bin import TileLists, bin_splats
+from instdrive_core.rasterize.kernels.blend import Blended, blend
+from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.project import Projection, project
+from instdrive_core.rasterize.kernels.project_backward import RasterGradients, project_backward
+from instdrive_core.rasterize.kernels.records import pack_records
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
 __all__ = ["Raster", "RasterContext", "RasterGradients", "RasterSettings", "render", "render_backward"]

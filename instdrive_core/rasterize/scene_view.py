@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
+from instdrive_core.rasterize.kernels.settings import RasterSettings, settings_for
+from instdrive_core.rasterize.kernels.sky_behind import sky_behind
+from instdrive_core.rasterize.kernels.view_colors import view_colors
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, preview
-from instdrive_core.rasterize.settings import RasterSettings, settings_for
-from instdrive_core.rasterize.sky_behind import sky_behind
-from instdrive_core.rasterize.view_colors import view_colors
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene, placed
 

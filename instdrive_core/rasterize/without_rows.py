@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 from numpy import ndarray
 
-from instdrive_core.rasterize.bin import TILE
-from instdrive_core.rasterize.blend import blend
+from instdrive_core.rasterize.kernels.bin import TILE
+from instdrive_core.rasterize.kernels.blend import blend
 from instdrive_core.rasterize.render import Raster
 
 

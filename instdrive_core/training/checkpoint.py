@@ -17,12 +17,12 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import atomic_path
+from instdrive_core.files.atomic import atomic_path
 from instdrive_core.scene.track import Track
-from instdrive_core.training.actor_poses import ActorPoses
-from instdrive_core.training.config import TrainConfig
-from instdrive_core.training.events import Stage
-from instdrive_core.training.model import SceneModel
+from instdrive_core.training.gaussians.actor_poses import ActorPoses
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.settings.config import TrainConfig
+from instdrive_core.training.settings.events import Stage
 from instdrive_core.training.trainer import Trainer
 
 VERSION = 2

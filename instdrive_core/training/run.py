@@ -12,27 +12,28 @@ from typing import Any
 import numba
 import torch
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, load_clip
+from instdrive_core.datasets.clip import Clip, ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.formats.atomic import write_bytes
-from instdrive_core.formats.scene_folder import write_scene_folder
-from instdrive_core.masks.labelmap import MaskFolder
+from instdrive_core.files.atomic import write_bytes
+from instdrive_core.formats.folder.scenes import write_scene_folder
+from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.sources import ensure_masks
 from instdrive_core.scene.exposure import Exposures
-from instdrive_core.training.backend import Backend
+from instdrive_core.training.backends.backend import Backend
+from instdrive_core.training.backends.device import chosen_backend
+from instdrive_core.training.build_trainer import resumed_trainer, trainer_from_clip, trainer_from_scene
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
-from instdrive_core.training.config import LEARNED_ELSEWHERE, Device, TrainConfig
-from instdrive_core.training.device import chosen_backend
-from instdrive_core.training.events import CheckpointDue, Event, StepDone
-from instdrive_core.training.exposures import finished_exposures
-from instdrive_core.training.finish import finished_scene
-from instdrive_core.training.instance_stage import InstanceLearner, LearnedInstances, learned_codewords
-from instdrive_core.training.room import check_training_room
+from instdrive_core.training.gaussians.exposures import finished_exposures
+from instdrive_core.training.instances.instance_stage import InstanceLearner, LearnedInstances, learned_codewords
+from instdrive_core.training.instances.scene_export import finished_scene
+from instdrive_core.training.instances.voted_instances import voted_instances
+from instdrive_core.training.memory_check import check_training_room
 from instdrive_core.training.run_log import RunLog
-from instdrive_core.training.start import resumed_trainer, trainer_from_clip, trainer_from_scene
+from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
+from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.view_store import ViewStore, view_store
-from instdrive_core.training.voted_instances import voted_instances
+from instdrive_core.training.views.view_store import ViewStore, view_store
 from instdrive_core.training.warm_up import compile_kernels
 
 CHECKPOINT, CONFIG, FACTS, LOG = "checkpoint.safetensors", "config.json", "run.json", "log.jsonl"

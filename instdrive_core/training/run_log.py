@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import write_bytes
-from instdrive_core.training.events import Stage, StepDone
+from instdrive_core.files.atomic import write_bytes
+from instdrive_core.training.settings.events import Stage, StepDone
 
 
 class RunLog:

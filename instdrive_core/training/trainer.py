@@ -11,11 +11,10 @@ import torch
 from torch import Tensor
 
 from instdrive_core.errors import InstDriveError
-from instdrive_core.training import instance_losses as inst
-from instdrive_core.training.backend import Backend
-from instdrive_core.training.config import TrainConfig
-from instdrive_core.training.cpu_backend import CpuBackend
-from instdrive_core.training.densify import (
+from instdrive_core.training.backends.backend import Backend
+from instdrive_core.training.backends.cpu_backend import CpuBackend
+from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.gaussians.densify import (
     GrowthStatistics,
     actor_radii,
     last_reset,
@@ -25,18 +24,19 @@ from instdrive_core.training.densify import (
     reset_opacities,
     resets_at,
 )
-from instdrive_core.training.draw import DrawnView, draw_view
-from instdrive_core.training.events import CheckpointDue, Event, Refined, Stage, StageStarted, StepDone
-from instdrive_core.training.exposures import exposure_penalty
-from instdrive_core.training.feature_weights import CachedView, weighted_features
-from instdrive_core.training.gather import gathered
-from instdrive_core.training.instance_stage import cached_views
-from instdrive_core.training.instance_terms import pixel_terms, sampled_pixels, voxel_term
-from instdrive_core.training.model import SceneModel
-from instdrive_core.training.optimizers import Optimizers
-from instdrive_core.training.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
-from instdrive_core.training.view_store import ViewStore
-from instdrive_core.training.views import TrainingView
+from instdrive_core.training.gaussians.exposures import exposure_penalty
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.gaussians.optimizers import Optimizers
+from instdrive_core.training.gaussians.view_rendering import DrawnView, draw_view
+from instdrive_core.training.instances import instance_losses as inst
+from instdrive_core.training.instances.feature_weights import CachedView, weighted_features
+from instdrive_core.training.instances.instance_stage import cached_views
+from instdrive_core.training.instances.instance_terms import pixel_terms, sampled_pixels, voxel_term
+from instdrive_core.training.settings.config import TrainConfig
+from instdrive_core.training.settings.events import CheckpointDue, Event, Refined, Stage, StageStarted, StepDone
+from instdrive_core.training.settings.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
+from instdrive_core.training.views.training_view import TrainingView
+from instdrive_core.training.views.view_store import ViewStore
 
 _RGB, _INSTANCES, _GROWTH = 0, 1, 3
 """Streams of random numbers."""

@@ -21,12 +21,12 @@ import numpy as np
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
-from instdrive_core.training import photometric
-from instdrive_core.training.config import TrainConfig, train_config
-from instdrive_core.training.model import model_from_gaussians
+from instdrive_core.training.backends import photometric
+from instdrive_core.training.gaussians.model import model_from_gaussians
+from instdrive_core.training.settings.config import TrainConfig, train_config
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.view_store import ViewStore
-from instdrive_core.training.views import TrainingView
+from instdrive_core.training.views.training_view import TrainingView
+from instdrive_core.training.views.view_store import ViewStore
 
 _SOURCES = Path(__file__).parents[1]
 _MESSAGE = "compiling the kernels for this machine (once, about a minute; they are kept for later runs)"

@@ -7,7 +7,7 @@ from window_driver import editor_window
 
 from instdrive_app.actions import register_commands
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.formats.registry import save_scene
 
 

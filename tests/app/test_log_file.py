@@ -8,7 +8,7 @@ import pytest
 
 from instdrive_app import log_file
 from instdrive_app.log_file import log_path, start_logging, stop_logging
-from instdrive_core.user_folders import state_folder
+from instdrive_core.files.user_folders import state_folder
 
 
 @pytest.fixture

@@ -1,24 +1,19 @@
 """A toy drive with perfect geometry, exact masks and no instance knowledge: what baselines learn on in tests."""
 
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "evaluation"))
-
 from evaluation_scene import ToyDrive, toy_drive
 
-from instdrive_core.evaluation.held_out import HeldOutView, held_out_view
-from instdrive_core.evaluation.map_scores import scene_scores
-from instdrive_core.masks.labelmap import shuffled
-from instdrive_core.training.config import TrainConfig, on_frozen_geometry, train_config
-from instdrive_core.training.model import SceneModel, model_from_gaussians
-from instdrive_core.training.view_store import ViewStore
-from instdrive_core.training.views import TrainingView
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.metrics.map_scores import scene_scores
+from instdrive_core.masks.label_map_folder import shuffled
+from instdrive_core.training.gaussians.model import SceneModel, model_from_gaussians
+from instdrive_core.training.settings.config import TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.training.views.training_view import TrainingView
+from instdrive_core.training.views.view_store import ViewStore
 
 
 @dataclass(frozen=True)

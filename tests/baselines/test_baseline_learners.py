@@ -12,7 +12,7 @@ from instdrive_core.baselines.opengaussian import SHORT as OPEN
 from instdrive_core.baselines.opengaussian import learn_opengaussian
 from instdrive_core.baselines.registry import learner_for
 from instdrive_core.cli.train import train
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.views.view_store import ViewStore
 
 LEARNERS = {
     "gaussian-grouping": (learn_gaussian_grouping, replace(GROUPING, iterations=120)),

@@ -13,9 +13,9 @@ from instdrive_core.baselines.opengaussian import SHORT as OPEN
 from instdrive_core.baselines.opengaussian import learn_opengaussian
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
-from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.training.config import InitConfig, train_config
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.run import RunRequest, run_training
+from instdrive_core.training.settings.config import InitConfig, train_config
 
 FEW = {
     "gaussian-grouping": partial(learn_gaussian_grouping, settings=replace(GROUPING, iterations=10)),

@@ -7,8 +7,8 @@ import pytest
 
 from instdrive_core.baselines.iou_tracker import TrackerConfig, tracked_masks
 from instdrive_core.baselines.surface_points import surface_points
-from instdrive_core.training.instance_stage import cached_views
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.instances.instance_stage import cached_views
+from instdrive_core.training.views.view_store import ViewStore
 
 
 def true_ids(toy, cached):

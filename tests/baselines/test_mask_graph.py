@@ -15,7 +15,7 @@ from instdrive_core.baselines.mask_consensus import (
 from instdrive_core.baselines.mask_graph import clustered_masks, learn_mask_graph, most_frequent_cluster
 from instdrive_core.baselines.mask_members import MaskMembers
 from instdrive_core.baselines.registry import learner_for
-from instdrive_core.training.view_store import ViewStore
+from instdrive_core.training.views.view_store import ViewStore
 
 CONFIG = MaskGraphConfig()
 LEFT, RIGHT = range(10), range(10, 20)

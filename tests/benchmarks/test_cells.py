@@ -19,7 +19,7 @@ from benchmarks.cells import (
     plan,
 )
 from instdrive_core.errors import OptionError
-from instdrive_core.training.config import on_frozen_geometry, train_config
+from instdrive_core.training.settings.config import on_frozen_geometry, train_config
 
 CELLS = plan()
 BY_NAME = {cell.name: cell for cell in CELLS}

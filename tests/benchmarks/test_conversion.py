@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.conversion import Options, main, write_large_ply
-from instdrive_core.formats.ply import read_ply
+from instdrive_core.formats.ply.inria import read_ply
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="resident memory is read from /proc")
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,8 +16,8 @@ from benchmarks.fuzz_mutations import cut
 from benchmarks.fuzz_pickles import MARKER, hostile_pickles
 from benchmarks.fuzz_readers import READERS, Read
 from benchmarks.fuzz_seeds import all_seeds
-from instdrive_core.datasets.restricted_pickle import read_pickle
 from instdrive_core.errors import DataError
+from instdrive_core.files.restricted_pickle import read_pickle
 
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="needs /proc and limits on memory")
 

@@ -7,7 +7,7 @@ import pytest
 from benchmarks.edit_street import edit_street
 from benchmarks.no_loss import Options, main
 from benchmarks.random_edits import RandomEdits, document_digest
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.serialize import EDITS
 from instdrive_core.scene.selection import Flag
 

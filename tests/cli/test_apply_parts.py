@@ -7,7 +7,7 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.formats.poses_json import read_poses
+from instdrive_core.formats.objects.poses import read_poses
 from instdrive_core.formats.registry import open_scene, save_scene
 
 

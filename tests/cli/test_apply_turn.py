@@ -5,10 +5,10 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.turn_scene import TurnScene
-from instdrive_core.edits.up_of import up_of
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.turn_scene import TurnScene
+from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.scene_up import up_of
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.scene.scene import scene_from_gaussians

@@ -5,7 +5,7 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.edits.bake import frozen_at
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.formats.registry import open_scene, save_scene
 
 

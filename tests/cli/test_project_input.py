@@ -5,7 +5,7 @@ import pytest
 from random_scene import assert_same_scene, random_scene
 
 from instdrive_app.main import main
-from instdrive_core.edits.bake import baked
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document
 

@@ -9,9 +9,9 @@ from random_scene import random_scene
 
 from instdrive_app.main import main
 from instdrive_core.cli.render import orbit_camera
-from instdrive_core.edits.bake import baked, frozen_at
-from instdrive_core.edits.color import RecolorInstances
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.queries.bake import baked, frozen_at
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import table_from_ids

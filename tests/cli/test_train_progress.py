@@ -5,7 +5,7 @@ import io
 from rich.console import Console
 
 from instdrive_core.cli.train_progress import TrainProgress
-from instdrive_core.training.events import StageStarted, StepDone
+from instdrive_core.training.settings.events import StageStarted, StepDone
 
 
 def told(terminal: bool) -> str:

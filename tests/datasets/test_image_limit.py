@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from instdrive_core.datasets import image_limit
 from instdrive_core.datasets.photos import load_photo, photo_size
 from instdrive_core.errors import DataError
-from instdrive_core.masks.labelmap import read_label_map
+from instdrive_core.files import image_limit
+from instdrive_core.masks.label_map_folder import read_label_map
 
 SIDE = 12_000
 

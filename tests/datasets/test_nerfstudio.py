@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from photo_models import COUNT, FOCAL, HEIGHT, WIDTH, photo_model, write_nerfstudio
 
-from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, UntrustedDataError
 
 

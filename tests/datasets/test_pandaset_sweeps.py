@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from small_clip import moving_position, offset, sweep_at, write_small_clip
 
-from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.sweeps import SweepCache, sweep_points_at
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from instdrive_core.datasets import restricted_pickle
-from instdrive_core.datasets.restricted_pickle import ALLOWED, read_pickle
 from instdrive_core.errors import DataError, UntrustedDataError
+from instdrive_core.files import restricted_pickle
+from instdrive_core.files.restricted_pickle import ALLOWED, read_pickle
 
 COLUMNS = {
     "x": np.array([1.5, -2.0, np.inf]),
@@ -153,7 +153,7 @@ def test_allowed_names_cannot_be_changed_by_a_file(tmp_path, module, name):
 
 def test_nothing_that_is_allowed_runs_code_of_numpy_or_pandas():
     for record in ALLOWED.values():
-        assert record.__module__ == "instdrive_core.datasets.pickled_table"
+        assert record.__module__ == "instdrive_core.files.pickled_table"
 
 
 @pytest.mark.parametrize("code", ["O8", "V8", "V12", "M8[ns]", "c16", "S4"])

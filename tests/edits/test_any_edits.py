@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scene import random_scene
 
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.serialize import edit_from_json, edits_from_lines, edits_to_lines
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag

@@ -8,12 +8,12 @@ import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, ROAD, parked_street
 from random_scene import random_scene
 
-from instdrive_core.edits.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.deletion_report import deletion_report, deletion_report_of_rows
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.select_rows import SelectRows
-from instdrive_core.edits.surroundings import surroundings
-from instdrive_core.edits.visibility import LockInstances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.holes.surroundings import surroundings
+from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import table_from_ids
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from instdrive_core.edits.select import SelectNone
+from instdrive_core.edits.kinds.select import SelectNone
 from instdrive_core.edits.serialize import EDITS, edit_from_json, edits_from_lines
 from instdrive_core.errors import EditError
 
@@ -15,7 +15,7 @@ def test_every_edit_class_is_registered():
     def descendants(cls):
         return {cls} | {sub for child in cls.__subclasses__() for sub in descendants(child)}
 
-    from instdrive_core.edits.base import Edit
+    from instdrive_core.edits.document.edit import Edit
 
     concrete = {cls for cls in descendants(Edit) if not cls.__abstractmethods__ and "instdrive_core" in cls.__module__}
     assert set(EDITS.values()) == concrete

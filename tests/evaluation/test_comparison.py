@@ -9,10 +9,11 @@ from evaluation_scene import DRIVING, PARKED, toy_drive
 from test_html_report import FACTS, HOSTILE, ReadPage
 
 from instdrive_app.main import main
-from instdrive_core.evaluation import comparison, html_compare, protocol
+from instdrive_core.evaluation import comparison, protocol
 from instdrive_core.evaluation.comparison import MeasuredRun, compared_rows, differences
+from instdrive_core.evaluation.page import compare as html_compare
 from instdrive_core.evaluation.protocol import evaluate_scene
-from instdrive_core.formats.scene_folder import write_scene_folder
+from instdrive_core.formats.folder.scenes import write_scene_folder
 
 NO_PROGRESS = lambda stage, done, total: None  # noqa: E731
 

@@ -12,7 +12,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
 from instdrive_core.evaluation import protocol
 from instdrive_core.evaluation.protocol import evaluate_run, evaluate_scene
-from instdrive_core.formats.scene_folder import write_scene_folder
+from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.instances.table import table_from_ids
 
 FACTS = {

@@ -10,14 +10,14 @@ from photo_models import photo_model, write_colmap_binary, write_nerfstudio
 from instdrive_app.main import main
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.evaluation import comparison
-from instdrive_core.evaluation.html_compare import write_comparison
-from instdrive_core.evaluation.html_report import write_report
+from instdrive_core.evaluation.page.compare import write_comparison
+from instdrive_core.evaluation.page.report import write_report
 from instdrive_core.evaluation.protocol import evaluation_of_run
 from instdrive_core.evaluation.report import summary_rows
-from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
+from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 from instdrive_core.instances.table import table_from_ids
-from instdrive_core.training.config import InitConfig, train_config
 from instdrive_core.training.run import RunRequest, run_training
+from instdrive_core.training.settings.config import InitConfig, train_config
 
 ABOUT_INSTANCES = ("codeword", "per_view", "scene", "lidar", "click")
 

@@ -15,7 +15,7 @@ from instdrive_core.cli.convert import convert
 from instdrive_core.cli.info import info
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.formats.spz import write_spz
+from instdrive_core.formats.spz.scenes import write_spz
 
 
 def scene_of(antialiased: bool):

@@ -10,7 +10,7 @@ import time
 import pytest
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import atomic_file, atomic_path, write_bytes
+from instdrive_core.files.atomic import atomic_file, atomic_path, write_bytes
 
 
 def names(folder):
@@ -68,7 +68,7 @@ def test_modes_are_those_of_ordinary_or_replaced_files(tmp_path):
 KEEP_WRITING = """
 import itertools, sys
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import atomic_path, write_bytes
+from instdrive_core.files.atomic import atomic_path, write_bytes
 for number in itertools.count():
     write_bytes(sys.argv[1], bytes([number % 256]) * 3_000_000)
     print(number, flush=True)

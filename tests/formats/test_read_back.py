@@ -9,7 +9,7 @@ from random_scene import assert_same_scene, random_gaussians, random_scene
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats import registry
-from instdrive_core.formats.ply_compare import changed_value
+from instdrive_core.formats.ply.compare import changed_value
 from instdrive_core.formats.read_back import FIDELITY, difference, save_verified
 from instdrive_core.formats.registry import FORMATS, open_scene, save_scene
 from instdrive_core.progress import CancelledError, reporting

@@ -1,7 +1,7 @@
 import pytest
 from random_scene import assert_same_scene, random_scene
 
-from instdrive_core.edits.bake import frozen_at
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
 

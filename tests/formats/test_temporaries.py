@@ -9,15 +9,15 @@ import threading
 import pytest
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.atomic import atomic_file, atomic_path, write_bytes
-from instdrive_core.formats.file_lock import FileLock
-from instdrive_core.formats.scene_folder import read_scene_folder, write_scene_folder
-from instdrive_core.formats.temporaries import temporary_beside
+from instdrive_core.files.atomic import atomic_file, atomic_path, write_bytes
+from instdrive_core.files.file_lock import FileLock
+from instdrive_core.files.temporaries import temporary_beside
+from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 
 HANG = """
 import sys, time
 from pathlib import Path
-from instdrive_core.formats.temporaries import temporary_beside
+from instdrive_core.files.temporaries import temporary_beside
 with temporary_beside(Path(sys.argv[1])) as temporary:
     temporary.path.write_bytes(b"half")
     print(temporary.path.name, flush=True)
@@ -136,7 +136,7 @@ def test_a_scene_folder_whose_manifest_does_not_fit_the_disk_keeps_the_old_scene
     def full(path, content):
         raise DataError(path, "the file cannot be written (No space left on device)", "Free some space")
 
-    monkeypatch.setattr("instdrive_core.formats.scene_folder.write_bytes", full)
+    monkeypatch.setattr("instdrive_core.formats.folder.scenes.write_bytes", full)
     with pytest.raises(DataError, match="No space"):
         write_scene_folder(tmp_path, random_scene(seed=1))
     assert names(tmp_path) == before

@@ -9,11 +9,11 @@ from random_scene import random_scene
 
 from benchmarks.fuzz_seeds import all_seeds
 from instdrive_core.available_memory import VARIABLE, assumed_memory, available_memory
-from instdrive_core.edits.bake import frozen_at
-from instdrive_core.edits.select_rows import SelectRows
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.errors import DataError, OptionError, SceneTooLargeError, gigabytes, ordinal
+from instdrive_core.formats.allocation import BESIDE_BYTES, TO_EDIT, TO_READ, check_room, row_bytes
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.formats.unfilled import BESIDE_BYTES, TO_EDIT, TO_READ, check_room, row_bytes
 from instdrive_core.project.open import open_document, open_edited, open_project
 from instdrive_core.project.save import save_project
 

@@ -10,10 +10,10 @@ from painted_street import painted_clip
 from PIL import Image
 
 from instdrive_core.errors import DataError
-from instdrive_core.masks.annotations import AnnotationLabels
+from instdrive_core.masks.annotated.labels import AnnotationLabels
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import open_ground_truth
-from instdrive_core.masks.labelmap import open_masks
+from instdrive_core.masks.label_map_folder import open_masks
 from instdrive_core.masks.sources import ensure_masks, make_masks
 
 INSTANCES = {

@@ -11,7 +11,15 @@ from painted_street import painted_clip
 from PIL import Image
 
 from instdrive_core.errors import DataError
-from instdrive_core.masks.labelmap import FrameMasks, label_path, nearest, open_masks, shuffled, sky_path, write_masks
+from instdrive_core.masks.label_map_folder import (
+    FrameMasks,
+    label_path,
+    nearest,
+    open_masks,
+    shuffled,
+    sky_path,
+    write_masks,
+)
 
 KEY = "front_camera/30"
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from instdrive_core.masks import sources
 from instdrive_core.masks.journal import JOURNAL
-from instdrive_core.masks.labelmap import SIDECAR, open_masks
+from instdrive_core.masks.label_map_folder import SIDECAR, open_masks
 from instdrive_core.masks.sources import make_masks
 
 

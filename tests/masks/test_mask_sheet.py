@@ -10,7 +10,7 @@ from PIL import Image
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.contact_sheet import GAP, check_sheet, contact_sheet, painted_photo, write_sheets
-from instdrive_core.masks.labelmap import FrameMasks, write_masks
+from instdrive_core.masks.label_map_folder import FrameMasks, write_masks
 
 LABELS = truth(0.2).astype(np.uint16)
 """Of the clip's first photo."""

@@ -12,7 +12,7 @@ from instdrive_core.cli.masks import masks
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import DataError
 from instdrive_core.masks import sources
-from instdrive_core.masks.labelmap import open_masks
+from instdrive_core.masks.label_map_folder import open_masks
 
 
 @pytest.fixture

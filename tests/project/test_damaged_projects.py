@@ -10,7 +10,7 @@ from project_cases import VIEW, edited_document, rewrite_json, rewrite_member, s
 from safetensors.numpy import save
 
 from instdrive_core.errors import DataError, UntrustedDataError
-from instdrive_core.project.bounded_json import parsed_json
+from instdrive_core.files.bounded_json import parsed_json
 from instdrive_core.project.large_lists import LONG, packed, unpacked
 from instdrive_core.project.open import open_document
 from instdrive_core.project.save import save_project
@@ -197,9 +197,9 @@ def test_json_is_bounded():
 def test_every_edit_is_packed_to_its_json():
     from benchmarks.edit_street import edit_street
     from benchmarks.random_edits import RandomEdits
-    from instdrive_core.edits.compound import CompoundEdit
-    from instdrive_core.edits.document import Document
-    from instdrive_core.edits.select_rows import SelectRows
+    from instdrive_core.edits.document.document import Document
+    from instdrive_core.edits.kinds.compound import CompoundEdit
+    from instdrive_core.edits.kinds.select_rows import SelectRows
 
     drawn = RandomEdits(document := Document(edit_street()), "absent")
     while len(document.history.edits) < 60:

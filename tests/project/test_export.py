@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from random_scene import random_scene
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.color import RecolorInstances
-from instdrive_core.edits.delete import DeleteInstances
-from instdrive_core.edits.document import Document
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.color import RecolorInstances
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.formats.poses_json import read_poses
+from instdrive_core.formats.objects.poses import read_poses
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.progress import CancelledError, reporting
 from instdrive_core.project.export import export_actors, export_instances, export_scene, file_name

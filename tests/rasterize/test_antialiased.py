@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from little_scenes import Splats, plain_splats, random_splats, small_camera
 
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings, settings_for
 from instdrive_core.rasterize.pixel import pixel_contributors, winner_of
 from instdrive_core.rasterize.preview import preview
 from instdrive_core.rasterize.reference import render_reference
 from instdrive_core.rasterize.render import render, render_backward
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings, settings_for
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 

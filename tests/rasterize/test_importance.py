@@ -6,8 +6,8 @@ from little_scenes import random_splats, small_camera
 
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.importance import most_important
-from instdrive_core.rasterize.project import project
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS
+from instdrive_core.rasterize.kernels.project import project
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
 
 
 def areas_of(splats):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from little_scenes import Splats, in_view, plain_splats, random_splats, small_camera
 
-from instdrive_core.rasterize.project import _project
+from instdrive_core.rasterize.kernels.project import _project
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.reference import render_reference
 from instdrive_core.rasterize.render import render
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 
 
 def assert_like_reference(splats: Splats, camera, settings: RasterSettings = DEFAULT_SETTINGS) -> None:

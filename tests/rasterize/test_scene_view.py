@@ -8,8 +8,8 @@ from little_scenes import plain_splats, small_camera
 
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
+from instdrive_core.rasterize.kernels.sky_behind import sky_behind
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
-from instdrive_core.rasterize.sky_behind import sky_behind
 from instdrive_core.scene.gaussians import Gaussians, empty_gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 from instdrive_core.scene.sky import Sky

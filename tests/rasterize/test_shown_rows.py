@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from random_scene import random_scene
 
-from instdrive_core.edits.adjust import AdjustInstances
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.delete import DeleteInstances
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.duplicate import DuplicateInstances
-from instdrive_core.edits.move import MoveInstances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.rasterize import shown_rows
 from instdrive_core.rasterize.pixel import rows_near
 from instdrive_core.rasterize.shown_rows import Frames, largest_log_scales, place_means, shown_opacities, world_shapes

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from random_scene import random_scene
 
-from instdrive_core.edits.bake import baked
-from instdrive_core.edits.document import Document
-from instdrive_core.edits.turn_scene import TurnScene
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.turn_scene import TurnScene
+from instdrive_core.edits.queries.bake import baked
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.formats.stated_up import stated_up
 from instdrive_core.maths.rotations import quaternion_from_matrix

@@ -16,10 +16,10 @@ from safetensors.numpy import load_file
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
 from instdrive_core.errors import DataError
-from instdrive_core.formats import atomic
-from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.training.config import InitConfig, TrainConfig, train_config
+from instdrive_core.files import atomic
+from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.run import CHECKPOINT, LOG, RunRequest, run_training
+from instdrive_core.training.settings.config import InitConfig, TrainConfig, train_config
 
 PROGRAM = """
 import sys
@@ -80,7 +80,7 @@ def finished(process: subprocess.Popen) -> None:
 
 
 def started(street: Path, out: Path, resume: bool = False, lines: int = NEVER) -> subprocess.Popen:
-    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parent), str(street), str(out)]
+    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parents[1] / "support"), str(street), str(out)]
     return subprocess.Popen([*command, "resume" if resume else "new", str(lines)], stderr=subprocess.PIPE)
 
 

@@ -10,15 +10,15 @@ from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
-from instdrive_core.edits.bake import frozen_at
+from instdrive_core.edits.queries.bake import frozen_at
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.formats.ply import write_ply
-from instdrive_core.formats.scene_folder import read_scene_folder
+from instdrive_core.formats.folder.scenes import read_scene_folder
+from instdrive_core.formats.ply.inria import write_ply
 from instdrive_core.instances.codebook import quantized
-from instdrive_core.training.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
-from instdrive_core.training.events import CheckpointDue, Refined
+from instdrive_core.training.build_trainer import with_first_features
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
-from instdrive_core.training.start import with_first_features
+from instdrive_core.training.settings.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.training.settings.events import CheckpointDue, Refined
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,17 @@ from photo_models import COUNT, HEIGHT, WIDTH, photo_model, write_nerfstudio
 from small_clip import write_small_clip
 
 from instdrive_core.available_memory import assumed_memory
-from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import OptionError
-from instdrive_core.training.room import KEPT_BYTES, PROGRAM_BYTES, STEP_BYTES, check_training_room, training_bytes
-from instdrive_core.training.view_store import DEFAULT_BUDGET
+from instdrive_core.training.memory_check import (
+    KEPT_BYTES,
+    PROGRAM_BYTES,
+    STEP_BYTES,
+    check_training_room,
+    training_bytes,
+)
+from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
 
 def test_a_smaller_scale_that_is_proposed_fits_and_a_larger_does_not(tmp_path):

@@ -9,15 +9,16 @@ import pytest
 from photo_models import photo_model, write_colmap_binary, write_nerfstudio
 from small_clip import write_small_clip
 
-from instdrive_core.datasets.clip import ClipOptions, load_clip
+from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
-from instdrive_core.formats.scene_folder import read_scene_folder
-from instdrive_core.training.config import InitConfig, train_config
-from instdrive_core.training.events import StepDone
-from instdrive_core.training.initialize import initial_scene
+from instdrive_core.formats.folder.scenes import read_scene_folder
+from instdrive_core.training.gaussians.initialize import initial_scene
+from instdrive_core.training.gaussians.sparse_start import points_without_lidar
 from instdrive_core.training.run import RunRequest, run_training
-from instdrive_core.training.sparse_start import points_without_lidar
-from instdrive_core.training.view_store import view_store
+from instdrive_core.training.settings.config import InitConfig, train_config
+from instdrive_core.training.settings.events import StepDone
+from instdrive_core.training.views.view_store import view_store
 
 INIT = InitConfig(lidar_points=400, near_points=100, far_points=100)
 

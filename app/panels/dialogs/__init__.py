@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.widgets.ui import Ui
 
 
 class Dialog(Protocol):

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.log_file import log_path
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
-from instdrive_app.panels.ui import Ui, dim_text, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, dim_text, icon, scaled, scaled_size
 
 TITLE = "InstDrive"
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from instdrive_app.file_names import enumerated
+from instdrive_app.files.file_names import enumerated
 from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sorted_out
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_app.panels.dialogs.questions import Answers, question
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession
 
 TITLE = "Dropped files"

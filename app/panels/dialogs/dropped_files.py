@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from instdrive_app.file_names import name_problem
+from instdrive_app.files.file_names import name_problem
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_core.wording import counted
 

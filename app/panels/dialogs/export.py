@@ -9,7 +9,7 @@ from typing import TypeVar
 from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
-from instdrive_app.panels.ui import Ui, dim_text
+from instdrive_app.panels.widgets.ui import Ui, dim_text
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WRITTEN, ExportChoice, What
 from instdrive_core.formats.registry import FORMATS, SIBR

@@ -11,13 +11,13 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as desktop
 
-from instdrive_app.file_names import working_folder
-from instdrive_app.folder_listing import Entry, listing
+from instdrive_app.files.file_names import working_folder
+from instdrive_app.files.folder_listing import Entry, listing
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, dim_text, icon
-from instdrive_app.theme import DIM, ERROR, rgba
+from instdrive_app.panels.widgets.theme import DIM, ERROR, rgba
+from instdrive_app.panels.widgets.ui import Ui, dim_text, icon
 
 DESKTOP_TOOLS = ("zenity", "kdialog", "matedialog", "qarma")
 RELIST_SECONDS = 1.0

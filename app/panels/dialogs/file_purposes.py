@@ -9,9 +9,9 @@ from pathlib import Path
 
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import WRITTEN
+from instdrive_core.formats.folder.scenes import MANIFEST
 from instdrive_core.formats.registry import FORMATS
-from instdrive_core.formats.scene_folder import MANIFEST
-from instdrive_core.formats.sog_levels import is_sog_folder
+from instdrive_core.formats.sog.levels import is_sog_folder
 from instdrive_core.project.save import SUFFIX
 
 SCENES = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)

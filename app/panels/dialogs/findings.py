@@ -6,8 +6,8 @@ import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, dim_text, scaled
-from instdrive_core.edits.delete import DeleteRows
+from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
+from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.scene.lint import HARMFUL
 
 TITLE = "Odd splats"

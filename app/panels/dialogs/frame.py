@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Ui, scaled
-from instdrive_app.theme import ACCENT, BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
+from instdrive_app.panels.widgets.ui import Ui, scaled
 
 BUTTON_WIDTH = 92.0
 """Pixels at scale 1."""

@@ -7,8 +7,8 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.commands import Command, shortcut_title
 from instdrive_app.matching import best_matches
 from instdrive_app.panels.menus import full_title
-from instdrive_app.panels.ui import Ui, dim_text, icon, scaled
-from instdrive_app.theme import DIM, TEXT, packed
+from instdrive_app.panels.widgets.theme import DIM, TEXT, packed
+from instdrive_app.panels.widgets.ui import Ui, dim_text, icon, scaled
 
 TITLE = "##palette"
 ROWS = 11

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, enter_pressed
-from instdrive_app.panels.ui import Ui
-from instdrive_app.theme import ACCENT, BACKGROUND, rgba
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
+from instdrive_app.panels.widgets.ui import Ui
 
 Answers = dict[str, Callable[[], None]]
 """Title of each button and what it does, the least first; the last one is the proposed one, the first Escape's."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.instance_rows import InstanceRows, Query
-from instdrive_app.panels.ui import Ui, dim_text, fitted_selectable, icon, scaled_size, swatch
+from instdrive_app.panels.instances.rows import InstanceRows, Query
+from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_selectable, icon, scaled_size, swatch
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import counted
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered
-from instdrive_app.panels.ui import Ui, dim_text
-from instdrive_app.theme import ACCENT, BACKGROUND, ERROR, rgba
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
+from instdrive_app.panels.widgets.ui import Ui, dim_text
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.wording import counted
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, scaled_size
 
 TITLE = "Rename"
 

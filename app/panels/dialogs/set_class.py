@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, fitted_selectable, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, fitted_selectable, scaled_size
 
 TITLE = "Set class"
 

@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.commands import shortcut_title
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
 from instdrive_app.panels.menus import full_title
-from instdrive_app.panels.ui import Ui, dim_text, scaled
+from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
 
 TITLE = "Keys and mouse"
 MOUSE = (

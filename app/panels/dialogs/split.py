@@ -5,9 +5,9 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, bounded_slider, dim_text, scaled_size
-from instdrive_core.edits.frozen_copy import frozen_copy
-from instdrive_core.edits.split import DEFAULT_GAP, SplitInstance
+from instdrive_app.panels.widgets.ui import Ui, bounded_slider, dim_text, scaled_size
+from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.kinds.split import DEFAULT_GAP, SplitInstance
 
 TITLE = "Split by component"
 SHOWN = 6

@@ -10,8 +10,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.ui import Ui, dim_text
-from instdrive_core.edits.turn_scene import SCALE_LIMITS
+from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_core.edits.kinds.turn_scene import SCALE_LIMITS
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import UpEstimate
 from instdrive_core.scene.upright import AXES, UP, Axis, axis_title, direction_of, nearest_axis, upright_rotation

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import question
-from instdrive_app.panels.ui import Ui
+from instdrive_app.panels.widgets.ui import Ui
 
 TITLE = "Unsaved changes"
 

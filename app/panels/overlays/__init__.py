@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from instdrive_app.panels.ui import Rectangle, Ui
+from instdrive_app.panels.widgets.ui import Rectangle, Ui
 
 
 class Overlay(Protocol):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled
-from instdrive_app.theme import BACKGROUND, TEXT, packed
+from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, packed
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
 
 
 class CameraTag:

@@ -11,11 +11,11 @@ from numpy import ndarray
 
 from instdrive_app.commands import Command
 from instdrive_app.panels.overlays.hole_pattern import HolePattern, hole_pattern, projected
-from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, packed, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
 from instdrive_app.session.aftermath import Finding
 from instdrive_app.state import ViewMode
-from instdrive_app.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, packed, rgba
-from instdrive_core.edits.holes import Hole
+from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import counted

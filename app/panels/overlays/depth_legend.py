@@ -7,10 +7,10 @@ from itertools import pairwise
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
-from instdrive_app.render.present_pass import DEPTH_RAMP
+from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, packed
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.render.gl.present_pass import DEPTH_RAMP
 from instdrive_app.state import ViewMode
-from instdrive_app.theme import BACKGROUND, TEXT, packed
 
 
 class DepthLegend:

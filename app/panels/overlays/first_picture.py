@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
-from instdrive_app.theme import DIM, TEXT, Color, packed
+from instdrive_app.panels.widgets.theme import DIM, TEXT, Color, packed
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 
 WAIT_SECONDS = 0.7
 """Without a picture after which the user is told; resizing takes less."""

@@ -8,11 +8,11 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, TEXT, packed
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Operation
 from instdrive_app.session.moving import Moving
 from instdrive_app.session.selection_box import BOX_EDGES, Box, upright
-from instdrive_app.theme import ACCENT, TEXT, packed
 from instdrive_core.scene.camera import Camera
 
 guizmo = imguizmo.im_guizmo

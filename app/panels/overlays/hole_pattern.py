@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.holes import Hole
+from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 
 NEAREST = 0.1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, fitted_text, scaled, swatch
-from instdrive_app.theme import BACKGROUND, DIM, rgba
+from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, fitted_text, scaled, swatch
 from instdrive_core.wording import counted
 
 WIDEST = 320.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, bounded_slider, scaled
+from instdrive_app.panels.widgets.theme import BACKGROUND, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, bounded_slider, scaled
 from instdrive_app.state import ViewMode
-from instdrive_app.theme import BACKGROUND, rgba
 
 
 class OpacitySlider:

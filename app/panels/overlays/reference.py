@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, packed
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 from instdrive_app.state import Reference
-from instdrive_app.theme import ACCENT, BACKGROUND, DIM, TEXT, packed
 
 GAP = 2
 """Pixels between the two pictures."""

@@ -7,9 +7,9 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.panels.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, packed
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Point, selection_mode
-from instdrive_app.theme import BACKGROUND, TEXT, packed
 
 DASH = 5.0
 """Pixels of a dash, and of the gap after it."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.ui import Rectangle, Ui, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled, scaled_size
 from instdrive_app.state import ViewMode
-from instdrive_app.theme import ACCENT, BACKGROUND, TEXT, rgba
 
 WORDS_FROM = 40
 """Widths of the picture, in font sizes, from which buttons have words."""

@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from instdrive_app.panels.ui import Rectangle, scaled
+from instdrive_app.panels.widgets.ui import Rectangle, scaled
 from instdrive_core.scene.camera import Camera
 
 NEAREST = 0.05

@@ -11,8 +11,8 @@ import pandas as pd
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.lidar import LidarSweep
-from instdrive_core.datasets.synthetic.street import CLASSES, Actor, Street
+from instdrive_core.datasets.synthetic.sensors.lidar import LidarSweep
+from instdrive_core.datasets.synthetic.world.street import CLASSES, Actor, Street
 from instdrive_core.maths.rotations import quaternion_from_matrix
 
 Pose = Float64[ndarray, "4 4"]

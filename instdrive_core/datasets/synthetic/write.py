@@ -17,8 +17,6 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.datasets.synthetic.layout import build_street
-from instdrive_core.datasets.synthetic.lidar import cast_sweep
 from instdrive_core.datasets.synthetic.pandaset_files import (
     pose_record,
     write_classes,
@@ -26,9 +24,11 @@ from instdrive_core.datasets.synthetic.pandaset_files import (
     write_json,
     write_sweep,
 )
-from instdrive_core.datasets.synthetic.render import StepRenderer
-from instdrive_core.datasets.synthetic.rig import CAMERAS, EGO_HEIGHT, LIDAR_POSITION, RigCamera
-from instdrive_core.datasets.synthetic.street import Street
+from instdrive_core.datasets.synthetic.sensors.lidar import cast_sweep
+from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
+from instdrive_core.datasets.synthetic.world.layout import build_street
+from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, LIDAR_POSITION, RigCamera
+from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.errors import DataError
 
 STEP_SECONDS = 0.1

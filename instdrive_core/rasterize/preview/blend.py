@@ -13,10 +13,11 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray
 
-from instdrive_core.rasterize.bin import TILE
-from instdrive_core.rasterize.blend import TILES_PER_TASK
-from instdrive_core.rasterize.fragment import FAST, power_of_two
-from instdrive_core.rasterize.lanes import (
+from instdrive_core.rasterize.kernels.bin import TILE
+from instdrive_core.rasterize.kernels.blend import TILES_PER_TASK
+from instdrive_core.rasterize.kernels.fragment import FAST, power_of_two
+from instdrive_core.rasterize.kernels.settings import RasterSettings
+from instdrive_core.rasterize.kernels.simd import (
     add_scaled,
     any_lane,
     choose,
@@ -69,7 +70,6 @@ from instdrive_core.rasterize.preview.splats import (
     SPLAT_FLOATS,
 )
 from instdrive_core.rasterize.preview.tiles import PreviewTiles
-from instdrive_core.rasterize.settings import RasterSettings
 
 _WIDTH = np.uint64(SPLAT_FLOATS)
 # A staged splat is its line, but for a·dx + b·dy and c·dy at the tile's corner in the places of its mean, and the

@@ -10,10 +10,10 @@ from jaxtyping import Float, Float32, Int32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
-from instdrive_core.rasterize.lanes import prefetch
-from instdrive_core.rasterize.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.simd import prefetch
+from instdrive_core.rasterize.kernels.view_colors import fill_basis
 from instdrive_core.rasterize.preview.splats import Projected
-from instdrive_core.rasterize.view_colors import fill_basis
 
 _CHUNK = 1 << 7
 """Rows whose basis values lie side by side, so that the loops over them vectorise; few enough that their coefficients,

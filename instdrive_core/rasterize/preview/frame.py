@@ -9,11 +9,11 @@ from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview.blend import blend_preview
 from instdrive_core.rasterize.preview.splats import Projected, packed_splats, projected
 from instdrive_core.rasterize.preview.tiles import preview_tiles
-from instdrive_core.rasterize.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from instdrive_core.rasterize.fragment import FAST
-from instdrive_core.rasterize.lane_rows import interleaved, member, rows_of_blocks, store_up_to
-from instdrive_core.rasterize.lanes import (
+from instdrive_core.rasterize.kernels.fragment import FAST
+from instdrive_core.rasterize.kernels.lane_rows import interleaved, member, rows_of_blocks, store_up_to
+from instdrive_core.rasterize.kernels.simd import (
     block_of,
     choose,
     lane_bits,

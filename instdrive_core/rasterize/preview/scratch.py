@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float32, UInt16
 from numpy import ndarray
 
-from instdrive_core.rasterize.bin import PIXELS, TILE
-from instdrive_core.rasterize.blend import aligned_zeros
-from instdrive_core.rasterize.lanes import lane_bits, load, spread
+from instdrive_core.rasterize.kernels.bin import PIXELS, TILE
+from instdrive_core.rasterize.kernels.blend import aligned_zeros
+from instdrive_core.rasterize.kernels.simd import lane_bits, load, spread
 
 SIDE, BLOCKS, LANES = np.uint64(4), np.uint64(16), np.uint64(16)
 BATCH = 64

@@ -9,9 +9,8 @@ from numpy import ndarray
 
 from instdrive_core.maths.depth_order import nearest_first
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.fragment import EIGHTH, FAST
-from instdrive_core.rasterize.lanes import prefetch
-from instdrive_core.rasterize.project import (
+from instdrive_core.rasterize.kernels.fragment import EIGHTH, FAST
+from instdrive_core.rasterize.kernels.project import (
     CONIC_XX,
     DEPTH,
     MEAN_X,
@@ -21,7 +20,8 @@ from instdrive_core.rasterize.project import (
     SPLAT_WIDTH,
     project_rows,
 )
-from instdrive_core.rasterize.settings import RasterSettings
+from instdrive_core.rasterize.kernels.settings import RasterSettings
+from instdrive_core.rasterize.kernels.simd import prefetch
 from instdrive_core.scene.camera import Camera
 
 SPLAT_FLOATS = 16

@@ -14,7 +14,7 @@ from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.bin import SLACK, TILE, TILE_BITS, extent
+from instdrive_core.rasterize.kernels.bin import SLACK, TILE, TILE_BITS, extent
 from instdrive_core.rasterize.preview.splats import AT_COV_XX, AT_COV_XY, AT_COV_YY, AT_LIMIT, AT_X, AT_Y, SPLAT_FLOATS
 
 _CHUNKS = 32

@@ -1,0 +1,53 @@
+"""`instdrive edit`: the editor window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from instdrive_app.files.sample import NoSceneError, sample_scene
+from instdrive_core.errors import InstDriveError
+
+MIN_SCALE, MAX_SCALE = 0.5, 4.0
+
+
+class ScaleError(InstDriveError):
+    """Text and widgets cannot be drawn so large."""
+
+
+def edit(
+    scene: Positional[Path | None] = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    scale: float = 0.0,
+    report: Annotated[Path | None, arg(metavar="FILE")] = None,
+    remember_layout: bool = True,
+) -> None:
+    """Open a scene in the editor window.
+
+    Args:
+        scene: A .ply file, or a run or scene folder; without one the sample scene is opened.
+        size: Width and height of the window, at scale 1.
+        scale: How large text and widgets are drawn, e.g. 2 on a display of high density; 0: as the monitor says.
+        report: Write the window's state as JSON lines into this file, for programs that drive the window.
+        remember_layout: Keep the arrangement of panels from one session to the next.
+    """
+    if scale and not MIN_SCALE <= scale <= MAX_SCALE:
+        raise ScaleError(f"--scale {scale:g}: must be 0 or between {MIN_SCALE:g} and {MAX_SCALE:g}")
+    path = scene if scene is not None else sample_scene()
+    if not path.exists():
+        raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
+    from instdrive_app.log_file import start_logging
+    from instdrive_app.session.editor_session import EditorSession
+    from instdrive_app.shell.window import EditorWindow, require_display
+    from instdrive_app.shell.window_layout import WindowOptions
+
+    require_display()
+    start_logging()
+    session = EditorSession()
+    window = EditorWindow(session, WindowOptions(size, report, remember_layout, scale))
+    session.files.open(path)
+    session.offer_recovery()
+    window.run()

@@ -1,0 +1,1 @@
+"""Sessions that play themselves in the real window."""

@@ -1,0 +1,226 @@
+"""A session that plays itself in the real window: open, point, click, recolour, undo, delete, recolour, export."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8, UInt32
+from numpy import ndarray
+from PIL import Image
+from scipy.ndimage import distance_transform_edt
+
+from instdrive_app.demo.showpiece import best_view, ranked_things
+from instdrive_app.pointer import Click
+from instdrive_app.render.frame_renderer import FrameRenderer
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.shell.display import has_display
+from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.window import EditorWindow
+from instdrive_app.shell.window_layout import WindowOptions
+from instdrive_app.state import ViewMode, resolve
+from instdrive_core.errors import InstDriveError
+from instdrive_core.files.atomic import write_bytes
+
+PICTURE_WIDTH = 960
+FIRST_COLOR, SECOND_COLOR = (0.93, 0.49, 0.10), (0.15, 0.38, 0.80)
+PATIENCE_FRAMES = 100_000
+
+
+class ScriptError(InstDriveError):
+    """The scripted session cannot go on with this scene."""
+
+
+def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tuple[int, int] = (1280, 720)) -> None:
+    """Open a scene in the editor and play a session, on a virtual display where there is no other.
+
+    Writes into `out_dir`: color.png, id_map.png (exact ID colours), hover.png and editor.png (the whole window),
+    selected.png, tinted.png (the clicked instance recoloured), deleted.png, cleaned.png (strays gone, the hole filled),
+    recolored.png (another instance recoloured), edited.ply, and session.json, which says what was clicked.
+
+    Raises ScriptError where the scene shows nothing to click, DisplayError where no window can be opened.
+    """
+    out = Path(out_dir)
+    out.mkdir(parents=True, exist_ok=True)
+    session = EditorSession()
+    with nullcontext() if has_display() else virtual_display(size):
+        window = EditorWindow(session, WindowOptions(size, remember_layout=False))
+        session.files.open(Path(scene_path))
+        window.run(lambda running: ScriptedSession(running, out).play())
+
+
+class ScriptedSession:
+    """The steps; each `yield` lets the window draw a frame."""
+
+    def __init__(self, window: EditorWindow, out: Path) -> None:
+        self._window, self._out = window, out
+        self._session = window.session
+        self._pictures: list[str] = []
+        self._protocol: dict[str, object] = {"pictures": self._pictures}
+
+    def play(self) -> Iterator[None]:
+        """From the opened scene to the exported one."""
+        yield from self._opened()
+        yield from self._view_chosen()
+        self._save("color.png")
+        ids = self._id_map()
+        first, second = self._targets(ids)
+        yield from self._pointed_at(first)
+        yield from self._window_saved("hover.png")
+        yield from self._clicked(first, "picked")
+        self._save("selected.png", outlines=True)
+        yield from self._window_saved("editor.png")
+        self._session.recolor(self._session.selected, "tint", FIRST_COLOR)
+        yield from self._drawn()
+        self._save("tinted.png")
+        self._run("edit.undo")
+        self._run("edit.delete")
+        yield from self._drawn()
+        self._save("deleted.png")
+        yield from self._cleaned()
+        self._save("cleaned.png")
+        yield from self._pointed_at(second)
+        yield from self._clicked(second, "recolored")
+        self._session.recolor_mode, self._session.recolor_color = "tint", SECOND_COLOR
+        self._run("edit.recolor")
+        yield from self._drawn()
+        self._save("recolored.png")
+        yield from self._exported()
+        content = json.dumps(self._protocol, indent=2) + "\n"
+        write_bytes(self._out / "session.json", content.encode())
+
+    # ------------------------------------------------------------------ steps
+
+    def _opened(self) -> Iterator[None]:
+        while self._session.document is None:
+            if self._session.jobs.current is None:
+                raise ScriptError(self._session.messages.log[-1].text)
+            yield
+        yield from self._drawn()
+
+    def _view_chosen(self) -> Iterator[None]:
+        document = self._session.document
+        assert document is not None
+        if document.scene.views:
+            index = best_view(self._renderer, self._session)
+            self._session.navigation.look_through(index)
+            view = document.scene.views[index]
+            self._protocol["view"] = {"camera": view.name, "index": view.index, "time": view.time}
+        yield from self._drawn()
+
+    def _targets(self, ids: UInt32[ndarray, "h w"]) -> tuple[int, int]:
+        assert self._session.document is not None
+        things = ranked_things(self._session.document.scene, ids)
+        if len(things) < 2:
+            raise ScriptError("fewer than two objects are visible from the chosen camera; train the scene for longer")
+        return things[0], things[1]
+
+    def _pointed_at(self, instance: int) -> Iterator[None]:
+        """Hold the pointer over the middle of what is seen of an instance."""
+        snapshot = self._window.ui.view.snapshot
+        assert snapshot is not None
+        self._window.ui.script_pointer = middle_of(self._renderer.instance_ids(snapshot) == instance)
+        yield from self._drawn()
+
+    def _clicked(self, instance: int, name: str) -> Iterator[None]:
+        ui = self._window.ui
+        pointer, snapshot = ui.script_pointer, ui.view.snapshot
+        assert pointer is not None
+        assert snapshot is not None
+        picked = ui.tool.click(Click(*pointer), snapshot)
+        if not picked:
+            raise ScriptError(f"a click on instance {instance} at {pointer} picked nothing")
+        assert self._session.document is not None
+        self._protocol[f"{name}_id"] = picked
+        self._protocol[f"{name}_name"] = self._session.document.scene.table[picked].name
+        self._protocol[f"{name}_pixel"] = self._picture_pixel(pointer)
+        yield from self._drawn()
+
+    def _cleaned(self) -> Iterator[None]:
+        """Take away the strays of what was deleted, and fill the ground that nothing ever showed."""
+        aftermath = self._session.aftermath
+        yield from self._idle()
+        found = aftermath.finding
+        self._protocol["residue"] = found.residue_count if found else 0
+        self._protocol["hole"] = round(found.report.hole_area, 2) if found else 0.0
+        aftermath.absorb()
+        aftermath.fill()
+        yield from self._idle()
+        yield from self._drawn()
+
+    def _idle(self) -> Iterator[None]:
+        """Until no work is under way."""
+        while self._session.jobs.current is not None:
+            yield
+
+    def _exported(self) -> Iterator[None]:
+        target = self._out / "edited.ply"
+        self._session.export(target)
+        yield from self._idle()
+        if self._session.files.last_export != target:
+            raise ScriptError(self._session.messages.log[-1].text)
+        self._protocol["exported"] = target.name
+
+    def _run(self, command: str) -> None:
+        if not self._session.commands.run(command):
+            raise ScriptError(f"the command {command} is not available")
+
+    def _drawn(self) -> Iterator[None]:
+        """Some frames, until the picture is sharp."""
+        for frame in range(PATIENCE_FRAMES):
+            yield
+            if frame >= 3 and self._window.ui.view.settled:
+                return
+
+    # ------------------------------------------------------------------ pictures
+
+    @property
+    def _renderer(self) -> FrameRenderer:
+        return self._window.ui.view.renderer
+
+    @property
+    def _picture_size(self) -> tuple[int, int]:
+        lens = self._session.state.viewpoint.lens
+        return PICTURE_WIDTH, round(PICTURE_WIDTH * lens.height / lens.width)
+
+    def _picture(self, mode: ViewMode, outlines: bool) -> UInt8[ndarray, "h w 3"]:
+        state = replace(self._session.state, view_mode=mode, show_outlines=outlines, hovered=0)
+        self._renderer.render(resolve(state, *self._picture_size))
+        return self._renderer.read_picture()
+
+    def _save(self, name: str, outlines: bool = False) -> None:
+        self._write(name, self._picture(ViewMode.COLOR, outlines))
+
+    def _id_map(self) -> UInt32[ndarray, "h w"]:
+        self._write("id_map.png", self._picture(ViewMode.INSTANCE, outlines=False))
+        return self._renderer.instance_ids(resolve(self._session.state, *self._picture_size))
+
+    def _picture_pixel(self, pointer: tuple[float, float]) -> list[int]:
+        """A position in the viewport as column and row of the saved pictures."""
+        snapshot = self._window.ui.view.snapshot
+        assert snapshot is not None
+        left, top, right, _ = self._session.state.viewpoint.film_in(snapshot.camera.width, snapshot.camera.height)
+        scale = self._picture_size[0] / (right - left)
+        return [int((pointer[0] - left) * scale), int((pointer[1] - top) * scale)]
+
+    def _window_saved(self, name: str) -> Iterator[None]:
+        self._session.messages.dismiss()
+        yield from self._window.screenshot()
+        self._write(name, self._window.last_screenshot)
+
+    def _write(self, name: str, picture: UInt8[ndarray, "h w 3"]) -> None:
+        Image.fromarray(picture).save(self._out / name)
+        self._pictures.append(name)
+
+
+def middle_of(mask: ndarray) -> tuple[float, float]:
+    """x, y of the pixel centre farthest from the mask's border. Raises ScriptError for an empty mask."""
+    if not mask.any():
+        raise ScriptError("the object to point at is not visible")
+    depth = np.asarray(distance_transform_edt(np.pad(mask, 1)))
+    row, column = np.unravel_index(int(depth.argmax()), depth.shape)
+    return float(column) - 0.5, float(row) - 0.5

@@ -1,0 +1,1 @@
+"""Files as the editor names, lists and finds them."""

@@ -1,0 +1,1 @@
+"""The selected instances in numbers: facts, colour, adjustments, placement."""

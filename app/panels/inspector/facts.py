@@ -1,0 +1,116 @@
+"""What is known of the selected instances; the class can be changed in place."""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import imgui
+
+from instdrive_app.panels.inspector.rows import fact, widget_label
+from instdrive_app.panels.widgets.codeword import bit_squares
+from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
+from instdrive_app.session.kept import Kept
+from instdrive_core.edits.document.document import Document
+from instdrive_core.instances.table import Instance
+
+Ids = tuple[int, ...]
+
+
+class FactsSection:
+    """One instance in full, several in sum."""
+
+    title: str = ""
+
+    def __init__(self) -> None:
+        self._class = TextField("class")
+        self._known: Kept[tuple[set[str], int, int]] = Kept()
+
+    def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
+        """One frame."""
+        table, labels = document.scene.table, ui.session.labels
+        classes, drawn, selected = self._in_sum(document, ids)
+        widget_label("Class")
+        arrow = imgui.get_frame_height()
+        hint = "unknown" if len(classes) == 1 else "several"
+        entered = self._class.draw(ui, "inspector.class", next(iter(classes)) if len(classes) == 1 else "", hint, arrow)
+        if entered is not None:
+            labels.set_class(ids, entered)
+        imgui.same_line(0, 0)
+        if imgui.arrow_button("##classes", imgui.Dir.down):
+            imgui.open_popup("##known classes")
+        ui.mark("inspector.classes")
+        self._known_classes(ui, document, ids)
+        if len(ids) == 1:
+            _one(document, table[ids[0]])
+        else:
+            fact("Splats", f"{drawn:,}")
+        if selected < drawn:
+            fact("Selected", f"{selected:,} of the splats")
+            dim_text("What is below changes whole instances")
+
+    def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
+        """Classes, and splats drawn and selected; looked up again only where something has changed."""
+
+        def in_sum() -> tuple[set[str], int, int]:
+            counts = document.counts()
+            chosen = np.isin(counts.ids, ids)
+            drawn, selected = int(counts.drawn[chosen].sum()), int(counts.selected[chosen].sum())
+            return {document.scene.table[i].class_name for i in ids}, drawn, selected
+
+        return self._known.of(document, (ids, document.state.version, document.table_version), in_sum)
+
+    def _known_classes(self, ui: Ui, document: Document, ids: Ids) -> None:
+        if not imgui.begin_popup("##known classes"):
+            return
+        names = ui.session.labels.classes()
+        for name in (*names, ""):
+            chosen = all(document.scene.table[i].class_name == name for i in ids)
+            if imgui.selectable(name or "unknown", chosen)[0]:
+                ui.session.labels.set_class(ids, name)
+            ui.mark(f"inspector.class.{name or 'unknown'}")
+        imgui.end_popup()
+
+
+class TextField:
+    """A line of text that is applied by Enter or by leaving it, and taken back by Escape."""
+
+    def __init__(self, name: str) -> None:
+        self._id = name
+        self._text: str | None = None
+
+    def draw(self, ui: Ui, mark: str, present: str, hint: str = "", free: float = 0.0) -> str | None:
+        """One frame, `free` pixels short of the right edge; returns the text where it was changed, else None."""
+        imgui.set_next_item_width(imgui.get_content_region_avail().x - free)
+        shown = present if self._text is None else self._text
+        entered, text = imgui.input_text_with_hint(
+            f"##{self._id}",
+            hint,
+            shown,
+            imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all,
+        )
+        ui.mark(mark)
+        if imgui.is_item_active():
+            self._text = text
+            return None
+        was, self._text = self._text, None
+        if was is None and not entered:
+            return None
+        cancelled = imgui.is_key_pressed(imgui.Key.escape)
+        text = text.strip()
+        return text if text != present and not cancelled else None
+
+
+def _one(document: Document, instance: Instance) -> None:
+    summary = document.instance_flags(instance.id)
+    drawn = f"{summary.drawn:,}" if summary.drawn == summary.count else f"{summary.drawn:,} of {summary.count:,}"
+    fact("Splats", drawn)
+    low, high = instance.bounds
+    size = [b - a for a, b in zip(low, high, strict=True)]
+    fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
+    if instance.node:
+        track = document.scene.actors[instance.node - 1]
+        fact("Moves", f"{track.path_length():.1f} m along its track")
+    if document.scene.code_bits:
+        fact("Codeword", str(instance.codeword))
+        imgui.same_line(0, scaled(10))
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(9)) / 2)
+        bit_squares(instance.codeword, document.scene.code_bits, scaled(9), scaled(2))

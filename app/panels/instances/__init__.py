@@ -1,0 +1,1 @@
+"""The list of instances, its rows and their right-click menu."""

@@ -1,0 +1,142 @@
+"""Which instances the list shows, in which order: worked out when something changes, not in every frame."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.document.document import Document, InstanceCounts
+from instdrive_core.instances.table import Instance
+
+
+@dataclass(frozen=True)
+class Query:
+    """What the user asked the list for."""
+
+    search: str = ""
+    """Words that all must occur in number, name or class."""
+    class_name: str | None = None
+    """Only this class; empty = those that have none, None = all."""
+    column: str = "#"
+    descending: bool = False
+
+
+@dataclass(frozen=True)
+class _States:
+    """Per instance that is left: splats left, and whether it is hidden or locked."""
+
+    ids: ndarray
+    left: Int64[ndarray, " m"]
+    hidden: Bool[ndarray, " m"]
+    locked: Bool[ndarray, " m"]
+
+    @classmethod
+    def of(cls, counts: InstanceCounts) -> _States:
+        left = counts.count - counts.deleted
+        alive = left > 0
+        return cls(
+            counts.ids[alive],
+            left[alive],
+            (counts.drawn == 0)[alive],
+            (counts.locked >= counts.count - counts.deleted)[alive],
+        )
+
+    def equals(self, other: _States | None) -> bool:
+        if other is None:
+            return False
+        pairs = zip(
+            (self.ids, self.left, self.hidden, self.locked),
+            (other.ids, other.left, other.hidden, other.locked),
+            strict=True,
+        )
+        return all(np.array_equal(one, two) for one, two in pairs)
+
+
+class InstanceRows:
+    """The rows of the list; `update` must be called once a frame and does nothing where nothing changed."""
+
+    def __init__(self) -> None:
+        self.instances: tuple[Instance, ...] = ()
+        """What the list shows, in order."""
+        self.ids: tuple[int, ...] = ()
+        self.place: dict[int, int] = {}
+        """The row of each instance shown."""
+        self.total = 0
+        """How many instances are left, shown or not."""
+        self.classes: tuple[tuple[str, int], ...] = ()
+        """The classes of all that is left and how many instances have them, in alphabetical order, unknown last."""
+        self._document: Document | None = None
+        self._table_version = self._state_version = -1
+        self._states: _States | None = None
+        self._query: Query | None = None
+        self._alive: list[Instance] = []
+        self._left: dict[int, int] = {}
+        self._hidden: set[int] = set()
+        self._locked: set[int] = set()
+
+    def update(self, document: Document, query: Query) -> None:
+        """Bring the rows to the document's state and the query."""
+        table_changed = document is not self._document or document.table_version != self._table_version
+        changed = table_changed or query != self._query
+        if table_changed or document.state.version != self._state_version:
+            states = _States.of(document.counts())
+            changed = changed or not states.equals(self._states)
+            if changed:
+                self._count(document, states)
+        if changed:
+            self._sort(query)
+        self._document, self._query = document, query
+        self._table_version, self._state_version = document.table_version, document.state.version
+
+    def _count(self, document: Document, states: _States) -> None:
+        table = document.scene.table
+        known = [number in table for number in states.ids.tolist()]
+        self._states = states
+        self._left = dict(zip(states.ids.tolist(), states.left.tolist(), strict=True))
+        self._hidden = set(states.ids[states.hidden].tolist())
+        self._locked = set(states.ids[states.locked].tolist())
+        self._alive = [table[number] for number, is_known in zip(states.ids.tolist(), known, strict=True) if is_known]
+        self.total = len(self._alive)
+        numbers: dict[str, int] = {}
+        for instance in self._alive:
+            numbers[instance.class_name] = numbers.get(instance.class_name, 0) + 1
+        self.classes = tuple(sorted(numbers.items(), key=lambda item: (not item[0], item[0].lower())))
+
+    def _sort(self, query: Query) -> None:
+        words = query.search.lower().split()
+        found = [
+            i for i in self._alive if query.class_name in (None, i.class_name) and (not words or matches(i, words))
+        ]
+        found.sort(key=self._key(query.column), reverse=query.descending)
+        self.instances = tuple(found)
+        self.ids = tuple(instance.id for instance in found)
+        self.place = {instance_id: row for row, instance_id in enumerate(self.ids)}
+
+    def _key(self, column: str) -> Callable[[Instance], tuple]:
+        keys: dict[str, Callable[[Instance], tuple]] = {
+            "#": lambda i: (i.id,),
+            "Code": lambda i: (i.codeword, i.id),
+            "Name": lambda i: (natural(i.name), i.id),
+            "Class": lambda i: (not i.class_name, i.class_name.lower(), natural(i.name)),
+            "Splats": lambda i: (self._left[i.id], i.id),
+            "Shown": lambda i: (i.id in self._hidden, i.id),
+            "Locked": lambda i: (i.id not in self._locked, i.id),
+        }
+        return keys[column]
+
+
+def matches(instance: Instance, words: list[str]) -> bool:
+    """Whether number, name or class contain every one of these lower-case words."""
+    text = f"{instance.id} {instance.name} {instance.class_name}".lower()
+    return all(word in text for word in words)
+
+
+def natural(text: str) -> tuple[tuple[int, int, str], ...]:
+    """A key that sorts ``car 9`` before ``car 10``."""
+    parts = re.split(r"(\d+)", text.lower())
+    return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)

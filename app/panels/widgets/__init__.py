@@ -1,0 +1,1 @@
+"""What all panels build on: theme, fonts, icons, number fields, drags that are one step."""

@@ -1,0 +1,25 @@
+"""Codewords as rows of small squares, one per bit, bit 0 at the left."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, HOVER, packed, rgba
+
+
+def bit_squares(codeword: int, bits: int, size: float, gap: float) -> None:
+    """Set bits filled, the others dark; as many rows as the space at hand asks for; the number as the tooltip."""
+    at, draw = imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
+    pitch = size + gap
+    per_row = max(int((imgui.get_content_region_avail().x + gap) / pitch), 1)
+    on, off = packed(ACCENT), packed(HOVER)
+    for bit in range(bits):
+        x, y = at.x + (bit % per_row) * pitch, at.y + (bit // per_row) * pitch
+        draw.add_rect_filled(ImVec2(x, y), ImVec2(x + size, y + size), on if codeword >> bit & 1 else off, size / 5)
+    imgui.dummy(ImVec2(min(bits, per_row) * pitch - gap, (1 + (bits - 1) // per_row) * pitch - gap))
+    if imgui.is_item_hovered():
+        imgui.begin_tooltip()
+        imgui.text(f"Codeword {codeword}")
+        imgui.text("".join(str(codeword >> bit & 1) for bit in range(bits)))
+        imgui.text_colored(rgba(DIM), "bit 0 first")
+        imgui.end_tooltip()

@@ -1,0 +1,184 @@
+"""What panels share: session, picture, fonts, icons, and the places of widgets for whoever drives the window."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from math import isfinite
+
+import numpy as np
+from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
+
+from instdrive_app.commands import Command, shortcut_title
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, packed, rgba
+from instdrive_app.pointer import Tool
+from instdrive_app.render.live_view import LiveView
+from instdrive_app.render.picture_textures import PictureTextures
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_core.instances.table import Instance
+
+CUT_SLACK = 8.0
+"""Pixels at scale 1 that may be hidden at the ends: rows reach into the gaps beside them."""
+Rect = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """A place in the window, in pixels."""
+
+    x: float
+    y: float
+    width: int
+    height: int
+
+
+@dataclass
+class Ui:
+    """Handed to every panel."""
+
+    session: EditorSession
+    view: LiveView
+    tools: dict[str, Tool]
+    """By the names that `EditorState.tool` takes."""
+    fonts: Fonts
+    textures: PictureTextures
+    pointer: tuple[float, float] | None = None
+    """Where the mouse points in the picture (pixels), while it does."""
+    script_pointer: tuple[float, float] | None = None
+    """Where a script holds the pointer over the picture (pixels), instead of the mouse."""
+    popup_open: bool = False
+    """Whether a menu or dialog was open when the last frame ended: the key that has closed it does nothing else."""
+    claimed_shortcuts: frozenset[str] = frozenset()
+    """Shortcuts of commands that a panel with the keyboard has used for itself in the frame before."""
+    marks: dict[str, Rect] = field(default_factory=dict)
+    """Left, top, right, bottom of what can be seen of named widgets, in window pixels, of this frame."""
+    cut: set[str] = field(default_factory=set)
+    """Those of which the left or the right end lies outside of their panel: what a narrow panel has no room for."""
+
+    @property
+    def tool(self) -> Tool:
+        """The tool in the user's hand."""
+        return self.tools[self.session.state.tool]
+
+    def mark(self, name: str) -> None:
+        """Note where the last widget is; one that is scrolled out of view is nowhere."""
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        seen = imgui.internal.get_current_window().outer_rect_clipped
+        left, right = max(low.x, seen.min.x), min(high.x, seen.max.x)
+        top, bottom = max(low.y, seen.min.y), min(high.y, seen.max.y)
+        if left < right and top < bottom:
+            self.marks[name] = (left, top, right, bottom)
+            if right - left < high.x - low.x - scaled(CUT_SLACK):
+                self.cut.add(name)
+
+    def forget_marks(self) -> None:
+        """Before a frame."""
+        self.marks.clear()
+        self.cut.clear()
+
+
+def scaled(pixels: float) -> float:
+    """Pixels of the design, whose font is `FONT_SIZE` high, in pixels of this window."""
+    return pixels * imgui.get_font_size() / FONT_SIZE
+
+
+def scaled_size(width: float, height: float) -> ImVec2:
+    """As `scaled`, both ways; 0 and -1 keep ImGui's meaning of them."""
+    return ImVec2(*(length if length in (0, -1) else scaled(length) for length in (width, height)))
+
+
+def icon(name: str) -> str:
+    """The character of an icon constant such as ``ICON_FA_TRASH``."""
+    return getattr(icons_fontawesome_6, name)
+
+
+def swatch_color(instance: Instance) -> ImVec4:
+    """The instance's colour in the ID view."""
+    r, g, b = instance.color
+    return ImVec4(r / 255, g / 255, b / 255, 1.0)
+
+
+def swatch(instance: Instance, size: float = 0.0) -> None:
+    """A small square in the instance's ID colour, on the text line."""
+    size = size or imgui.get_text_line_height() * 0.8
+    at = imgui.get_cursor_screen_pos()
+    top = at.y + (imgui.get_text_line_height() - size) / 2
+    low, high = ImVec2(at.x, top), ImVec2(at.x + size, top + size)
+    draw = imgui.get_window_draw_list()
+    draw.add_rect_filled(low, high, imgui.get_color_u32(swatch_color(instance)), scaled(3))
+    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), scaled(3))
+    imgui.dummy(ImVec2(size, imgui.get_text_line_height()))
+
+
+def dim_text(text: str) -> None:
+    """Text of less weight."""
+    imgui.text_colored(rgba(DIM), text)
+
+
+def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None:
+    """An icon button that runs a command, with title and shortcut as its tooltip."""
+    on = command.checked is not None and command.checked()
+    imgui.begin_disabled(not command.enabled())
+    imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else TEXT))
+    if imgui.button(f"{icon(command.icon)}##{command.id}", size or ImVec2(0, 0)):
+        ui.session.commands.run(command.id)
+    imgui.pop_style_color()
+    imgui.end_disabled()
+    ui.mark(command.id)
+    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
+        shortcut = f"  ({shortcut_title(command.shortcuts[0])})" if command.shortcuts else ""
+        imgui.set_tooltip(f"{command.title}{shortcut}")
+
+
+def icon_submenu(symbol: str, title: str, enabled: bool = True) -> bool:
+    """A submenu behind an icon column; returns whether it is open, and must then be ended."""
+    at, space = _icon_column()
+    draw = imgui.get_window_draw_list()  # of the menu around it: an open submenu is a window of its own
+    opened = imgui.begin_menu(f"{space}{title}", enabled)
+    _draw_icon(draw, at, symbol, enabled)
+    return opened
+
+
+def icon_menu_item(symbol: str, title: str, shortcut: str = "", checked: bool = False, enabled: bool = True) -> bool:
+    """A menu item behind an icon column; returns whether it was clicked."""
+    at, space = _icon_column()
+    clicked, _ = imgui.menu_item(f"{space}{title}", shortcut, checked, enabled)
+    _draw_icon(imgui.get_window_draw_list(), at, symbol, enabled)
+    return clicked
+
+
+def _icon_column() -> tuple[ImVec2, str]:
+    """Where an item begins, and blanks as wide as its icon's column."""
+    at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.3
+    return at, " " * int(np.ceil((width + scaled(8)) / imgui.calc_text_size(" ").x))
+
+
+def _draw_icon(draw: imgui.ImDrawList, at: ImVec2, symbol: str, enabled: bool) -> None:
+    glyph, width = icon(symbol), imgui.get_font_size() * 1.3
+    place = ImVec2(at.x + (width - imgui.calc_text_size(glyph).x) / 2, at.y)
+    draw.add_text(place, packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6), glyph)
+
+
+def fitted_selectable(title: str, key: object, chosen: bool, flags: int = 0) -> bool:
+    """A line of a list, cut with an ellipsis where it is too long, which its tooltip then is not; whether clicked."""
+    fitted = fitted_text(title, imgui.get_content_region_avail().x)
+    clicked = imgui.selectable(f"{fitted}##{key}", chosen, flags, ImVec2(imgui.get_content_region_avail().x, 0))[0]
+    if fitted != title and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+        imgui.set_tooltip(title)
+    return clicked
+
+
+def bounded_slider(label: str, value: float, low: float, high: float, form: str, flags: int = 0) -> tuple[bool, float]:
+    """A slider whose number can be typed after Ctrl + click; what is typed stays between the ends, and is a number."""
+    changed, entered = imgui.slider_float(label, value, low, high, form, flags | imgui.SliderFlags_.always_clamp)
+    if not changed or not isfinite(entered):  # "nan" is read as one
+        return False, value
+    return True, entered
+
+
+def fitted_text(text: str, width: float) -> str:
+    """`text`, cut with an ellipsis where it is wider than `width` pixels."""
+    if imgui.calc_text_size(text).x <= width:
+        return text
+    kept = bisect_right(range(1, len(text) + 1), width, key=lambda count: imgui.calc_text_size(f"{text[:count]}…").x)
+    return f"{text[:kept]}…"

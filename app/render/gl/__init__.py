@@ -1,0 +1,1 @@
+"""OpenGL passes and the arrays that they read."""

@@ -1,0 +1,59 @@
+"""Outline and tint of what is selected, outline of what is hovered."""
+
+from __future__ import annotations
+
+import moderngl
+
+from instdrive_app.render.gl.gl_state import PREMULTIPLIED_OVER, drawing_into
+from instdrive_app.render.gl.gpu_scene import GpuScene
+from instdrive_app.render.gl.programs import build_program, set_uniforms
+from instdrive_app.render.gl.splat_textures import WIDTH
+from instdrive_app.render.gl.targets import Targets
+from instdrive_core.scene.selection import Flag
+
+SELECTED_LINE = (1.0, 0.72, 0.20, 1.0)
+SELECTED_TINT = (1.0, 0.80, 0.40, 0.16)
+HOVERED_LINE = (1.0, 1.0, 1.0, 0.95)
+
+
+class OutlinePass:
+    """Marks pixels by the splat they show, then blends lines and tint over the picture."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._mask_program = build_program(ctx, "fullscreen.vert", "mask.frag")
+        self._line_program = build_program(ctx, "fullscreen.vert", "outline.frag")
+        self._mask_triangle = ctx.vertex_array(self._mask_program, [])
+        self._line_triangle = ctx.vertex_array(self._line_program, [])
+
+    def draw(self, targets: Targets, scene: GpuScene, hovered: int, tint: bool = True, thickness: int = 2) -> None:
+        """Draw over `targets.shown`, reading `targets.rows`. `hovered` is an ID or 0; without `tint` only lines."""
+        for unit, texture in enumerate((targets.rows, scene.instance_ids.texture, scene.states.texture)):
+            texture.use(unit)
+        set_uniforms(
+            self._mask_program,
+            rows=0,
+            instance_ids=1,
+            states=2,
+            texture_width=WIDTH,
+            selected_flag=int(Flag.SELECTED),
+            hovered_id=hovered,
+        )
+        with drawing_into(self._ctx, targets.mask_buffer):
+            self._mask_triangle.render(moderngl.TRIANGLES, vertices=3)
+        targets.mask.use(0)
+        set_uniforms(
+            self._line_program,
+            mask=0,
+            selected_line=SELECTED_LINE,
+            selected_tint=SELECTED_TINT if tint else (0.0, 0.0, 0.0, 0.0),
+            hovered_line=HOVERED_LINE,
+            thickness=thickness,
+        )
+        with drawing_into(self._ctx, targets.shown_buffer, blending=PREMULTIPLIED_OVER):
+            self._line_triangle.render(moderngl.TRIANGLES, vertices=3)
+
+    def release(self) -> None:
+        """Free the GL objects."""
+        for thing in (self._mask_triangle, self._line_triangle, self._mask_program, self._line_program):
+            thing.release()

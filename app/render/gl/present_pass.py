@@ -1,0 +1,57 @@
+"""From blended colour, blended depth or splat rows to the opaque picture that the viewport shows."""
+
+from __future__ import annotations
+
+import moderngl
+
+from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gpu_scene import GpuScene
+from instdrive_app.render.gl.programs import build_program, set_uniforms
+from instdrive_app.render.gl.splat_textures import WIDTH
+from instdrive_app.render.gl.targets import Targets
+from instdrive_app.state import ViewMode
+
+DEPTH_RAMP = (
+    (0.99, 0.91, 0.55),
+    (0.98, 0.62, 0.32),
+    (0.86, 0.31, 0.36),
+    (0.55, 0.18, 0.51),
+    (0.25, 0.16, 0.46),
+    (0.06, 0.08, 0.20),
+)
+"""RGB of the depth view, near to far."""
+_VIEWS = {ViewMode.COLOR: 0, ViewMode.DEPTH: 1, ViewMode.INSTANCE: 2, ViewMode.CODEWORD: 2}
+
+
+class PresentPass:
+    """Writes `targets.shown`, alpha 1 everywhere."""
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._program = build_program(ctx, "fullscreen.vert", "present.frag")
+        self._triangle = ctx.vertex_array(self._program, [])
+
+    def draw(self, targets: Targets, scene: GpuScene, mode: ViewMode, depth_range: tuple[float, float]) -> None:
+        """Paint the picture of one view mode."""
+        ids = scene.codewords if mode is ViewMode.CODEWORD else scene.instance_ids
+        targets.blended.use(0)
+        targets.rows.use(1)
+        ids.texture.use(2)
+        set_uniforms(
+            self._program,
+            view=_VIEWS[mode],
+            viewport=targets.size,
+            blended=0,
+            rows=1,
+            ids=2,
+            texture_width=WIDTH,
+            ramp=DEPTH_RAMP,
+            depth_range=depth_range,
+        )
+        with drawing_into(self._ctx, targets.shown_buffer):
+            self._triangle.render(moderngl.TRIANGLES, vertices=3)
+
+    def release(self) -> None:
+        """Free the GL objects."""
+        self._triangle.release()
+        self._program.release()

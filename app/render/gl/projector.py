@@ -1,0 +1,108 @@
+"""Projection of all splats in blending order, once per camera, shared by the colour, depth and ID passes."""
+
+from __future__ import annotations
+
+import moderngl
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
+from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gpu_scene import GpuScene
+from instdrive_app.render.gl.programs import build_program, set_uniforms
+from instdrive_core.rasterize.kernels.project import camera_row
+from instdrive_core.rasterize.kernels.settings import RasterSettings
+from instdrive_core.scene.camera import Camera
+
+RECORD_FLOATS = 11
+"""Captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
+SPARE_SHARE = 8
+"""Buffers that grow get room for one more splat per so many."""
+
+
+class Projector:
+    """Sorts splats by depth on the CPU and projects them on the GPU into `records`, row numbers in `order`.
+
+    Both stay the same GL objects when they grow, so vertex arrays over them stay valid.
+    """
+
+    def __init__(self, ctx: moderngl.Context, capacity: int, settings: RasterSettings | None = None) -> None:
+        self._ctx, self._settings = ctx, settings or RasterSettings()
+        self._program = build_program(ctx, "project.vert", captured=("splat_center", "splat_axes", "splat_color"))
+        self._capacity = max(capacity, 1)
+        self.order = ctx.buffer(reserve=self._capacity * 4, dynamic=True)
+        self.records = ctx.buffer(reserve=self._capacity * RECORD_FLOATS * 4, dynamic=True)
+        self._vertices = ctx.vertex_array(self._program, [(self.order, "1u", "row")])
+        # Nothing is rasterized, yet GL wants a complete framebuffer, and a context without a window has none.
+        self._no_texture = ctx.texture((1, 1), 4)
+        self._no_picture = ctx.framebuffer([self._no_texture])
+        self._sorter = OrderSorter()
+        self._uploaded = NOTHING_SORTED
+        self.serial = 0
+        """Rises with every other order."""
+        self.current = False
+        """Whether the order is that of the camera and state last asked for."""
+
+    @property
+    def count(self) -> int:
+        """Splats to draw: those in front of the camera, or all where the order is an older one."""
+        return self._uploaded.in_front if self.current else len(self._uploaded.rows)
+
+    @property
+    def depth_range(self) -> tuple[float, float]:
+        """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
+        return self._uploaded.depth_range
+
+    def sort(self, scene: GpuScene, camera: Camera, wait: bool) -> None:
+        """Bring `order` up to date with the camera and the splats' positions; without `wait` perhaps only later, and
+        the last order serves until then."""
+        axis = camera.camera_from_world[2].astype(np.float32)
+        key = (axis.tobytes(), scene.pose_version)
+        sort = self._sorter.now if wait else self._sorter.soon
+        order = sort(key, scene.means, axis, self._settings.near)
+        self.current = order.key == key
+        if order is not self._uploaded:
+            self._reserve(len(order.rows))
+            if len(order.rows):
+                self.order.write(order.rows)
+            self._uploaded = order
+            self.serial += 1
+
+    def project(self, scene: GpuScene, camera: Camera) -> None:
+        """Bring `records` up to date; call after `sort`."""
+        if not self.count:
+            return
+        view, program = camera_row(camera), self._program
+        scene.bind(program)
+        set_uniforms(
+            program,
+            camera_from_world=tuple(camera.camera_from_world.T.ravel()),
+            camera_position=tuple(camera.position),
+            focal=(camera.fx, camera.fy),
+            principal=(camera.cx, camera.cy),
+            viewport=(camera.width, camera.height),
+            slope_limits=tuple(float(limit) for limit in view[18:22]),
+            near=self._settings.near,
+            low_pass=self._settings.low_pass,
+            alpha_cut=self._settings.min_alpha,
+            antialiased=scene.antialiased,
+        )
+        with drawing_into(self._ctx, self._no_picture):
+            self._vertices.transform(self.records, moderngl.POINTS, vertices=self.count)
+
+    def read(self) -> Float32[ndarray, "m 11"]:
+        """The records in blending order, for tests."""
+        return np.frombuffer(self.records.read(self.count * RECORD_FLOATS * 4), np.float32).reshape(-1, RECORD_FLOATS)
+
+    def release(self) -> None:
+        """Free program and buffers, and end the sorting thread."""
+        self._sorter.release()
+        for thing in (self._vertices, self.order, self.records, self._program, self._no_picture, self._no_texture):
+            thing.release()
+
+    def _reserve(self, count: int) -> None:
+        if count > self._capacity:
+            self._capacity = count + count // SPARE_SHARE
+            self.order.orphan(self._capacity * 4)
+            self.records.orphan(self._capacity * RECORD_FLOATS * 4)

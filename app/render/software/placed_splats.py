@@ -1,0 +1,161 @@
+"""The splats of a scene's state where they are at a time, kept current on the render thread."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from jaxtyping import Float32, Float64, Int64
+from numpy import ndarray
+
+from instdrive_app.render.software.scene import SceneState
+from instdrive_core.maths.activations import sigmoid
+from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.selection import Flag
+
+NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
+
+# Columns of a frame: rotation, offset (metres), rotation as a quaternion, scale, whether it exists.
+_OFFSET, _QUAT, _SCALE, _EXISTS, _FRAME_FLOATS = 9, 12, 16, 17, 18
+
+
+class PlacedSplats:
+    """Arrays of n rows that follow `update`. Each row names a frame, a pair of node and move; frame 0 is the
+    background that was never moved. Used by the render thread only."""
+
+    def __init__(self, state: SceneState, time: float) -> None:
+        """Place everything: tens of milliseconds for a million splats; `update` touches what has changed."""
+        gaussians = state.gaussians
+        self.means = gaussians.means.copy()
+        """(n, 3) in the world."""
+        self.quats, self.log_scales = gaussians.quats.copy(), gaussians.log_scales.copy()
+        self.opacities = np.empty(len(gaussians), np.float32)
+        """Recoloured; 0 for what is not drawn."""
+        self.areas = np.empty(len(gaussians), np.float32)
+        """Product of the two longer standard deviations, m²."""
+        self.frames = np.zeros(len(gaussians), np.int32)
+        self.look_version = 0
+        """Rises when the splats would be drawn otherwise: places, colours, what is shown."""
+        self._base_opacities = kernel_array(sigmoid(gaussians.opacity_logits))
+        self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
+        self._table = _frame_table(list(self._frame_of), state, time)
+        self._place(np.arange(len(gaussians)), state)
+        moved = np.flatnonzero((state.nodes > 0) | (state.move_entries > 0))
+        self._move(moved, state, time)
+        self._set_opacities(state)
+        self.state, self._time = state, time
+
+    @property
+    def rotations(self) -> Float32[ndarray, "f 3 3"]:
+        """world_from_frame: a splat looks up its harmonics in its frame."""
+        return self._table[:, :_OFFSET].reshape(-1, 3, 3).astype(np.float32)
+
+    @property
+    def turned(self) -> bool:
+        """Whether any frame but the first is named."""
+        return len(self._table) > 1
+
+    def update(self, state: SceneState, time: float) -> None:
+        """Bring everything to another state of the same rows and to a time (seconds)."""
+        before = self.state
+        if state is before and time == self._time:
+            return
+        renamed = np.zeros(0, np.int64)
+        if state.nodes is not before.nodes or state.move_entries is not before.move_entries:
+            renamed = np.flatnonzero((state.nodes != before.nodes) | (state.move_entries != before.move_entries))
+        existed = self._table[:, _EXISTS]
+        changed = self._move(renamed, state, time) or state.color_values is not before.color_values
+        hidden = state.flags is not before.flags and ((state.flags ^ before.flags) & NOT_DRAWN).any()
+        recolored = state.color_entries is not before.color_entries
+        if changed or hidden or recolored or not np.array_equal(existed, self._table[:, _EXISTS]):
+            self._set_opacities(state)
+            self.look_version += 1
+        self.state, self._time = state, time
+
+    def _move(self, renamed: Int64[ndarray, " k"], state: SceneState, time: float) -> bool:
+        """Name the frames of rows, and place those rows and all whose frame lies elsewhere; whether any did."""
+        nodes, moves = state.nodes[renamed].astype(np.int64), state.move_entries[renamed]
+        width = len(state.move_matrices)
+        pairs = nodes * width + moves
+        names = np.zeros((int(pairs.max()) + 1) if len(pairs) else 0, np.int32)
+        names[pairs] = 1
+        for pair in np.flatnonzero(names).tolist():
+            names[pair] = self._frame_of.setdefault(divmod(pair, width), len(self._frame_of))
+        self.frames[renamed] = names[pairs]
+        before, self._table = self._table, _frame_table(list(self._frame_of), state, time)
+        shifted = np.ones(len(self._table), bool)
+        shifted[: len(before)] = (self._table[: len(before), :_EXISTS] != before[:, :_EXISTS]).any(axis=1)
+        rows = renamed
+        if shifted.any():
+            elsewhere = shifted[self.frames]
+            elsewhere[renamed] = True
+            rows = np.flatnonzero(elsewhere)
+        self._place(rows, state)
+        return len(rows) > 0
+
+    def _place(self, rows: Int64[ndarray, " k"], state: SceneState) -> None:
+        gaussians = state.gaussians
+        stored = tuple(kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
+        shown = (self.means, self.quats, self.log_scales, self.areas)
+        _place_rows(rows, self.frames, self._table, stored, shown)
+
+    def _set_opacities(self, state: SceneState) -> None:
+        exists, alphas = self._table[:, _EXISTS] > 0, kernel_array(state.color_values[:, 12])
+        entries = (self.frames, state.color_entries, state.flags)
+        _fill_opacities(self._base_opacities, entries, exists, alphas, NOT_DRAWN, self.opacities)
+
+
+def _frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
+    """Where pairs of node and move lie; a move that was undone, which nobody names, counts as none."""
+    poses, present = state.poses(time)
+    nodes, moves = np.array(pairs).T
+    table = np.zeros((len(pairs), _FRAME_FLOATS))
+    known = nodes < len(poses)
+    nodes, moves = nodes[known], moves[known]
+    matrices = state.move_matrices[np.where(moves < len(state.move_matrices), moves, 0)]
+    scales = np.linalg.norm(matrices[:, :, 0], axis=1)
+    rotations = node_rotations(poses)[nodes] @ matrices[:, :, :3] / scales[:, None, None]
+    table[known, :_OFFSET] = rotations.reshape(-1, 9)
+    offsets = poses[nodes, :3, :3] @ matrices[:, :, 3:]
+    table[known, _OFFSET:_QUAT] = offsets[..., 0] + poses[nodes, :3, 3]
+    table[known, _QUAT:_SCALE] = quaternion_from_matrix(rotations)
+    table[known, _SCALE], table[known, _EXISTS] = scales, present[nodes]
+    return table
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def _place_rows(rows, frames, table, stored, shown):
+    """x → s R x + t; quaternions are turned, standard deviations scaled. What is never moved keeps its bits."""
+    means, quats, log_scales = stored
+    for k in numba.prange(len(rows)):
+        i = rows[k]
+        f = frames[i]
+        scale, growth = table[f, _SCALE], np.log(table[f, _SCALE])
+        s0, s1, s2 = log_scales[i, 0] + growth, log_scales[i, 1] + growth, log_scales[i, 2] + growth
+        shown[3][i] = np.exp(s0 + s1 + s2 - min(s0, s1, s2))
+        for axis in range(3):
+            shown[2][i, axis] = log_scales[i, axis] + growth
+            shown[0][i, axis] = means[i, axis]
+        for part in range(4):
+            shown[1][i, part] = quats[i, part]
+        if f == 0:
+            continue
+        x, y, z = means[i, 0] * scale, means[i, 1] * scale, means[i, 2] * scale
+        for axis in range(3):
+            turned = table[f, 3 * axis] * x + table[f, 3 * axis + 1] * y + table[f, 3 * axis + 2] * z
+            shown[0][i, axis] = turned + table[f, _OFFSET + axis]
+        aw, ax, ay, az = table[f, _QUAT], table[f, _QUAT + 1], table[f, _QUAT + 2], table[f, _QUAT + 3]
+        bw, bx, by, bz = quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3]
+        shown[1][i, 0] = aw * bw - ax * bx - ay * by - az * bz
+        shown[1][i, 1] = aw * bx + ax * bw + ay * bz - az * by
+        shown[1][i, 2] = aw * by - ax * bz + ay * bw + az * bx
+        shown[1][i, 3] = aw * bz + ax * by - ay * bx + az * bw
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+def _fill_opacities(base, entries, exists, alphas, not_drawn, opacities):
+    frames, color_entries, flags = entries
+    for i in numba.prange(len(base)):
+        drawn = (flags[i] & not_drawn) == 0 and exists[frames[i]]
+        opacities[i] = base[i] * alphas[color_entries[i]] if drawn else np.float32(0)

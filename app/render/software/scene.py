@@ -1,0 +1,115 @@
+"""What the render thread knows of a document.
+
+Ownership: the document's arrays are written by the UI's thread only, and read by it only. `SceneWatcher`, on the UI's
+thread, hands over a `SceneState`: arrays that edits write to (a few bytes per splat) are copied when their version has
+risen, those that edits never write to (means, harmonics …) are shared. A handed-over state is never changed, so states
+can wait, be skipped or be drawn twice. `PlacedSplats` (placed_splats.py) belongs to the render thread; it compares each
+state with the last one and recomputes what differs.
+
+Splats that are appended are written behind the end of the shared arrays, where no state taken before looks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
+from numpy import ndarray
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.sky import Sky
+from instdrive_core.scene.track import Track
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """A document at one moment of its editing; nothing in it is ever written again."""
+
+    gaussians: Gaussians
+    nodes: UInt16[ndarray, " n"]
+    codewords: UInt32[ndarray, " n"]
+    instance_ids: UInt32[ndarray, " n"]
+    flags: UInt8[ndarray, " n"]
+    color_entries: UInt16[ndarray, " n"]
+    color_values: Float32[ndarray, "p 13"]
+    move_entries: UInt16[ndarray, " n"]
+    move_matrices: Float64[ndarray, "q 3 4"]
+    actors: tuple[Track, ...]
+    sky: Sky | None
+    antialiased: bool
+    rows_version: int
+    """Rises when the rows of the shared arrays are other ones."""
+
+    def poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+        """As `Scene.at`."""
+        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+        return np.stack(poses), np.array([True, *(actor.covers(time) for actor in self.actors)], np.uint8)
+
+
+class SceneWatcher:
+    """Takes states of one document, on the UI's thread; parts that have not changed are those of the state before."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._state: SceneState | None = None
+        self._versions: tuple[int, ...] = ()
+
+    def state(self) -> SceneState:
+        """The present state: the same object as before where nothing has changed."""
+        document = self._document
+        versions = (
+            *(document.rows_version, document.table_version, document.state.version),
+            *(document.colors.version, document.transforms.version, document.track_version),
+        )
+        if self._state is None or versions[0] != self._versions[0]:
+            self._state = _whole_state(document)
+        else:
+            self._state = self._changed(self._state, versions)
+        self._versions = versions
+        return self._state
+
+    def _changed(self, state: SceneState, versions: tuple[int, ...]) -> SceneState:
+        document, parts = self._document, {}
+        _, table, flags, colors, moves, tracks = (
+            now != before for now, before in zip(versions, self._versions, strict=True)
+        )
+        if table and not np.array_equal(document.scene.instance_ids, state.instance_ids):
+            parts |= {"instance_ids": document.scene.instance_ids.copy()}
+        if flags:
+            parts |= {"flags": document.state.flags.copy()}
+        if colors:
+            parts |= _colors(document)
+        if moves:
+            parts |= _moves(document)
+        if tracks:
+            parts |= {"actors": document.scene.actors, "nodes": document.scene.nodes.copy()}
+        if document.scene.sky is not state.sky:  # turned with the scene
+            parts |= {"sky": document.scene.sky}
+        return replace(state, **parts) if parts else state
+
+
+def _whole_state(document: Document) -> SceneState:
+    scene = document.scene
+    return SceneState(
+        gaussians=Gaussians(**scene.gaussians.arrays()),
+        nodes=scene.nodes.copy(),
+        codewords=scene.codewords,
+        instance_ids=scene.instance_ids.copy(),
+        flags=document.state.flags.copy(),
+        actors=scene.actors,
+        sky=scene.sky,
+        antialiased=scene.antialiased,
+        rows_version=document.rows_version,
+        **_colors(document),
+        **_moves(document),
+    )
+
+
+def _colors(document: Document) -> dict[str, ndarray]:
+    return {"color_entries": document.colors.indices.copy(), "color_values": document.colors.values.copy()}
+
+
+def _moves(document: Document) -> dict[str, ndarray]:
+    return {"move_entries": document.transforms.indices.copy(), "move_matrices": document.transforms.matrices.copy()}

@@ -1,0 +1,37 @@
+"""Loading the software renderer's compiled kernels while a scene is being read: a second less until its picture."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+
+from instdrive_app.render.software.draw import FrameRequest, SoftwareDraw
+from instdrive_app.render.software.scene import SceneWatcher
+from instdrive_app.state import EditorState, ViewMode, resolve
+from instdrive_core.edits.document.document import Document
+from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.scene.scene import scene_from_gaussians
+from instdrive_core.scene.sky import Sky
+
+_SIDE = 16
+"""Pixels."""
+
+
+def warm_up_beside() -> threading.Thread:
+    """Warm up on a thread of its own, which is returned; it need not be waited for."""
+    thread = threading.Thread(target=warm_up_software, name="software-warm-up", daemon=True)
+    thread.start()
+    return thread
+
+
+def warm_up_software() -> None:
+    """Draw nothing in every way that there is."""
+    scene = scene_from_gaussians(empty_gaussians())
+    scene.sky = Sky(np.zeros((6, 2, 2, 3), np.float32))
+    state, draw = SceneWatcher(Document(scene)).state(), SoftwareDraw()
+    sharp = resolve(EditorState(hovered=1), _SIDE, _SIDE)
+    ways = [replace(sharp, view_mode=mode) for mode in ViewMode]
+    for snapshot in (*ways, replace(sharp, show_sky=False), replace(sharp, draft=True)):
+        draw(FrameRequest(state, snapshot))

@@ -1,0 +1,74 @@
+"""What the window shows, as JSON lines, for programs that drive it (tests, demonstrations)."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from instdrive_app.panels.widgets.ui import Ui
+from instdrive_core.scene.selection import Flag
+
+
+class Reporter:
+    """Appends a line whenever something that is reported has changed; every frame changes the file's time."""
+
+    def __init__(self, path: Path) -> None:
+        self._file: TextIO = path.open("w", encoding="utf-8")
+        self._last = ""
+
+    def write(self, ui: Ui) -> None:
+        """Called at the end of every frame."""
+        line = json.dumps(window_state(ui))
+        if line != self._last:
+            self._file.write(line + "\n")
+            self._file.flush()
+            self._last = line
+        os.utime(self._file.fileno() if os.utime in os.supports_fd else self._file.name)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def window_state(ui: Ui) -> dict[str, Any]:
+    """Everything reported: state, selection, history, camera, messages, and where widgets are (window pixels)."""
+    session, document = ui.session, ui.session.document
+    state: dict[str, Any] = {
+        "busy": session.jobs.current.title if session.jobs.current else None,
+        "settled": ui.view.settled,
+        "messages": [message.text for message in session.messages.log],
+        "widgets": {name: [round(value, 1) for value in rect] for name, rect in sorted(ui.marks.items())},
+    }
+    if document is None:
+        return state | {"open": False}
+    camera = ui.view.snapshot.camera if ui.view.snapshot else None
+    return state | {
+        "open": True,
+        "view_mode": session.state.view_mode.name,
+        "time": session.state.time,
+        "reference": {
+            "kind": session.state.reference.name,
+            "opacity": session.state.reference_opacity,
+            "beside": session.state.reference_beside,
+        },
+        "hovered": session.state.hovered,
+        "tool": session.state.tool,
+        "selected": list(session.selected),
+        "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
+        "visible": list(document.visible_instances()),
+        "history": [edit.title for edit in document.history.edits],
+        "cursor": document.history.cursor,
+        "unsaved": session.is_unsaved,
+        "camera": camera
+        and {
+            "fx": camera.fx,
+            "fy": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "world_from_camera": camera.world_from_camera.tolist(),
+        },
+    }

@@ -1,0 +1,270 @@
+"""The window: Dear ImGui on GLFW and OpenGL 3.3, docked panels, idle while nothing changes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Thread
+
+import moderngl
+import numpy as np
+from imgui_bundle import ImVec2, glfw_utils, hello_imgui, imgui
+from jaxtyping import UInt8
+from numpy import ndarray
+
+from instdrive_app.actions import register_commands
+from instdrive_app.panels.menus import draw_menus, run_shortcuts
+from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
+from instdrive_app.panels.status import StatusBar
+from instdrive_app.panels.toasts import draw_progress, draw_toasts
+from instdrive_app.panels.widgets.theme import apply_style, load_fonts
+from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.render.live_view import LiveView
+from instdrive_app.render.picture_textures import PictureTextures
+from instdrive_app.render.warm_up import warm_up
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.shell.display import DisplayError, has_display
+from instdrive_app.shell.file_drops import accept_drops
+from instdrive_app.shell.report import Reporter
+from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, runner_parameters
+from instdrive_app.tools.registry import created_tools
+
+
+class EditorWindow:
+    """Runs a session in a window until the user quits."""
+
+    def __init__(self, session: EditorSession, options: WindowOptions | None = None) -> None:
+        self._session, self._options = session, options or WindowOptions()
+        self._script: Callable[[EditorWindow], Iterator[None]] | None = None
+        self._steps: Iterator[None] | None = None
+        self._ui: Ui | None = None
+        self._reporter: Reporter | None = None
+        self._failure: BaseException | None = None
+        self._screenshot: UInt8[ndarray, "h w 3"] | None = None
+        self._wants_screenshot = False
+        self._dialogs, self._panels = created_dialogs(), created_panels()
+        self._status, self._title = StatusBar(), ""
+        register_commands(session)
+
+    @property
+    def ui(self) -> Ui:
+        """Available from the first frame on."""
+        assert self._ui is not None, "the window is not open yet"
+        return self._ui
+
+    @property
+    def session(self) -> EditorSession:
+        """The session that the window shows."""
+        return self._session
+
+    @property
+    def dialogs(self) -> frozenset[str]:
+        """Names of the dialogs that can be asked for."""
+        return self._dialogs.names
+
+    def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
+        """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
+
+        What a panel or the script raises closes the window and is raised here. Raises DisplayError where no window
+        can be opened.
+        """
+        self._script = script
+        try:
+            hello_imgui.run(self._parameters())
+        except RuntimeError as error:  # also where a first frame was cut short: then the failure kept is the cause
+            self._failure = self._failure or self._explained(error)
+        if self._failure is not None:
+            raise self._failure
+
+    def _explained(self, error: RuntimeError) -> BaseException:
+        if self._ui is not None:
+            return error
+        display = os.environ.get("DISPLAY", "not set")
+        return DisplayError(
+            f"the window could not be opened ({error}). It needs a display (DISPLAY is {display}) and OpenGL 3.3; "
+            "check the display, or update the graphics driver"
+        )
+
+    def screenshot(self) -> Iterator[None]:
+        """Yields until `last_screenshot` holds the whole window of a later frame."""
+        self._screenshot, self._wants_screenshot = None, True
+        while self._screenshot is None:
+            yield
+
+    @property
+    def last_screenshot(self) -> UInt8[ndarray, "h w 3"]:
+        """RGB of the whole window."""
+        assert self._screenshot is not None, "no screenshot was asked for"
+        return self._screenshot
+
+    # ------------------------------------------------------------------ set-up
+
+    def _parameters(self) -> hello_imgui.RunnerParams:
+        windows = [self._dockable(docked) for docked in self._panels]
+        parameters = runner_parameters(self._options, windows)
+        calls = parameters.callbacks
+        calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
+        calls.load_additional_fonts = self._guarded(self._create_ui)
+        calls.setup_imgui_style = apply_style
+        calls.setup_imgui_config = _configure
+        calls.post_init = self._guarded(self._create_context)
+        calls.pre_new_frame = self._guarded(self._before_frame)
+        calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
+        calls.show_status = self._guarded(lambda: self._status.draw(self.ui))
+        calls.show_gui = self._guarded(self._before_panels)
+        calls.post_render_dockable_windows = self._guarded(self._after_panels)
+        calls.before_swap = self._guarded(self._before_swap)
+        calls.before_exit = self._guarded(self._stop)
+        return parameters
+
+    def _dockable(self, docked: DockedPanel) -> hello_imgui.DockableWindow:
+        def draw() -> None:
+            docked.panel.draw(self.ui)
+
+        window = hello_imgui.DockableWindow(docked.name, docked.place, self._guarded(draw))
+        window.can_be_closed = False
+        if docked.name == VIEW:
+            window.call_begin_end = False
+            window.gui_function = self._guarded(lambda: _to_the_edges(VIEW, draw))
+        return window
+
+    def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
+        """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
+
+        def guarded() -> None:
+            if self._failure is not None:
+                return
+            try:
+                call()
+            except BaseException as error:
+                self._failure = error
+                hello_imgui.get_runner_params().app_shall_exit = True
+
+        return guarded
+
+    # ------------------------------------------------------------------ frames
+
+    def _create_context(self) -> None:
+        self._context = moderngl.create_context(require=330)
+
+    def _create_ui(self) -> None:
+        """Called once, after the context, when fonts can be loaded."""
+        view = LiveView(self._context, self._wake)
+        self._session.wake = self._wake
+        tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
+        self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
+        self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
+        Thread(target=warm_up, name="warm-up", daemon=True).start()
+        if self._options.report is not None:
+            self._reporter = Reporter(self._options.report)
+
+    @staticmethod
+    def _wake() -> None:
+        """Called from any thread: a frame is to be drawn now."""
+        import glfw  # not before imgui_bundle, which tells it to use the same library
+
+        glfw.post_empty_event()
+
+    def _take_drop(self, paths: tuple[Path, ...]) -> None:
+        self._session.dropped += paths
+
+    def _before_frame(self) -> None:
+        self.ui.forget_marks()
+        self.ui.textures.free_retired()
+
+    def _before_panels(self) -> None:
+        self._session.tick(imgui.get_io().delta_time)
+        self._show_title()
+        run_shortcuts(self.ui)
+
+    def _show_title(self) -> None:
+        """What is open, and a dot where it is unsaved, for the desktop's list of windows."""
+        title = title_of(self._session)
+        if title != self._title:
+            import glfw  # see above
+
+            glfw.set_window_title(glfw_utils.glfw_window_hello_imgui(), title)  # type: ignore[arg-type]
+            self._title = title
+
+    def _is_waiting(self) -> bool:
+        """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
+        session = self._session
+        busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
+        busy = busy or session.jumping.under_way
+        return busy or not self.ui.view.settled
+
+    def _after_panels(self) -> None:
+        if self._session.panel is not None:
+            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self._session.panel)
+            self._session.panel = None
+        self._dialogs.draw(self.ui)
+        draw_progress(self.ui)
+        draw_toasts(self.ui)
+        self.ui.popup_open = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        if self._reporter is not None:
+            self._reporter.write(self.ui)
+        if self._steps is None and self._script is not None:
+            self._steps = self._script(self)
+        if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
+            self._session.quitting = True
+        parameters = hello_imgui.get_runner_params()
+        if parameters.app_shall_exit and not self._session.quitting:  # the window's own cross
+            self._session.leave(self._session.quit)
+        parameters.app_shall_exit = self._session.quitting
+        parameters.fps_idling.enable_idling = self._steps is None
+        parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
+
+    def _before_swap(self) -> None:
+        if self._wants_screenshot:
+            size = imgui.get_io().display_size
+            width, height = int(size.x), int(size.y)
+            pixels = self._context.detect_framebuffer().read(viewport=(0, 0, width, height), components=3, alignment=1)
+            self._screenshot = np.frombuffer(pixels, np.uint8).reshape(height, width, 3)[::-1].copy()
+            self._wants_screenshot = False
+
+    def _stop(self) -> None:
+        self._session.wake = lambda: None
+        if self._ui is not None:
+            self._ui.view.release()
+            self._ui.textures.release()
+        if self._reporter is not None:
+            self._reporter.close()
+        self._session.close(by_choice=self._failure is None)
+
+
+_FINISHED = object()
+
+
+def title_of(session: EditorSession) -> str:
+    """``street.instdrive • InstDrive``: the dot stands for unsaved changes."""
+    path = session.files.path
+    if session.document is None or path is None:
+        return "InstDrive"
+    return f"{path.name} {'•' if session.is_unsaved else '–'} InstDrive"
+
+
+def require_display() -> None:
+    """Raise DisplayError where no window can be opened."""
+    if not has_display():
+        raise DisplayError(
+            "there is no display to open the window on (DISPLAY is not set); "
+            "run it on a desktop, or under a virtual display: xvfb-run instdrive edit SCENE"
+        )
+
+
+def _configure() -> None:
+    io = imgui.get_io()
+    io.config_flags |= imgui.ConfigFlags_.docking_enable
+    io.config_windows_move_from_title_bar_only = True
+
+
+def _to_the_edges(name: str, draw: Callable[[], None]) -> None:
+    """A window of its own without padding: the picture fills it."""
+    flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+    imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))
+    visible = imgui.begin(name, None, flags)[0]
+    imgui.pop_style_var()
+    if visible:
+        draw()
+    imgui.end()

@@ -1,0 +1,254 @@
+"""PandaSet's folder layout: cameras, LiDAR, cuboids and semantic classes of one sequence.
+
+Layout and conventions follow the PandaSet devkit: poses are camera→world with wxyz quaternions and OpenCV axes, LiDAR
+points are in the world. JSON files may list more time steps than there are files; whatever file is missing is left
+out of the clip.
+
+A clip has one time per step. The photos of a step are taken while the spinning LiDAR points the same way, and
+cuboids describe objects as that LiDAR met them: so the cuboids of step i fit the photos of step i as they are, and
+interpolating them to each photo's own timestamp would move them away from it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, center_of, is_held_out
+from instdrive_core.datasets.pandaset.cuboids import load_tracks
+from instdrive_core.datasets.pandaset.lidar import FARTHEST, load_sweep
+from instdrive_core.datasets.photos import load_photo, photo_size
+from instdrive_core.datasets.posed_photos import start_note
+from instdrive_core.errors import DataError, OptionError
+from instdrive_core.files.json_fields import field, number, numbers, read_json, whole_number
+from instdrive_core.files.json_value import whole_text
+from instdrive_core.maths.rotations import matrix_from_quaternion
+from instdrive_core.scene.camera import Camera, CameraView
+
+logger = logging.getLogger(__name__)
+
+CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
+CAMERA_SETS = {"1": CAMERAS[:1], "3": CAMERAS[:3], "6": CAMERAS}
+
+DEFAULT_WIDTH = 480
+"""Pixels to which photos are scaled where no scale is asked for."""
+
+EGO_CAMERA, EGO_ROWS = "back_camera", 256 / 1080
+"""The share of the back camera's rows, at the bottom, that show the recording car; neurad-studio crops 250 rows of
+1080, which leaves the edge of the bonnet in the photo."""
+
+
+@dataclass(frozen=True)
+class _CameraFiles:
+    """One camera of the clip: what its JSON files say, and its photos by time step."""
+
+    name: str
+    camera: Camera
+    """At full size; its pose is unset."""
+    poses: Float64[ndarray, "t 4 4"]
+    photos: dict[int, Path]
+
+
+def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
+    """Open one PandaSet sequence, e.g. ``pandaset/002``. Photos and sweeps are read when asked for.
+
+    Raises DataError where the folder is no such sequence or a file in it is damaged, OptionError for an unknown
+    camera, an empty frame range or an unusable scale.
+    """
+    root = Path(path)
+    if not (root / "camera").is_dir():
+        remedy = (
+            "Give the folder of one PandaSet sequence, e.g. pandaset/002, of a COLMAP model (sparse/0) with its photos "
+            "(images), or one that holds a transforms.json"
+        )
+        raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
+    if options.scale is not None and not 0 < options.scale <= 1:
+        raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
+    times = _step_times(root)
+    cameras = [_load_camera(root / "camera" / name) for name in _camera_names(root, options.cameras)]
+    last_photo = max((max(camera.photos) for camera in cameras if camera.photos), default=-1)
+    if last_photo >= len(times):
+        problem = f"there is a photo of step {last_photo}, yet {len(times)} timestamps"
+        raise DataError(root, problem, "Get the sequence's JSON files again, or remove photos without a timestamp")
+    cameras = [_in_range(camera, options) for camera in cameras]
+    if not any(camera.photos for camera in cameras):
+        steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
+        raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
+    for camera in cameras:
+        if not camera.photos:
+            logger.warning("%s: no photo of the chosen frames; going on without it", root / "camera" / camera.name)
+    cameras = [camera for camera in cameras if camera.photos]
+    origin = _origin(cameras)
+    scale = options.scale or _default_scale(cameras)
+    has_ego = not (root / "labels").is_dir()  # synthetic clips show no recording car
+    frames = [frame for camera in cameras for frame in _frames_of(camera, origin, times, scale, has_ego)]
+    order = {camera.name: rank for rank, camera in enumerate(cameras)}
+    frames.sort(key=lambda frame: (frame.view.index, order[frame.view.name]))
+    first, last = frames[0].view.index, frames[-1].view.index
+    classes = _class_names(root)
+    sweeps = [
+        Sweep(index, times[index], partial(load_sweep, root, index, origin))
+        for index in sorted(files_by_index(root / "lidar"))
+        if first <= index <= last
+    ]
+    # Where there is not one sweep, training starts as from any other photos.
+    points = None if sweeps else SparsePoints.none()
+    return Clip(
+        path=str(root),
+        name=root.resolve().name,
+        origin=origin,
+        frames=tuple(frames),
+        sweeps=tuple(sweeps),
+        tracks=load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin),
+        class_names=classes,
+        camera_names=tuple(camera.name for camera in cameras),
+        points=points,
+        notes=() if sweeps else (start_note(0),),
+    )
+
+
+def files_by_index(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
+    """Files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
+    found: dict[int, Path] = {}
+    for suffix in reversed(suffixes):
+        for file in folder.glob(f"*{suffix}"):
+            stem = file.name.removesuffix(suffix)
+            if stem.isdecimal():
+                found[int(stem)] = file
+    return found
+
+
+def _step_times(root: Path) -> list[float]:
+    """Seconds of all listed time steps since the first."""
+    for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
+        file = root / name
+        if file.is_file():
+            times = numbers(file, read_json(file), "the list of timestamps")
+            if not times or any(later <= earlier for earlier, later in pairwise(times)):
+                raise DataError(file, "timestamps do not rise", "Get the file again")
+            return [time - times[0] for time in times]
+    raise DataError(root, "has no timestamps ('meta/timestamps.json' is missing)", "Get the sequence's JSON files")
+
+
+def _camera_names(root: Path, asked: str) -> tuple[str, ...]:
+    present = sorted(folder.name for folder in (root / "camera").iterdir() if folder.is_dir())
+    if asked in CAMERA_SETS:
+        names = tuple(name for name in CAMERA_SETS[asked] if name in present)
+        if len(names) < len(CAMERA_SETS[asked]):
+            missing = ", ".join(name for name in CAMERA_SETS[asked] if name not in present)
+            logger.warning("%s: no folder for %s; going on without", root, missing)
+        if not names:
+            raise DataError(
+                root, "holds no camera of the set " + asked, f"Cameras found: {', '.join(present) or 'none'}"
+            )
+        return names
+    names = tuple(name.strip() for name in asked.split(",") if name.strip())
+    unknown = [name for name in names if name not in present]
+    if unknown or not names:
+        raise OptionError(
+            f"{root} has no camera '{', '.join(unknown) or asked}'; "
+            f"choose {', '.join(CAMERA_SETS)} or names of {', '.join(present)}"
+        )
+    return tuple(dict.fromkeys(names))
+
+
+def _load_camera(folder: Path) -> _CameraFiles:
+    intrinsics_file, poses_file = folder / "intrinsics.json", folder / "poses.json"
+    intrinsics = read_json(intrinsics_file)
+    poses = read_json(poses_file)
+    if not isinstance(poses, list):
+        raise DataError(poses_file, "expected a list with one pose per time step", "Get the file again")
+    photos = files_by_index(folder, (".jpg", ".png"))
+    if photos and max(photos) >= len(poses):
+        problem = f"lists {len(poses)} poses, yet there is a photo {photos[max(photos)].name}"
+        raise DataError(poses_file, problem, "Get the file again, or remove photos without a pose")
+    width, height = photo_size(photos[min(photos)]) if photos else (0, 0)
+    fx, fy, cx, cy = (
+        number(intrinsics_file, field(intrinsics_file, intrinsics, key), key) for key in ("fx", "fy", "cx", "cy")
+    )
+    if fx <= 0 or fy <= 0:
+        raise DataError(intrinsics_file, f"focal lengths are {fx}, {fy}, expected positive ones", "Get the file again")
+    return _CameraFiles(
+        folder.name,
+        Camera(fx, fy, cx, cy, width, height, np.eye(4)),
+        np.array([_pose(poses_file, index, pose) for index, pose in enumerate(poses)]).reshape(-1, 4, 4),
+        photos,
+    )
+
+
+def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
+    position, heading = (field(file, entry, key, f"[{index}].") for key in ("position", "heading"))
+    quat = [
+        number(file, field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}") for key in "wxyz"
+    ]
+    if np.linalg.norm(quat) < 1e-6:
+        raise DataError(file, f"[{index}].heading is no rotation: {quat}", "Get the file again")
+    pose = np.eye(4)
+    pose[:3, :3] = matrix_from_quaternion(np.array(quat))
+    pose[:3, 3] = [
+        number(file, field(file, position, key, f"[{index}].position."), f"[{index}].position.{key}") for key in "xyz"
+    ]
+    if np.abs(pose[:3, 3]).max() >= FARTHEST:
+        problem = f"[{index}].position is {pose[:3, 3].tolist()}, farther than {FARTHEST:g} m"
+        raise DataError(file, problem, "Get the file again")
+    return pose
+
+
+def _in_range(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
+    """The camera with its photos reduced to the asked frames."""
+    first = -math.inf if options.first_frame is None else options.first_frame
+    last = math.inf if options.last_frame is None else options.last_frame
+    return replace(camera, photos={index: photo for index, photo in camera.photos.items() if first <= index <= last})
+
+
+def _origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
+    return center_of(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
+
+
+def _default_scale(cameras: list[_CameraFiles]) -> float:
+    return min(1.0, DEFAULT_WIDTH / cameras[0].camera.width)
+
+
+def _frames_of(
+    camera: _CameraFiles, origin: Float64[ndarray, "3"], times: list[float], scale: float, has_ego: bool
+) -> list[Frame]:
+    full_size = (camera.camera.width, camera.camera.height)
+    scaled = camera.camera.scaled(scale)
+    valid = _ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
+    frames = []
+    for index, photo in sorted(camera.photos.items()):
+        pose = camera.poses[index].copy()
+        pose[:3, 3] -= origin
+        posed = Camera(scaled.fx, scaled.fy, scaled.cx, scaled.cy, scaled.width, scaled.height, pose)
+        view = CameraView(posed, camera.name, index, times[index], str(photo), is_held_out(index))
+        frames.append(Frame(view, partial(load_photo, photo, full_size, (scaled.width, scaled.height)), valid))
+    return frames
+
+
+def _ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:
+    valid = np.ones((camera.height, camera.width), bool)
+    valid[camera.height - int(np.ceil(camera.height * EGO_ROWS)) :] = False
+    return valid
+
+
+def _class_names(root: Path) -> dict[int, str]:
+    file = root / "annotations" / "semseg" / "classes.json"
+    if not file.is_file():
+        return {}
+    classes = read_json(file)
+    if not isinstance(classes, dict):
+        raise DataError(file, "expected an object from class numbers to names", "Get the file again")
+    try:
+        return {whole_number(key): whole_text(name) for key, name in classes.items()}
+    except ValueError as error:
+        problem = f"expected an object from class numbers to names, but {error}"
+        raise DataError(file, problem, "Get the file again") from error

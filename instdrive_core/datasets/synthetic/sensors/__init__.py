@@ -1,0 +1,1 @@
+"""What records the synthetic street: ray tracing, cameras, LiDAR."""

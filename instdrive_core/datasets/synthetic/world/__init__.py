@@ -1,0 +1,1 @@
+"""What the synthetic street is made of, and the light on it."""

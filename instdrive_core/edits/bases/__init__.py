@@ -1,0 +1,1 @@
+"""Base classes and checks that edits share."""

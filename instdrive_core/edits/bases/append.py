@@ -1,0 +1,112 @@
+"""The common ground of edits that add splats: rows at the end, which undo takes away again."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import UInt16
+from numpy import ndarray
+
+from instdrive_core.edits.bases.relabel import add_entries, restore_entries
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.document.entries import changed_entries
+from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.errors import EditError
+from instdrive_core.instances.table import Instance
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import moved
+
+MAX_NODES = 1 << 16
+"""Nodes are named with 16 bits."""
+
+
+@dataclass(frozen=True)
+class Addition:
+    """Splats to be added, with everything that they name."""
+
+    scene: Scene
+    """Rows with final instance IDs and nodes; SH and feature columns as the document's. Its tracks do not count."""
+    colors: UInt16[ndarray, " n"]
+    """Entries of the document's colour palette."""
+    transforms: UInt16[ndarray, " n"]
+    """Entries of the document's transform palette before the shift."""
+    entries: tuple[Instance, ...]
+    """Of the new instances; counted when they are added."""
+    tracks: tuple[Track, ...] = ()
+    """Of new nodes, numbered after those that there are."""
+
+
+@dataclass
+class AppendEdit(Edit):
+    """An edit that adds splats: subclasses say which, this class appends them and takes them away again."""
+
+    _count: int = field(default=0, init=False, repr=False, compare=False)
+    _entries: tuple[int, ...] = field(default=(), init=False, repr=False, compare=False)
+    _actors_before: tuple[Track, ...] = field(default=(), init=False, repr=False, compare=False)
+    _size_before: int = field(default=1, init=False, repr=False, compare=False)
+    _free_before: int = field(default=1, init=False, repr=False, compare=False)
+
+    @abstractmethod
+    def addition(self, document: Document) -> Addition:
+        """What is added, not shifted yet. Raises EditError where the edit does not fit."""
+
+    @property
+    @abstractmethod
+    def shift(self) -> tuple[float, float, float]:
+        """Metres in the world by which everything added is moved."""
+
+    def do(self, document: Document) -> bool:
+        """Append rows, tracks and entries of the table."""
+        added = self.addition(document)
+        if len(document.scene.actors) + len(added.tracks) >= MAX_NODES:
+            raise EditError(f"a scene has at most {MAX_NODES - 1} moving objects")
+        rows = len(document.scene) + np.arange(len(added.scene))
+        self._count, self._actors_before = len(rows), document.scene.actors
+        self._size_before, self._free_before = len(document.transforms), document.first_free_id
+        document.set_actors((*document.scene.actors, *(_shifted(track, self.shift) for track in added.tracks)))
+        document.append_rows(added.scene)
+        document.colors.assign(rows, added.colors)
+        document.transforms.assign(rows, added.transforms)
+        still = rows[added.scene.nodes == 0]
+        if any(self.shift) and len(still):
+            self._shift_rows(document, still)
+        self._entries = tuple(entry.id for entry in added.entries)
+        add_entries(document, added.entries)
+        return True
+
+    def undo(self, document: Document) -> None:
+        """Take away what was added."""
+        restore_entries(document, dict.fromkeys(self._entries))
+        document.drop_rows(self._count)
+        document.transforms.truncate(self._size_before)
+        document.set_actors(self._actors_before)
+        document.first_free_id = self._free_before
+
+    def _shift_rows(self, document: Document, rows: ndarray) -> None:
+        change = moved(np.c_[np.eye(3), np.array(self.shift)])
+        try:
+            entries = changed_entries(document.transforms, [(RowParts.whole(rows), change)])
+        except EditError:
+            self._entries = ()
+            self.undo(document)
+            raise
+        document.transforms.assign(rows, entries)
+
+
+def unique_track_id(wanted: str, taken: set[str]) -> str:
+    """`wanted`, or with a number where another track is called so."""
+    name, number = wanted, 1
+    while name in taken:
+        number += 1
+        name = f"{wanted} {number}"
+    return name
+
+
+def _shifted(track: Track, shift: tuple[float, float, float]) -> Track:
+    poses = track.world_from_box.copy()
+    poses[:, :3, 3] += shift
+    return replace(track, world_from_box=poses)

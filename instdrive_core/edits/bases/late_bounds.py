@@ -1,0 +1,49 @@
+"""Bounds of very many instances that were moved: counted in the frames that follow, not in that of the move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float64
+from numpy import ndarray
+
+from instdrive_core.edits.bases.relabel import recount
+from instdrive_core.edits.document.document import Document, Rest
+from instdrive_core.scene.transforms import Similarity
+from instdrive_core.scene.turned import turned_boxes
+
+MANY = 500
+"""Instances; of fewer the bounds are counted sooner than a frame is over."""
+
+
+class LateBounds(Rest):
+    """Instances whose bounds in the table are those of before a move."""
+
+    def __init__(self, ids: Sequence[int], matrix: Similarity | None) -> None:
+        """`matrix` = [s R | t] has moved all of them that do not drive; None = each in its own way."""
+        self._ids, self._matrix, self._done = tuple(ids), matrix, 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether any of them was counted."""
+        return self._done > 0
+
+    def do(self, document: Document, rows: int | None) -> bool:
+        """Count instances of about so many rows, None = all; returns whether none is left."""
+        ids, table = self._ids[self._done :], document.scene.table
+        if rows is not None:
+            sizes = np.cumsum([table[instance_id].count for instance_id in ids])
+            ids = ids[: int(np.searchsorted(sizes, rows)) + 1]
+        recount(document, ids)
+        self._done += len(ids)
+        if self._done < len(self._ids):
+            return False
+        document.instances_changed(ids_changed=False)
+        return True
+
+    def moved(self, box: Float64[ndarray, "2 3"], ids: Sequence[int]) -> Float64[ndarray, "2 3"]:
+        """About where a box around instances was moved, of which the table was asked when the move was done."""
+        if self._matrix is None or not set(ids) <= set(self._ids):
+            return box
+        return turned_boxes(box[None], self._matrix)[0]

@@ -1,0 +1,69 @@
+"""The common ground of all edits of where things are: entries of the transform palette, and tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Int, UInt16
+from numpy import ndarray
+
+from instdrive_core.edits.bases.late_bounds import MANY, LateBounds
+from instdrive_core.edits.bases.relabel import recount, restore_entries
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.instances.table import Instance
+from instdrive_core.scene.track import Track
+from instdrive_core.scene.transforms import Similarity
+
+
+@dataclass
+class PoseEdit(Edit):
+    """Subclasses say which rows name which entries, and which tracks there are; this class does and undoes it."""
+
+    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _size_before: int = field(default=1, init=False, repr=False, compare=False)
+    _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _late: LateBounds | None = field(default=None, init=False, repr=False, compare=False)
+    _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def put(
+        self,
+        document: Document,
+        rows: Int[ndarray, " m"],
+        entries: UInt16[ndarray, " m"],
+        tracks: Mapping[int, Track],
+        touched: Iterable[int],
+        size_before: int,
+        matrix: Similarity | None = None,
+    ) -> None:
+        """Point rows at entries, replace tracks by node, and bound the instances `touched` by it again.
+
+        `size_before` is the palette's number of entries before this edit added any. Where bounds can wait, those of
+        very many instances stay as they are for now; `matrix` is what moves them, where it is the same for all.
+        """
+        scene, touched = document.scene, tuple(touched)
+        self._rows, self._size_before = rows.astype(np.int32), size_before
+        self._table_before = {number: scene.table[number] for number in touched}
+        self._tracks_before = {node: scene.actors[node - 1] for node in tracks}
+        self._before = document.transforms.assign(self._rows, entries)
+        document.replace_tracks(tracks)
+        self._late = LateBounds(touched, matrix) if len(touched) > MANY else None
+        if self._late is None or not document.put_off(self, self._late):
+            self._late = None
+            recount(document, touched)
+            document.instances_changed(ids_changed=False)
+
+    def undo(self, document: Document) -> None:
+        """Point the rows back, drop the entries this edit added, restore tracks and bounds."""
+        assert self._rows is not None
+        assert self._before is not None
+        document.transforms.assign(self._rows, self._before)
+        document.transforms.truncate(self._size_before)
+        document.replace_tracks(self._tracks_before)
+        document.leave_off()
+        if self._late is None or self._late.begun:
+            restore_entries(document, self._table_before)
+            document.instances_changed(ids_changed=False)

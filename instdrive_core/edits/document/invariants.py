@@ -1,0 +1,86 @@
+"""What holds of every document between two edits; for tests, which try to break it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.scene.selection import Flag
+
+
+def broken_invariants(document: Document) -> list[str]:
+    """A sentence for each invariant that does not hold; empty for a sound document."""
+    return [*_lengths(document), *_names(document), *_palettes(document), *_states(document), *_history(document)]
+
+
+def fingerprint(document: Document) -> str:
+    """SHA-256 of everything that edits can change, bit by bit; documents that look the same have the same one."""
+    scene, digest = document.scene, hashlib.sha256()
+    arrays = [*scene.gaussians.arrays().items(), *scene.extra.items()]
+    arrays += [("ids", scene.instance_ids), ("codewords", scene.codewords), ("nodes", scene.nodes)]
+    arrays += [("flags", document.state.flags)]
+    for palette in (document.colors, document.transforms):
+        arrays += [("entries", palette.indices), ("values", palette.values)]
+    arrays += [(f"track {number}", track.world_from_box) for number, track in enumerate(scene.actors)]
+    arrays += [(f"camera {number}", view.camera.world_from_camera) for number, view in enumerate(scene.views)]
+    arrays += [("sky", scene.sky.faces)] if scene.sky is not None else []
+    arrays += [("orientation", document.orientation)]
+    for name, array in arrays:
+        digest.update(f"{name} {array.dtype} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    table = [(entry.id, entry.name, entry.class_name, entry.codeword, entry.node, entry.count) for entry in scene.table]
+    digest.update(repr(table).encode())
+    return digest.hexdigest()
+
+
+def _lengths(document: Document) -> Iterator[str]:
+    scene, count = document.scene, len(document.scene)
+    parts = {**scene.gaussians.arrays(), **scene.extra}
+    parts |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
+    parts |= {"flags": document.state.flags, "color entries": document.colors.indices}
+    parts |= {"transform entries": document.transforms.indices}
+    for name, array in parts.items():
+        if len(array) != count:
+            yield f"{name} has {len(array)} rows, the scene {count}"
+
+
+def _names(document: Document) -> Iterator[str]:
+    scene = document.scene
+    used, counts = np.unique(scene.instance_ids[scene.instance_ids > 0], return_counts=True)
+    known = {entry.id for entry in scene.table}
+    if nameless := set(used.tolist()) - known:
+        yield f"splats have instances {sorted(nameless)[:5]}, which are not in the table"
+    if known and max(known) >= document.first_free_id:
+        yield f"instance {max(known)} exists, but {document.first_free_id} counts as the first free ID"
+    for number, count in zip(used.tolist(), counts.tolist(), strict=True):
+        if number in known and scene.table[number].count != count:
+            yield f"the table gives instance {number} {scene.table[number].count} splats, it has {count}"
+    if len(scene) and int(scene.nodes.max()) > len(scene.actors):
+        yield f"node {int(scene.nodes.max())} has no track"
+
+
+def _palettes(document: Document) -> Iterator[str]:
+    for name, palette in (("colour", document.colors), ("transform", document.transforms)):
+        if len(palette.indices) and int(palette.indices.max()) >= len(palette):
+            yield f"a splat names {name} entry {int(palette.indices.max())} of {len(palette)}"
+        if not np.isfinite(palette.values).all():
+            yield f"the {name} palette holds values that are not finite"
+
+
+def _states(document: Document) -> Iterator[str]:
+    flags = document.state.flags
+    if np.any((flags & Flag.SELECTED != 0) & (flags & (Flag.DELETED | Flag.HIDDEN) != 0)):
+        yield "splats that are not drawn are selected"
+    counts = document.counts()
+    deleted = int((document.scene.instance_ids[flags & Flag.DELETED != 0] > 0).sum())
+    if int(counts.deleted.sum()) != deleted:
+        yield f"{int(counts.deleted.sum())} splats of instances count as deleted, {deleted} are"
+
+
+def _history(document: Document) -> Iterator[str]:
+    history = document.history
+    if not 0 <= history.cursor <= len(history.edits):
+        yield f"{history.cursor} of {len(history.edits)} edits are done"

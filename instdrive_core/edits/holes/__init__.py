@@ -1,0 +1,1 @@
+"""Ground that a deletion uncovers: found, measured, and filled."""

@@ -1,0 +1,53 @@
+"""Sets of cells of a ground grid: grown, cut down to large parts, under what stands there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from numpy import ndarray
+from scipy import ndimage
+
+from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.surroundings import Standing
+
+
+def all_under(standing: Sequence[Standing], grid: GroundGrid) -> Bool[ndarray, "a b"]:
+    """Cells under any of the objects that do not move."""
+    under, places = np.zeros(grid.shape, bool), grid.centers(grid.all_cells())
+    for each in standing:
+        if each.track is None:
+            under |= _under(each, places).reshape(grid.shape)
+    return under
+
+
+def grown(cells: Bool[ndarray, "a b"], size: float, metres: float) -> Bool[ndarray, "a b"]:
+    """With all cells (of `size` metres) up to some metres away."""
+    return _distances(~cells) * size <= metres if cells.any() else cells
+
+
+def _distances(free: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
+    """Cells from each free one to the nearest that is not."""
+    return np.asarray(ndimage.distance_transform_edt(free), np.float64)
+
+
+def large_parts(cells: Bool[ndarray, "a b"], size: float, area: float) -> Bool[ndarray, "a b"]:
+    """The parts of at least `area` square metres; cells are `size` metres long."""
+    parts = np.zeros(cells.shape, np.int32)
+    ndimage.label(cells, np.ones((3, 3)), parts)
+    return cells & (np.bincount(parts.ravel())[parts] * size**2 >= area)
+
+
+def _under(each: Standing, places: Float64[ndarray, "c 2"]) -> Bool[ndarray, " c"]:
+    """Whether any point above each place is in the body's hull: its faces clip the vertical line from both ends."""
+    body = each.body
+    level = (np.c_[places, np.full(len(places), body.center[2])] - body.center) @ body.axes
+    starts = level @ body.planes[:, :3].T + body.planes[:, 3]
+    slopes = np.broadcast_to(body.planes[:, 2], starts.shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = -starts / slopes
+    upper = np.where(slopes > 1e-9, ends, np.inf).min(axis=1)
+    lower = np.where(slopes < -1e-9, ends, -np.inf).max(axis=1)
+    beside = ((np.abs(slopes) <= 1e-9) & (starts > 0)).any(axis=1)
+    return (lower < upper) & ~beside

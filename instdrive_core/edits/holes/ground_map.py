@@ -1,0 +1,82 @@
+"""What the ground around a place looks like from above, and where something stands on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float64
+from numpy import ndarray
+from scipy import ndimage
+
+from instdrive_core.edits.holes.ground_grid import GroundGrid, GroundRaster, rasterized
+from instdrive_core.edits.holes.surroundings import Neighborhood
+from instdrive_core.edits.queries.placement import SOLID_OPACITY
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+
+GROUND_BAND = (-0.12, 0.3)
+"""Metres above the plane between which ground lies: kerbs and pavements included."""
+MAX_THICKNESS = 0.12
+"""Metres: splats with a larger standard deviation along the vertical are no ground."""
+MAX_SPLAT = 1.0
+"""Metres: splats with a larger standard deviation along any axis are neither."""
+BARE = 0.1
+"""Cells that are covered less have no colour of their own …"""
+SMOOTHING = 0.8
+"""… but an average over their neighbours with this standard deviation in cells."""
+STANDING_BAND = (0.4, 2.5)
+"""Metres above the plane at which something stands on the ground."""
+MIN_COVER = 0.6
+"""Share of light that solid ground stops."""
+
+
+@dataclass(frozen=True)
+class GroundMap:
+    """The ground around a place, cell by cell."""
+
+    grid: GroundGrid
+    cover: Float64[ndarray, "a b"]
+    """Share of light that ground splats stop."""
+    color: Float64[ndarray, "a b 3"]
+    height: Float64[ndarray, "a b"]
+    """Metres above the grid's plane."""
+    obstructed: Bool[ndarray, "a b"]
+    """Something stands there."""
+    ground: Bool[ndarray, " k"]
+    """Which splats of the neighbourhood the ground is made of."""
+
+
+def ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
+    """Which splats are ground, and what it looks like from above."""
+    heights = grid.heights(near.means)
+    level = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
+    thin = _vertical_deviations(near) <= MAX_THICKNESS
+    ground = level & thin & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
+    rows = np.flatnonzero(ground)
+    values = np.c_[near.colors[rows], heights[rows]]
+    raster = rasterized(grid, near.means[rows], near.quats[rows], near.scales[rows], near.opacities[rows], values)
+    means = _completed(raster)
+    opaque = near.opacities >= SOLID_OPACITY
+    upright = opaque & (heights >= STANDING_BAND[0]) & (heights <= STANDING_BAND[1])
+    counts = grid.counted(grid.cells_of(near.means[upright]))
+    crowded = np.asarray(ndimage.uniform_filter(counts.astype(np.float64), 3, mode="constant")) * 9 >= 2
+    return GroundMap(grid, raster.cover, means[..., :3], means[..., 3], crowded & (counts > 0), ground)
+
+
+def _vertical_deviations(near: Neighborhood) -> Float64[ndarray, " k"]:
+    """Standard deviation of each splat along z, metres."""
+    turned = matrix_from_quaternion(normalized(near.quats))[:, 2] * near.scales
+    return np.sqrt((turned.astype(np.float64) ** 2).sum(axis=1))
+
+
+def _completed(raster: GroundRaster) -> Float64[ndarray, "a b v"]:
+    """Values of covered cells, and of bare ones the neighbours': cells between two lines of splats have some, too."""
+    weights = ndimage.gaussian_filter(raster.cover, SMOOTHING, mode="nearest")
+    sums = ndimage.gaussian_filter(raster.cover[..., None] * raster.values, (SMOOTHING, SMOOTHING, 0), mode="nearest")
+    means = np.asarray(sums) / np.maximum(weights, 1e-6)[..., None]
+    return np.where((raster.cover >= BARE)[..., None], raster.values, means)
+
+
+def solid(ground: GroundMap) -> Bool[ndarray, "a b"]:
+    """Cells with solid ground in them or close around: it may lie in lines, as a LiDAR saw it."""
+    return np.asarray(ndimage.uniform_filter(ground.cover, 3, mode="nearest")) >= MIN_COVER / 2

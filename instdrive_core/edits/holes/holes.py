@@ -1,0 +1,192 @@
+"""Ground that nothing ever showed, because what is deleted now stood before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64
+from numpy import ndarray
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy import ndimage
+
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.holes.cast_shadow import cast_shadow
+from instdrive_core.edits.holes.free_space import Occluder, sightings, standing
+from instdrive_core.edits.holes.ground_cells import all_under, grown, large_parts
+from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.ground_map import GroundMap, ground_map, solid
+from instdrive_core.edits.holes.ground_plane import ground_plane
+from instdrive_core.edits.holes.kept_footprint import under_kept
+from instdrive_core.edits.holes.surroundings import Neighborhood, Standing, Surroundings, standing_around
+from instdrive_core.edits.queries.placement import SOLID_OPACITY
+
+CELL = 0.2
+"""Metres per side of a cell."""
+HALF_LENGTH, HALF_WIDTH = 12.0, 7.0
+"""Metres along and across the lane that the map reaches from the middle."""
+PLANE_RADIUS = 8.0
+"""Metres around the middle that the ground plane is fitted to."""
+PLANE_BAND = 2.5
+"""Metres below the middle of what stood there, and above, that ground is looked for."""
+MIN_SIGHTINGS = 2
+"""Photos that must show a place for its colour to be known."""
+MAX_AWAY = 3.0
+"""Metres from what was deleted that its hole reaches."""
+PALETTE_ALONG, PALETTE_ACROSS = 5.0, 1.5
+"""Metres along and across the lane within which known ground of a cell's colour must lie …"""
+MAX_COLOR_DIFFERENCE = 0.1
+"""… up to this difference of R, G or B, …"""
+MIN_ALIKE = 5
+"""… in so many cells."""
+EDGE = 0.4
+"""Metres around what stands on the ground that its paint and its darkness bleed into the ground."""
+MIN_AREA = 0.15
+"""Square metres: smaller holes are gaps between splats."""
+MAX_ISLAND = 0.6
+"""Square metres of right-looking ground that a hole around it takes in."""
+FOOTPRINT_MARGIN = 0.15
+"""Metres around the footprint of what was deleted, where no photos say what is hidden."""
+
+
+@dataclass(frozen=True)
+class Hole:
+    """Ground cells to be filled."""
+
+    grid: GroundGrid
+    cells: Int64[ndarray, "h 2"]
+    """Never seen."""
+    shadow: Int64[ndarray, "s 2"]
+    """Seen, but in the shadow of what was deleted."""
+
+    @property
+    def area(self) -> float:
+        """Square metres."""
+        return len(self.cells) * self.grid.size**2
+
+    @property
+    def shadow_area(self) -> float:
+        """Square metres."""
+        return len(self.shadow) * self.grid.size**2
+
+    @property
+    def outlines(self) -> Float64[ndarray, "h 4 3"]:
+        """Corners of each cell on the ground, metres."""
+        return self.grid.corners(self.cells)
+
+
+def hole_under(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None:
+    """The ground that a deletion uncovers and no photo showed; None where there is no ground around.
+
+    `residue` are rows that are left of what was deleted: they neither cover the ground nor stand on it.
+    """
+    grid = grid_around(found)
+    if grid is None:
+        return None
+    ground = ground_map(grid, found.around.without(residue))
+    kept = under_kept(found.kept, grid)
+    footprint, reached = _footprints(grid, found.deleted, kept)
+    hidden, uncovered = _hidden_cells(grid, found)
+    if hidden is None:
+        hidden = uncovered = grown(footprint, grid.size, FOOTPRINT_MARGIN)
+    edge = grown(footprint, grid.size, EDGE)
+    candidates = ((hidden & uncovered & reached) | edge) & (footprint | ~ground.obstructed) & ~kept
+    stained = edge | grown(all_under(found.others, grid) | kept, grid.size, EDGE)
+    clean = solid(ground) & ~hidden & ~ground.obstructed & ~stained
+    wrong = candidates & ~_plausible(ground, clean, candidates)
+    missing = footprint & ~solid(ground)
+    closed = _closed(wrong, candidates, ground.obstructed | kept, grid.size)
+    hole = large_parts(closed | missing, grid.size, MIN_AREA)
+    shadow = cast_shadow(ground, clean, footprint, hole)
+    return Hole(grid, np.argwhere(hole), np.argwhere(shadow))
+
+
+def _closed(
+    wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"], obstructed: Bool[ndarray, "a b"], size: float
+) -> Bool[ndarray, "a b"]:
+    """With the cells at their edge, which seemed solid for the ground beside them, and those amid them that happen to
+    look right."""
+    grown = np.pad(np.asarray(ndimage.binary_dilation(wrong)), 3)
+    closed = np.asarray(ndimage.binary_closing(grown, np.ones((3, 3)), iterations=2))[3:-3, 3:-3]
+    whole = wrong | (closed & candidates)
+    islands = np.asarray(ndimage.binary_fill_holes(whole), bool) & ~whole
+    return whole | (islands & ~large_parts(islands, size, MAX_ISLAND) & ~obstructed)
+
+
+def grid_around(found: Surroundings) -> GroundGrid | None:
+    """Cells along the lane, on the plane of the ground; None where there are too few splats for one."""
+    near = found.around
+    offsets = near.means - found.place.astype(np.float32)
+    close = (np.hypot(offsets[:, 0], offsets[:, 1]) <= PLANE_RADIUS) & (np.abs(offsets[:, 2]) <= PLANE_BAND)
+    plane = ground_plane(offsets[close & (near.opacities >= SOLID_OPACITY) & ~near.compact])
+    if plane is None:
+        return None
+    shape = (round(2 * HALF_LENGTH / CELL), round(2 * HALF_WIDTH / CELL))
+    level = float(found.place[2] + plane[0] - plane[1:] @ found.place[:2])
+    grid = GroundGrid((0.0, 0.0), found.along, CELL, shape, (level, float(plane[1]), float(plane[2])))
+    x, y = (found.place[:2] - np.array([HALF_LENGTH, HALF_WIDTH]) @ grid.axes).tolist()
+    return replace(grid, corner=(x, y))
+
+
+def known_ground(document: Document, grid: GroundGrid, near: Neighborhood) -> tuple[GroundMap, Bool[ndarray, "a b"]]:
+    """The ground as it is now, and where it is known: solid, free, and shown by enough photos."""
+    ground = ground_map(grid, near)
+    others = standing_around(document, near)
+    occluders = [each for each in (_occluder(one, grid) for one in others) if each is not None]
+    points = grid.on_ground(grid.centers(grid.all_cells()))
+    seen, _ = sightings(points, document.scene.views, occluders, 0)
+    known = solid(ground) & ~ground.obstructed
+    if (seen >= MIN_SIGHTINGS).any():
+        known &= (seen >= MIN_SIGHTINGS).reshape(grid.shape)
+    return ground, known & ~grown(all_under(others, grid), grid.size, EDGE)
+
+
+def _hidden_cells(grid: GroundGrid, found: Surroundings) -> tuple[Bool[ndarray, "a b"] | None, Bool[ndarray, "a b"]]:
+    """Cells that fewer than `MIN_SIGHTINGS` photos show, and those that the deleted objects hid from any; None where
+    there are no photos around to tell."""
+    points = grid.on_ground(grid.centers(grid.all_cells()))
+    occluders = [_occluder(each, grid) for each in (*found.deleted, *found.others)]
+    chosen = sum(each is not None for each in occluders[: len(found.deleted)])
+    seen, hidden = sightings(points, found.views, [each for each in occluders if each is not None], chosen)
+    away = np.linalg.norm(points[:, :2] - found.place[:2], axis=1)
+    if not (seen[away < MAX_AWAY + 2] > 0).any():
+        return None, np.zeros(grid.shape, bool)
+    return (seen < MIN_SIGHTINGS).reshape(grid.shape), (hidden > 0).reshape(grid.shape)
+
+
+def _occluder(each: Standing, grid: GroundGrid) -> Occluder | None:
+    if each.track is None:
+        floor = float(grid.on_ground(each.body.center[None, :2])[0, 2])
+    else:
+        floor = -float(each.track.dimensions[2]) / 2
+    return standing(each.body, each.points, floor, each.track)
+
+
+def _footprints(
+    grid: GroundGrid, deleted: tuple[Standing, ...], kept: Bool[ndarray, "a b"]
+) -> tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"]]:
+    """Cells under the hulls of what stood there and not under what is `kept` of it, and those within `MAX_AWAY` of
+    them. Where an actor drove is none of its footprint: photos before and after show it."""
+    under, places = all_under(deleted, grid) & ~kept, grid.centers(grid.all_cells())
+    reached: Bool[ndarray, "a b"] = grown(under, grid.size, MAX_AWAY)
+    for each in deleted:
+        if each.track is not None:
+            times = each.track.times
+            path = np.stack([each.track.pose_at(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
+            gaps = np.linalg.norm(places[:, None] - path[None], axis=-1).min(axis=1)
+            reached = reached | (gaps <= MAX_AWAY).reshape(grid.shape)
+    return under, reached
+
+
+def _plausible(ground: GroundMap, known: Bool[ndarray, "a b"], asked: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+    """Cells of those `asked` whose ground is solid and of a colour that enough of the known ground around has, too."""
+    along, across = round(PALETTE_ALONG / ground.grid.size), round(PALETTE_ACROSS / ground.grid.size)
+    margin, window = ((along, along), (across, across)), (2 * along + 1, 2 * across + 1)
+    # Unknown ground is like nothing.
+    colors = np.pad(np.where(known[..., None], ground.color, np.inf), (*margin, (0, 0)), constant_values=np.inf)
+    around = sliding_window_view(colors, window, (0, 1))
+    plausible = np.zeros(known.shape, bool)
+    for cell in np.argwhere(asked & solid(ground)):
+        differences = np.abs(around[tuple(cell)] - ground.color[tuple(cell)][:, None, None]).max(axis=0)
+        plausible[tuple(cell)] = np.count_nonzero(differences <= MAX_COLOR_DIFFERENCE) >= MIN_ALIKE
+    return plausible

@@ -1,0 +1,77 @@
+"""Of which class instances are: of any number of them in one edit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+from instdrive_core.edits.bases.editable import check_unlocked
+from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.relabel import checked_text, known_instance, restore_entries
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.instances.table import Instance
+
+
+@dataclass
+class SetClass(Edit):
+    """Set the class of instances; an empty one means unknown."""
+
+    kind: ClassVar[str] = "set_class"
+    ids: tuple[int, ...]
+    class_name: str
+    _before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """Those of another class until then."""
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+        self.class_name = checked_text(self.class_name, "class")
+
+    @property
+    def title(self) -> str:
+        """``Set class of 3 instances to Car``."""
+        return f"Set class of {ids_in_words(self.ids)} to {self.class_name or 'unknown'}"
+
+    def do(self, document: Document) -> bool:
+        """Replace the table's entries. Raises EditError where one of the instances is locked or unknown."""
+        entries = [known_instance(document, instance_id) for instance_id in self.ids]
+        check_unlocked(document, self.ids)
+        others = [entry for entry in entries if entry.class_name != self.class_name]
+        self._before = {entry.id: entry for entry in others}
+        for entry in others:
+            document.scene.table.set(replace(entry, class_name=self.class_name))
+        if others:
+            document.instances_changed(ids_changed=False)
+        return bool(others)
+
+    def undo(self, document: Document) -> None:
+        """Put the old entries back."""
+        restore_entries(document, self._before)
+        document.instances_changed(ids_changed=False)
+
+
+@dataclass
+class SetInstanceClass(Edit):
+    """`SetClass` of one instance, as projects hold it that were saved before there was one of many."""
+
+    kind: ClassVar[str] = "set_instance_class"
+    id: int
+    class_name: str
+    _edit: SetClass = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self._edit = SetClass((self.id,), self.class_name)
+        self.class_name = self._edit.class_name
+
+    @property
+    def title(self) -> str:
+        """``Set class of instance 17 to Car``."""
+        return self._edit.title
+
+    def do(self, document: Document) -> bool:
+        """As `SetClass.do`."""
+        return self._edit.do(document)
+
+    def undo(self, document: Document) -> None:
+        """As `SetClass.undo`."""
+        self._edit.undo(document)

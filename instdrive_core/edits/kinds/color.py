@@ -1,0 +1,131 @@
+"""Recolouring instances through the colour palette, and back; a new recolour replaces the one before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+from jaxtyping import Float32
+from numpy import ndarray
+
+from instdrive_core.edits.bases.adjustments import LUMA, hue_of, hue_rotations, hues_of
+from instdrive_core.edits.bases.editable import editable, editable_parts
+from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.edits.document.entries import PartsChange, entries_of_parts
+from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.queries.mean_colors import mean_colors
+from instdrive_core.errors import EditError
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.palette import DRAWN, stacked_values
+
+RecolorMode = Literal["tint", "hue", "solid"]
+MEAN_LUMA_FLOOR = 0.05
+"""Darker instances are not brightened by more than 20 times."""
+
+
+@dataclass
+class ColorEdit(Edit):
+    """An edit of palette entries: subclasses say how entries change for which rows, this class does and undoes it."""
+
+    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
+    _size_before: int = field(default=1, init=False, repr=False, compare=False)
+
+    def assign(self, document: Document, parts: RowParts, change: PartsChange) -> bool:
+        """Add the changed entries of parts of rows, point the rows at them, remember; whether any row changed."""
+        palette, size = document.colors, len(document.colors)
+        wanted = entries_of_parts(palette, parts, change)
+        changed = palette.indices[parts.rows] != wanted
+        self._rows, self._size_before = parts.rows[changed].astype(np.int32), size
+        self._before = palette.assign(self._rows, wanted[changed])
+        return len(self._rows) > 0
+
+    def undo(self, document: Document) -> None:
+        """Point the rows back and drop the entries this edit added."""
+        assert self._rows is not None
+        assert self._before is not None
+        document.colors.assign(self._rows, self._before)
+        document.colors.truncate(self._size_before)
+
+
+@dataclass
+class RecolorInstances(ColorEdit):
+    """Give instances a colour.
+
+    `tint` keeps light, shade and view dependence; `hue` turns the hues until the mean one is the colour's, so greys and
+    differences of colour stay, too; `solid` is the colour from everywhere.
+    What they were recoloured or adjusted to before is replaced; an opacity factor stays.
+    """
+
+    kind: ClassVar[str] = "recolor_instances"
+    ids: tuple[int, ...]
+    mode: RecolorMode
+    color: tuple[float, float, float]
+    """RGB in [0, 1]."""
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+        if self.mode not in get_args(RecolorMode):
+            raise EditError(f"recolour mode {self.mode!r} is not one of {', '.join(get_args(RecolorMode))}")
+        if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
+            raise EditError(f"colour {self.color!r} is not three numbers from 0 to 1")
+        self.color = (float(self.color[0]), float(self.color[1]), float(self.color[2]))
+
+    @property
+    def title(self) -> str:
+        """``Tint instance 17 #d02020``."""
+        code = "".join(f"{round(channel * 255):02x}" for channel in self.color)
+        if self.mode == "hue":
+            return f"Shift hue of {ids_in_words(self.ids)} to #{code}"
+        return f"{self.mode.capitalize()} {ids_in_words(self.ids)} #{code}"
+
+    def do(self, document: Document) -> bool:
+        """Add one entry per instance and point the instance's rows at it."""
+        parts = editable_parts(document, self.ids)
+        matrices = recolor_matrices(document.scene.gaussians, parts, self.mode, self.color)
+        return self.assign(document, parts, lambda values, part: stacked_values(matrices[part], values[:, DRAWN - 1]))
+
+
+@dataclass
+class ResetColors(ColorEdit):
+    """Give instances the colours and opacities back that they were trained with."""
+
+    kind: ClassVar[str] = "reset_colors"
+    ids: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+
+    @property
+    def title(self) -> str:
+        """``Reset colours of instance 17``."""
+        return f"Reset colours of {ids_in_words(self.ids)}"
+
+    def do(self, document: Document) -> bool:
+        """Point the instances' rows at the entry that changes nothing."""
+        rows = RowParts.whole(editable(document, self.ids))
+        return self.assign(document, rows, lambda values, _: np.repeat(document.colors.values[:1], len(values), axis=0))
+
+
+def recolor_matrices(
+    gaussians: Gaussians, parts: RowParts, mode: RecolorMode, color: tuple[float, float, float]
+) -> Float32[ndarray, "k 3 4"]:
+    """The palette entries [A | b] that recolour the Gaussians of instances, whose rows the parts are.
+
+    `solid`: A = 0, b = colour. `tint`: A = colour ⊗ luma weights / mean luma, b = 0: the instance's mean
+    (weighted by opacity) becomes the colour, and each Gaussian keeps its brightness relative to that mean.
+    `hue`: A = the rotation from the mean's hue to the colour's.
+    """
+    matrices = np.zeros((len(parts), 3, 4))
+    if mode == "solid":
+        matrices[:, :, 3] = color
+        return matrices.astype(np.float32)
+    means = mean_colors(gaussians, parts)
+    if mode == "hue":
+        matrices[:, :, :3] = hue_rotations(hue_of(color) - hues_of(means))
+    else:
+        matrices[:, :, :3] = np.outer(color, LUMA) / np.maximum(means @ LUMA, MEAN_LUMA_FLOOR)[:, None, None]
+    return matrices.astype(np.float32)

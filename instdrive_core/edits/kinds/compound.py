@@ -1,0 +1,50 @@
+"""Several edits as one step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.errors import EditError
+
+
+@dataclass
+class CompoundEdit(Edit):
+    """Edits done in order and undone in reverse; where one fails, those before it are undone."""
+
+    kind: ClassVar[str] = "compound"
+    edits: tuple[Edit, ...]
+    name: str
+    """The title of the step."""
+    _done: list[Edit] = field(default_factory=list, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise EditError(f"name {self.name!r} of a compound edit is no text")
+
+    @property
+    def title(self) -> str:
+        """The given name."""
+        return self.name
+
+    def do(self, document: Any) -> bool:
+        """Do all edits, or none of them."""
+        self._done = []
+        try:
+            for edit in self.edits:
+                if edit.do(document):
+                    self._done.append(edit)
+        except Exception:
+            self.undo(document)
+            raise
+        return bool(self._done)
+
+    def undo(self, document: Any) -> None:
+        """Undo those that changed anything, last first."""
+        for edit in reversed(self._done):
+            edit.undo(document)
+
+    def to_json(self) -> dict[str, Any]:
+        """As every edit's, with the parts as JSON too."""
+        return {"kind": self.kind, "edits": [edit.to_json() for edit in self.edits], "name": self.name}

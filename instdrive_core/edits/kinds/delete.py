@@ -1,0 +1,91 @@
+"""Deleting splats: a flag, dropped at export. Locked splats are spared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from jaxtyping import Int
+from numpy import ndarray
+
+from instdrive_core.edits.bases.editable import editable
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
+from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.row_runs import RowRuns, row_runs, rows_of_scene
+from instdrive_core.errors import EditError
+from instdrive_core.scene.selection import Flag
+from instdrive_core.wording import counted
+
+
+@dataclass
+class DeleteInstances(FlagEdit):
+    """Delete whole instances; an actor is deleted at all times."""
+
+    kind: ClassVar[str] = "delete_instances"
+    ids: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+
+    @property
+    def title(self) -> str:
+        """``Delete instance 17``."""
+        return f"Delete {ids_in_words(self.ids)}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Deselect and delete the instances' rows."""
+        rows = editable(document, self.ids)
+        return _deletion(rows)
+
+
+@dataclass
+class DeleteSelected(FlagEdit):
+    """Delete the selected splats."""
+
+    kind: ClassVar[str] = "delete_selected"
+
+    @property
+    def title(self) -> str:
+        """``Delete selection``."""
+        return "Delete selection"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Deselect and delete the selected rows."""
+        rows = document.state.rows_with(Flag.SELECTED)
+        if not len(rows):
+            raise EditError("nothing is selected; select what to delete first")
+        return _deletion(rows)
+
+
+@dataclass
+class DeleteRows(FlagEdit):
+    """Delete any splats, e.g. those that the linter objects to; locked ones are spared."""
+
+    kind: ClassVar[str] = "delete_rows"
+    rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
+    """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
+
+    def __post_init__(self) -> None:
+        self.rows = row_runs(self.rows)
+
+    @property
+    def title(self) -> str:
+        """``Delete 12 splats``."""
+        return f"Delete {counted(len(row_runs(self.rows)), 'splat')}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The rows as runs."""
+        return {"kind": self.kind, "rows": row_runs(self.rows).to_json()}
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Deselect and delete the rows. Raises EditError for rows that the scene does not have."""
+        rows = rows_of_scene(row_runs(self.rows), len(document.scene))
+        return _deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
+
+
+def _deletion(rows: ndarray) -> Iterator[FlagChange]:
+    yield FlagChange(rows, Flag.SELECTED, False)
+    yield FlagChange(rows, Flag.DELETED, True)

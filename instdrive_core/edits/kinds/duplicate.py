@@ -1,0 +1,65 @@
+"""Duplicating instances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from instdrive_core.edits.bases.append import Addition, AppendEdit, unique_track_id
+from instdrive_core.edits.bases.editable import editable_parts
+from instdrive_core.edits.bases.parameters import Vector, checked_ids, checked_vector
+from instdrive_core.edits.bases.relabel import new_instances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.scene.scene import Scene
+
+
+@dataclass
+class DuplicateInstances(AppendEdit):
+    """Copies with IDs of their own, moved and coloured as the originals are; of an actor the drive is copied, too."""
+
+    kind: ClassVar[str] = "duplicate_instances"
+    ids: tuple[int, ...]
+    translation: Vector = (0.0, 0.0, 0.0)
+    """Metres in the world from the originals to the copies."""
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+        self.translation = checked_vector(self.translation, "translation")
+
+    @property
+    def title(self) -> str:
+        """``Duplicate instance 17``."""
+        return f"Duplicate {ids_in_words(self.ids)}"
+
+    @property
+    def shift(self) -> Vector:
+        """The translation."""
+        return self.translation
+
+    def addition(self, document: Document) -> Addition:
+        """The rows that are neither deleted nor locked."""
+        scene = document.scene
+        parts = editable_parts(document, self.ids)
+        rows = parts.rows
+        copies = new_instances(document, [scene.table[instance_id] for instance_id in self.ids])
+        nodes = sorted(set(np.unique(scene.nodes[rows]).tolist()) - {0})
+        renumbered = np.zeros(len(scene.actors) + 1, np.uint16)
+        renumbered[nodes] = len(scene.actors) + 1 + np.arange(len(nodes))
+        taken, tracks = {track.id for track in scene.actors}, []
+        for node in nodes:
+            track = scene.actors[node - 1]
+            tracks.append(replace(track, id=unique_track_id(f"{track.id} copy", taken)))
+            taken.add(tracks[-1].id)
+        added = Scene(
+            scene.gaussians.select(rows),
+            np.repeat(np.array([entry.id for entry in copies], np.uint32), parts.sizes),
+            scene.codewords[rows],
+            renumbered[scene.nodes[rows]],
+            actors=(*scene.actors, *tracks),
+            extra={name: column[rows] for name, column in scene.extra.items()},
+        )
+        entries = tuple(replace(entry, node=int(renumbered[entry.node])) for entry in copies)
+        return Addition(added, document.colors.indices[rows], document.transforms.indices[rows], entries, tuple(tracks))

@@ -1,0 +1,195 @@
+"""Filling ground that was never seen with copies of the ground around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from instdrive_core.edits.bases.append import Addition, AppendEdit
+from instdrive_core.edits.bases.flags import FlagChange
+from instdrive_core.edits.bases.parameters import (
+    Vector,
+    checked_number,
+    checked_numbers,
+    checked_switch,
+    checked_vector,
+    is_whole,
+)
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, new_instances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import fingerprint
+from instdrive_core.edits.holes.cast_shadow import shaded
+from instdrive_core.edits.holes.fill_plan import Filling, planned_filling
+from instdrive_core.edits.holes.ground_grid import GroundGrid
+from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, known_ground
+from instdrive_core.edits.holes.surroundings import neighborhood
+from instdrive_core.errors import EditError
+from instdrive_core.scene.gaussians import concatenated
+from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.selection import Flag
+from instdrive_core.scene.transforms import transformed
+
+SYNTHETIC = "synthetic"
+"""Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
+
+
+@dataclass
+class FillHole(AppendEdit):
+    """Clone neighbouring ground into cells whose ground was never seen, in place of what lies there.
+
+    Copies are marked as synthetic: by the column `synthetic` and an instance of their own. What the hole held, at
+    ground level and below, is deleted.
+    """
+
+    kind: ClassVar[str] = "fill_hole"
+    cells: tuple[Any, ...]
+    """Pairs: places of the cells along and across the lane."""
+    corner: tuple[float, float]
+    """World x and y (metres) of the outer corner of cell (0, 0)."""
+    along: tuple[float, float]
+    """Horizontal unit vector of the lane."""
+    size: float
+    """Metres per side of a cell."""
+    plane: Vector
+    """Height of the ground plane at the world's origin (metres) and its slopes along x and y."""
+    name: str = "fill"
+    """Of the new instance."""
+    seed: int = 0
+    """Draws among pieces of ground that fit as well."""
+    lit: bool = False
+    """Whether the hole lies in the sun, so that ground in the shadow of other things is not copied."""
+    _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
+    _new_column: bool = field(default=False, init=False, repr=False, compare=False)
+    _filling: Filling | None = field(default=None, init=False, repr=False, compare=False)
+    _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        self.cells = _checked_cells(self.cells)
+        (x, y), (ax, ay) = checked_numbers(self.corner, "corner", 2), checked_numbers(self.along, "along", 2)
+        if not 0.99 < np.hypot(ax, ay) < 1.01:
+            raise EditError(f"along {self.along!r} is no unit vector")
+        self.corner, self.along = (x, y), (ax, ay)
+        self.plane = checked_vector(self.plane, "plane")
+        self.size = checked_number(self.size, "size")
+        if not 0.01 <= self.size <= 10:
+            raise EditError(f"size {self.size!r} of a cell is not 0.01 to 10 metres")
+        if not isinstance(self.name, str) or not self.name.isprintable() or not 0 < len(self.name) <= MAX_NAME_LENGTH:
+            raise EditError(f"name {self.name!r} is not a line of 1 to {MAX_NAME_LENGTH} characters")
+        checked_switch(self.lit, "lit")
+        if not is_whole(self.seed) or not 0 <= self.seed < 2**32:
+            raise EditError(f"seed {self.seed!r} is not a whole number from 0 to {2**32 - 1}")
+
+    @property
+    def title(self) -> str:
+        """``Fill hole of 7.2 m²``."""
+        return f"Fill hole of {len(self.cells) * self.size**2:.1f} m²"
+
+    @property
+    def shift(self) -> Vector:
+        """None: copies are placed one by one."""
+        return (0.0, 0.0, 0.0)
+
+    def prepare(self, document: Document) -> None:
+        """Find out what to copy, which takes a second: `do` on an equal document is then quick.
+
+        Give a frozen copy to do this on another thread. Raises EditError where there is no ground to copy.
+        """
+        key = fingerprint(document)
+        if self._filling is None or self._planned_for != key:
+            self._filling, self._planned_for = self._planned(document), key
+
+    def do(self, document: Document) -> bool:
+        """Add the copies, then delete what they replace."""
+        self.prepare(document)
+        filling = self._filling
+        assert filling is not None
+        self._new_column = SYNTHETIC not in document.scene.extra
+        if self._new_column:
+            document.scene.extra[SYNTHETIC] = np.zeros(len(document.scene), np.uint8)
+        try:
+            super().do(document)
+        except Exception:
+            self._drop_column(document)
+            raise
+        self._flags_done = []
+        for flag, on in ((Flag.SELECTED, False), (Flag.DELETED, True)):
+            changed = document.state.change(filling.replaced, flag, on)
+            self._flags_done.append(FlagChange(changed.astype(np.int32), flag, on))
+        return True
+
+    def undo(self, document: Document) -> None:
+        """Bring back what was replaced and take the copies away."""
+        for rows, flag, on in reversed(self._flags_done):
+            document.state.change(rows, flag, not on)
+        super().undo(document)
+        self._drop_column(document)
+
+    def addition(self, document: Document) -> Addition:
+        """Copies and bed under one new instance."""
+        assert self._filling is not None
+        filling, scene = self._filling, document.scene
+        entry = replace(new_instances(document, [None])[0], name=self.name, class_name=SYNTHETIC)
+        copies = transformed(scene.gaussians, document.transforms, filling.sources)
+        copies.means = (copies.means + filling.shifts).astype(np.float32)
+        rows = np.concatenate([filling.sources, filling.bed_like])
+        count = len(rows)
+        extra = {name: column[rows] for name, column in scene.extra.items()}
+        extra[SYNTHETIC] = np.ones(count, scene.extra[SYNTHETIC].dtype)
+        added = Scene(
+            concatenated([copies, filling.bed_of(scene.gaussians)]),
+            np.full(count, entry.id, np.uint32),
+            scene.codewords[rows],
+            np.zeros(count, np.uint16),
+            extra=extra,
+        )
+        colors = document.colors.indices[rows]
+        return Addition(added, colors, np.zeros(count, np.uint16), (entry,))
+
+    def _drop_column(self, document: Document) -> None:
+        if self._new_column:
+            del document.scene.extra[SYNTHETIC]
+            self._new_column = False
+
+    def _planned(self, document: Document) -> Filling:
+        cells = np.array(self.cells, np.int64)
+        grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
+        middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
+        half = np.ceil(np.array([HALF_LENGTH, HALF_WIDTH]) / self.size).astype(np.int64)
+        start = middle - half
+        x, y = (np.array(self.corner) + self.size * start @ grid.axes).tolist()
+        grid = replace(grid, corner=(x, y), shape=(int(2 * half[0]), int(2 * half[1])))
+        hole = np.zeros(grid.shape, bool)
+        inside = cells - start
+        if not grid.inside(inside).all():
+            raise EditError(f"the hole is longer than {2 * HALF_LENGTH:g} m or wider than {2 * HALF_WIDTH:g} m")
+        hole[tuple(inside.T)] = True
+        place = grid.on_ground(grid.centers((middle - start)[None]))[0]
+        near = neighborhood(document, place)
+        ground, known = known_ground(document, grid, near)
+        if self.lit:
+            known &= ~shaded(ground, known)
+        return planned_filling(near, hole, ground, known, np.random.default_rng(self.seed))
+
+
+def _checked_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:
+    pairs = []
+    for cell in cells:
+        if not isinstance(cell, tuple | list):
+            raise EditError(f"cell {cell!r} is not two whole numbers")
+        whole = [each for each in cell if is_whole(each) and abs(each) < 2**31]
+        if len(cell) != 2 or len(whole) != 2:
+            raise EditError(f"cell {cell!r} is not two whole numbers")
+        pairs.append((whole[0], whole[1]))
+    if not pairs:
+        raise EditError("a hole without cells cannot be filled")
+    return tuple(sorted(set(pairs)))
+
+
+def fill_of(hole: Hole, name: str, seed: int = 0) -> FillHole:
+    """The edit that fills a hole and lights the shadow."""
+    grid = hole.grid
+    cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
+    return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit=len(hole.shadow) > 0)

@@ -1,0 +1,147 @@
+"""Growing and shrinking the selection by what lies near its border."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Int32, Int64
+from numpy import ndarray
+
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, selectable
+from instdrive_core.edits.bases.parameters import is_number
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.frozen_copy import fingerprint
+from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.errors import EditError
+from instdrive_core.instances.nearness import rows_near, spacing_of
+from instdrive_core.scene.selection import Flag
+
+_ENOUGH = 100
+"""Selected splats that tell how far splats lie apart; with fewer all that are drawn are asked."""
+_FALLBACK = 0.1
+"""Metres, where a scene has too few splats to tell."""
+
+
+class _Sides(NamedTuple):
+    """Both sides of the selection's border."""
+
+    means: Float32[ndarray, "n 3"]
+    """Metres, in the world."""
+    selected: ndarray
+    """Drawn rows that are selected."""
+    others: ndarray
+    """Drawn rows that are not."""
+    distance: float
+    """Metres that count as near."""
+
+
+@dataclass
+class BorderEdit(FlagEdit):
+    """An edit of what lies along the selection's border, by the distance between splats that are drawn."""
+
+    selects_only: ClassVar[bool] = True
+    distance: float | None = None
+    """Metres between centres; None = as far as the selected splats lie apart."""
+    time: float = 0.0
+    """Seconds: moving objects are where they are then; those that are absent are left alone."""
+    _found: tuple[bytes, Int32[ndarray, " k"]] | None = field(default=None, init=False, repr=False, compare=False)
+    """Rows along the border, and what they were found in."""
+
+    def __post_init__(self) -> None:
+        if self.distance is not None and not (is_number(self.distance) and self.distance > 0):
+            raise EditError(f"distance {self.distance!r} is no number of metres above 0")
+        if not is_number(self.time):
+            raise EditError(f"time {self.time!r} is no number of seconds")
+
+    def prepare(self, document: Document) -> None:
+        """Look along the border, which may take a second: `do` on an equal document is then quick.
+
+        Give a frozen copy to do this on another thread. Raises EditError where nothing is selected.
+        """
+        self._found = (self._content(document), self.along_border(document).astype(np.int32))
+
+    def is_prepared_for(self, document: Document) -> bool:
+        """Whether a document has the content that this edit was prepared for."""
+        return self._found is not None and self._found[0] == self._content(document)
+
+    @abstractmethod
+    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+        """The rows that change sides. Raises EditError where nothing is selected."""
+
+    def found(self, document: Document) -> Int32[ndarray, " k"]:
+        """As `along_border`, looked for where that was not done before, as it is for a redo."""
+        if not self.is_prepared_for(document):
+            self.prepare(document)
+        assert self._found is not None
+        return self._found[1]
+
+    def _content(self, document: Document) -> bytes:
+        """Equal where the same is found: what `fingerprint` tells, what is selected or hidden, and who is where."""
+        poses, present = document.scene.at(self.time)
+        digest = hashlib.blake2b(fingerprint(document), digest_size=16)
+        for array in (document.state.flags, poses, present):
+            digest.update(np.ascontiguousarray(array).data)
+        return digest.digest()
+
+    def _sides(self, document: Document) -> _Sides:
+        means, drawn = shown_means(document, self.time)
+        chosen = document.state.mask(Flag.SELECTED)
+        selected = np.flatnonzero(drawn & chosen)
+        if not len(selected):
+            raise EditError("nothing is selected; select what to grow or to shrink first")
+        distance = self.distance
+        if distance is None:
+            spacing = spacing_of(means[selected] if len(selected) >= _ENOUGH else means[drawn])
+            distance = spacing if math.isfinite(spacing) else _FALLBACK
+        return _Sides(means, selected, np.flatnonzero(drawn & ~chosen), distance)
+
+    def _by(self) -> str:
+        return "" if self.distance is None else f" by {self.distance:g} m"
+
+
+@dataclass
+class GrowSelection(BorderEdit):
+    """Select, too, what lies near a selected splat and is not hidden, locked or deleted."""
+
+    kind: ClassVar[str] = "grow_selection"
+
+    @property
+    def title(self) -> str:
+        """``Grow selection by 0.2 m``."""
+        return f"Grow selection{self._by()}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Set the bit on the selection's neighbours."""
+        yield FlagChange(self.found(document), Flag.SELECTED, True)
+
+    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+        """The neighbours that can be selected."""
+        means, selected, others, distance = self._sides(document)
+        return rows_near(means, selectable(document.state, others), selected, distance)
+
+
+@dataclass
+class ShrinkSelection(BorderEdit):
+    """Deselect what lies near a splat that is drawn and not selected."""
+
+    kind: ClassVar[str] = "shrink_selection"
+
+    @property
+    def title(self) -> str:
+        """``Shrink selection by 0.2 m``."""
+        return f"Shrink selection{self._by()}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Clear the bit along the selection's border."""
+        yield FlagChange(self.found(document), Flag.SELECTED, False)
+
+    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+        """The selected rows near others."""
+        means, selected, others, distance = self._sides(document)
+        return rows_near(means, selected, others, distance)

@@ -1,0 +1,185 @@
+"""Selecting by what the scene knows: instances, classes, codewords, everything, nothing, and the inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+from numpy import ndarray
+
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, selectable
+from instdrive_core.edits.bases.parameters import checked_ids, is_whole
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.errors import EditError
+from instdrive_core.instances.codebook import MAX_BITS
+from instdrive_core.scene.selection import Flag, SplatState
+
+SelectMode = Literal["replace", "add", "remove", "intersect"]
+VERBS: dict[SelectMode, str] = {
+    "replace": "Select",
+    "add": "Add to selection:",
+    "remove": "Deselect",
+    "intersect": "Select only what is in",
+}
+"""How the titles of select edits begin."""
+
+
+@dataclass
+class SelectInstances(FlagEdit):
+    """Select whole instances, or add them to or remove them from the selection."""
+
+    kind: ClassVar[str] = "select_instances"
+    selects_only: ClassVar[bool] = True
+    ids: tuple[int, ...]
+    mode: SelectMode = "replace"
+
+    def __post_init__(self) -> None:
+        self.ids = checked_ids(self.ids)
+        check_mode(self.mode)
+
+    @property
+    def title(self) -> str:
+        """``Select instance 17``."""
+        return f"{VERBS[self.mode]} {ids_in_words(self.ids)}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Clear the selection where it is replaced, then set or clear the instances' rows."""
+        return selection_changes(document.state, document.rows_of(self.ids), self.mode)
+
+
+@dataclass
+class SelectClass(FlagEdit):
+    """Select all instances of a class."""
+
+    kind: ClassVar[str] = "select_class"
+    selects_only: ClassVar[bool] = True
+    class_name: str
+    """As in the instance table; empty = the instances that have none."""
+    mode: SelectMode = "replace"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.class_name, str):
+            raise EditError(f"class name {self.class_name!r} is no text")
+        check_mode(self.mode)
+
+    @property
+    def title(self) -> str:
+        """``Select class Car``."""
+        return f"{VERBS[self.mode]} class {self.class_name or 'none'}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """As `SelectInstances`, for the instances of the class."""
+        table = document.scene.table
+        ids = tuple(instance.id for instance in table if instance.class_name == self.class_name)
+        if not ids:
+            known = ", ".join(sorted({instance.class_name for instance in table} - {""})) or "none"
+            raise EditError(f"no instance has the class {self.class_name!r}; the scene's classes are: {known}")
+        return selection_changes(document.state, document.rows_of(ids), self.mode)
+
+
+@dataclass
+class SelectCodeword(FlagEdit):
+    """Select all splats of a codeword, across instances (the paper's selection)."""
+
+    kind: ClassVar[str] = "select_codeword"
+    selects_only: ClassVar[bool] = True
+    codeword: int
+    mode: SelectMode = "replace"
+
+    def __post_init__(self) -> None:
+        if not is_whole(self.codeword) or not 0 <= self.codeword < 1 << MAX_BITS:
+            raise EditError(f"codeword {self.codeword!r} is not a whole number of at most {MAX_BITS} bits")
+        check_mode(self.mode)
+
+    @property
+    def title(self) -> str:
+        """``Select codeword 1038``."""
+        return f"{VERBS[self.mode]} codeword {self.codeword}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """As `SelectInstances`, for the codeword's rows."""
+        rows = document.rows_of_codeword(self.codeword)
+        if not len(rows):
+            raise EditError(f"no splat of the scene has codeword {self.codeword}")
+        return selection_changes(document.state, rows, self.mode)
+
+
+@dataclass
+class SelectAll(FlagEdit):
+    """Select every splat that is not hidden, locked or deleted."""
+
+    kind: ClassVar[str] = "select_all"
+    selects_only: ClassVar[bool] = True
+
+    @property
+    def title(self) -> str:
+        """``Select all``."""
+        return "Select all"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Set the bit wherever it may be set and is not."""
+        yield FlagChange(_free_rows(document.state), Flag.SELECTED, True)
+
+
+@dataclass
+class InvertSelection(FlagEdit):
+    """Select what is not selected, of what is not hidden, locked or deleted, and nothing else."""
+
+    kind: ClassVar[str] = "invert_selection"
+    selects_only: ClassVar[bool] = True
+
+    @property
+    def title(self) -> str:
+        """``Invert selection``."""
+        return "Invert selection"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Swap the two sets."""
+        selected, others = document.state.rows_with(Flag.SELECTED), _free_rows(document.state)
+        yield FlagChange(selected, Flag.SELECTED, False)
+        yield FlagChange(others, Flag.SELECTED, True)
+
+
+@dataclass
+class SelectNone(FlagEdit):
+    """Clear the selection."""
+
+    kind: ClassVar[str] = "select_none"
+    selects_only: ClassVar[bool] = True
+
+    @property
+    def title(self) -> str:
+        """``Clear selection``."""
+        return "Clear selection"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """Clear all selected rows."""
+        yield FlagChange(document.state.rows_with(Flag.SELECTED), Flag.SELECTED, False)
+
+
+def selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
+    """What a select edit that found `rows` (m,) changes, by its mode."""
+    if mode == "remove":
+        yield FlagChange(rows, Flag.SELECTED, False)
+        return
+    if mode in ("replace", "intersect"):
+        # Rows that stay selected are left alone: the delta holds only what changes.
+        outside = state.mask(Flag.SELECTED)
+        outside[rows] = False
+        yield FlagChange(outside.nonzero()[0], Flag.SELECTED, False)
+    if mode != "intersect":
+        yield FlagChange(selectable(state, rows), Flag.SELECTED, True)
+
+
+def check_mode(mode: str) -> None:
+    """Raises EditError where `mode` is no `SelectMode`."""
+    if mode not in get_args(SelectMode):
+        raise EditError(f"selection mode {mode!r} is not one of {', '.join(get_args(SelectMode))}")
+
+
+def _free_rows(state: SplatState) -> ndarray:
+    """Rows without any bit: not selected, and free to be."""
+    return np.flatnonzero(state.flags == 0)

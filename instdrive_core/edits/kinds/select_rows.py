@@ -1,0 +1,45 @@
+"""Selecting any splats: what region tools and filters found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from jaxtyping import Int
+from numpy import ndarray
+
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.row_runs import RowRuns, row_runs, rows_of_scene
+from instdrive_core.edits.kinds.select import VERBS, SelectMode, check_mode, selection_changes
+from instdrive_core.wording import counted
+
+
+@dataclass
+class SelectRows(FlagEdit):
+    """Select splats by their rows; those that are hidden, locked or deleted are passed over."""
+
+    kind: ClassVar[str] = "select_rows"
+    selects_only: ClassVar[bool] = True
+    rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
+    """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
+    mode: SelectMode = "replace"
+
+    def __post_init__(self) -> None:
+        self.rows = row_runs(self.rows)
+        check_mode(self.mode)
+
+    @property
+    def title(self) -> str:
+        """``Select 1,204 splats``."""
+        return f"{VERBS[self.mode]} {counted(len(row_runs(self.rows)), 'splat')}"
+
+    def changes(self, document: Document) -> Iterator[FlagChange]:
+        """As `SelectInstances`, for the rows."""
+        rows = rows_of_scene(row_runs(self.rows), len(document.scene))
+        return selection_changes(document.state, rows, self.mode)
+
+    def to_json(self) -> dict[str, Any]:
+        """As every edit's, with the rows as runs."""
+        return {"kind": self.kind, "rows": row_runs(self.rows).to_json(), "mode": self.mode}

@@ -1,0 +1,1 @@
+"""Questions about a document that change nothing."""

@@ -1,0 +1,1 @@
+"""The figures, each computed from arrays."""

@@ -1,0 +1,118 @@
+"""Ground truth in 3D: the object that each LiDAR point of a held-out sweep lies on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float32, UInt32
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, Frame, Sweep, SweepPoints, is_held_out
+from instdrive_core.masks.annotated.labelled_cloud import (
+    NOTHING,
+    UNKNOWN,
+    assign_boxes,
+    classes_that_fit,
+    ids_of_classes,
+)
+from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance
+
+MIN_POINTS = 50
+"""Objects with fewer points in all held-out sweeps together are ignored."""
+INSIDE_OF_MOVING = -2
+"""What `assign_boxes` says of points inside of a moving box that do not belong to it."""
+
+
+@dataclass(frozen=True)
+class LabelledSweep:
+    """The points of one held-out sweep that a camera of the run has in view."""
+
+    time: float
+    """Seconds, as the clip counts them."""
+    points: Float32[ndarray, "n 3"]
+    """World coordinates in metres."""
+    truth: UInt32[ndarray, " n"]
+    """IDs of the ground truth; 0 = ignored."""
+
+
+def labelled_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
+    """Every held-out sweep with the IDs that the label maps use; none where the clip has no held-out sweep or no
+    labels for points.
+
+    Exact where the clip stores an instance per point. Else a point inside a box takes the box's object if its
+    semantic class fits (the box's lowest 0.12 m, where the road is, left out), and any other point its class. Points of
+    movable classes outside of all boxes, and what the second LiDAR sees of moving objects, are ignored.
+
+    Points that no held-out photo of the same time step has in its image (ego vehicle left out) are left out: a run
+    with the front camera alone is not asked for what is behind it.
+
+    Raises DataError where a sweep is damaged.
+    """
+    sweeps = []
+    for sweep in clip.sweeps:
+        frames = [frame for frame in clip.held_out_frames() if frame.view.index == sweep.index]
+        if not is_held_out(sweep.index) or not frames:
+            continue
+        found = sweep.load()
+        labels = _labels(clip, sweep, found, ground_truth)
+        if labels is not None:
+            seen = in_view(found.points, frames)
+            sweeps.append(LabelledSweep(sweep.time, found.points[seen], labels[seen]))
+    return _without_tiny(sweeps)
+
+
+def in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
+    """Points that project into a valid pixel of any photo; occluders are not considered."""
+    seen = np.zeros(len(points), bool)
+    for frame in frames:
+        camera = frame.view.camera
+        pixels, depths = camera.project(points)
+        inside = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [camera.width, camera.height]).all(axis=1)
+        if frame.valid is not None:
+            columns, rows = np.floor(pixels[inside]).astype(np.int64).T
+            inside[inside] = frame.valid[rows, columns]
+        seen |= inside
+    return seen
+
+
+def _labels(clip: Clip, sweep: Sweep, found: SweepPoints, ground_truth: GroundTruth) -> UInt32[ndarray, " n"] | None:
+    if ground_truth.source == "exact":
+        return found.instance_labels
+    if found.classes is None:
+        return None
+    return _annotated(clip, sweep.time, replace(found, classes=found.classes), ground_truth.instances)
+
+
+def _annotated(
+    clip: Clip, time: float, found: SweepPoints, instances: Mapping[int, GroundTruthInstance]
+) -> UInt32[ndarray, " n"]:
+    """IDs by box and class."""
+    assert found.classes is not None
+    stuff_ids = {instance.class_name: instance.id for instance in instances.values() if instance.kind == "stuff"}
+    thing_ids = {instance.track_id: instance.id for instance in instances.values() if instance.track_id is not None}
+    ids = ids_of_classes(clip.class_names, stuff_ids)[found.classes]
+    boxes = [track for track in clip.tracks if track.covers(time) and track.id in thing_ids]
+    box, _ = assign_boxes(
+        found.points,
+        found.classes,
+        found.sensor,
+        np.array([track.pose_at(time) for track in boxes]).reshape(-1, 4, 4),
+        np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3),
+        np.array([track.moving for track in boxes], bool),
+        np.array([classes_that_fit(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
+    )
+    ids[(ids == NOTHING) | (box == INSIDE_OF_MOVING)] = UNKNOWN
+    inside = box >= 0
+    ids[inside] = np.array([thing_ids[track.id] for track in boxes], np.int64)[box[inside]]
+    return ids.astype(np.uint32)
+
+
+def _without_tiny(sweeps: list[LabelledSweep]) -> list[LabelledSweep]:
+    """Objects under `MIN_POINTS` in all sweeps together set to 0."""
+    if not sweeps:
+        return []
+    ids, counts = np.unique(np.concatenate([sweep.truth for sweep in sweeps]), return_counts=True)
+    tiny = ids[counts < MIN_POINTS]
+    return [replace(sweep, truth=np.where(np.isin(sweep.truth, tiny), np.uint32(0), sweep.truth)) for sweep in sweeps]

@@ -1,0 +1,1 @@
+"""Bytes on disk: whole or absent, bounded, untrusted. Knows no scene."""

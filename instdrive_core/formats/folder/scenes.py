@@ -1,0 +1,175 @@
+"""The native format: a folder with ``scene.json`` and one safetensors file; keeps tracks, cameras, sky and exposures.
+
+The arrays' file is named by its content, and ``scene.json`` names it: replacing ``scene.json`` is the one moment at
+which a new scene takes the place of the old, so a reader or a crash finds one of them whole. The folder may hold other
+files (a run's checkpoints and logs).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+from safetensors import SafetensorError
+from safetensors.numpy import save_file
+
+from instdrive_core.errors import DataError
+from instdrive_core.files.atomic import atomic_path, write_bytes
+from instdrive_core.files.json_value import json_value
+from instdrive_core.files.plain_file import plain_file
+from instdrive_core.formats.allocation import WHOLE, ReadOptions
+from instdrive_core.formats.folder.arrays import EXTRA, digest_of, read_arrays
+from instdrive_core.formats.folder.manifest import manifest_of, scene_from_parts
+from instdrive_core.scene.scene import Scene
+
+MANIFEST = "scene.json"
+FORMAT_NAME, FORMAT_VERSION = "instdrive scene", 1
+_ARRAYS_NAME = re.compile(r"scene\.[0-9a-f]{16}\.safetensors")
+_ATTEMPTS = 5
+_EXACT = {"means", "instance_ids", "codewords", "nodes"}
+"""Stored as they are in a half-precision scene too: float16 metres are centimetres off at 30 m."""
+
+
+def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> None:
+    """Write a scene into a folder, atomically; earlier arrays in it are removed afterwards.
+
+    Args:
+        folder: made where missing; photos that share an ancestor with it are stored relative to it, the rest absolute.
+        scene: what to write.
+        half: store all but positions and IDs as float16, the sky as 8 bits: for a small sample scene.
+    """
+    folder = Path(folder)
+    arrays = {name: np.ascontiguousarray(array) for name, array in _arrays_of(scene).items()}
+    if half:
+        arrays = {name: _halved(name, array) for name, array in arrays.items()}
+    name = f"scene.{digest_of(arrays)}.safetensors"
+    is_new = not (folder / name).exists()
+    try:
+        with atomic_path(folder / name, temporary_for="scene.safetensors") as temporary:
+            save_file(arrays, temporary)
+    except SafetensorError as error:
+        problem = f"the file cannot be written ({error})"
+        raise DataError(folder / name, problem, "Free some space or choose another place") from error
+    manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **manifest_of(scene)}
+    for view in manifest["views"]:
+        view["photo"] = _stored_photo(view["photo"], folder)
+    try:
+        write_bytes(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    except DataError:
+        if is_new:
+            (folder / name).unlink(missing_ok=True)
+        raise
+    for old in folder.glob("scene.*.safetensors"):
+        if old.name != name and _ARRAYS_NAME.fullmatch(old.name):
+            old.unlink(missing_ok=True)
+
+
+def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options: ReadOptions = WHOLE) -> Scene:
+    """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged.
+
+    A manifest that is about to become the folder's can be read under the name that it has until then.
+    """
+    folder = Path(folder)
+    manifest, arrays, digest = _read_parts(folder, manifest_name, options)
+    if f"scene.{digest}.safetensors" != manifest["arrays"]:
+        problem = "the arrays are not those that were saved: their SHA-256 is not the one in the file's name"
+        raise DataError(folder / manifest["arrays"], problem, "Copy the folder again, or restore it")
+    try:
+        for view in manifest["views"]:
+            view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
+        scene = scene_from_parts(manifest, arrays)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+        raise _damaged(folder / manifest_name, error) from error
+    if options.keep_every > 1:
+        _count_again(scene)
+    return scene
+
+
+def _count_again(scene: Scene) -> None:
+    ids, counts = np.unique(scene.instance_ids, return_counts=True)
+    found = dict(zip(ids.tolist(), counts.tolist(), strict=True))
+    for instance in list(scene.table):
+        scene.table.set(replace(instance, count=found.get(instance.id, 0)))
+
+
+def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
+    """The files that `read_scene_folder` reads. Raises DataError where the folder holds no scene."""
+    return folder / MANIFEST, folder / _read_manifest(folder / MANIFEST)["arrays"]
+
+
+def _arrays_of(scene: Scene) -> dict[str, ndarray]:
+    arrays = scene.gaussians.arrays()
+    arrays |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
+    arrays |= {f"{EXTRA}{name}": column for name, column in scene.extra.items()}
+    if scene.sky is not None:
+        arrays["sky"] = scene.sky.faces
+    if scene.actors:
+        arrays["track_times"] = np.concatenate([actor.times for actor in scene.actors])
+        arrays["track_poses"] = np.concatenate([actor.world_from_box for actor in scene.actors])
+    if scene.views:
+        arrays["view_poses"] = np.stack([view.camera.world_from_camera for view in scene.views])
+    if scene.exposures is not None:
+        arrays["exposure_times"], arrays["exposure_matrices"] = scene.exposures.times, scene.exposures.matrices
+    return arrays
+
+
+def _halved(name: str, array: ndarray) -> ndarray:
+    if name == "sky":
+        return np.round(np.clip(array, 0, 1) * 255).astype(np.uint8)
+    if array.dtype == np.float64:
+        return array.astype(np.float32)
+    return array.astype(np.float16) if array.dtype == np.float32 and name not in _EXACT else array
+
+
+def _stored_photo(photo: str, folder: Path) -> str:
+    """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
+    if not photo:
+        return ""
+    photo, here = os.path.abspath(photo), str(folder.absolute())
+    shared = os.path.commonpath([here, photo])
+    return photo if shared == os.path.abspath(os.sep) else Path(os.path.relpath(photo, here)).as_posix()
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json_value(plain_file(path).read_bytes())
+    except (OSError, ValueError, RecursionError) as error:
+        raise _damaged(path, error) from error
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:
+        raise DataError(path, f"'format' is not {FORMAT_NAME!r}", "Check that the folder was written by InstDrive")
+    if manifest.get("version") != FORMAT_VERSION:
+        problem = f"'version' is {manifest.get('version')!r}, this program reads {FORMAT_VERSION}"
+        raise DataError(path, problem, "Update InstDrive or save the scene again")
+    if not isinstance(manifest.get("arrays"), str) or not _ARRAYS_NAME.fullmatch(manifest["arrays"]):
+        problem = f"'arrays' is {manifest.get('arrays')!r}, not the name of an arrays file in the same folder"
+        raise DataError(path, problem, "Save the scene again")
+    return manifest
+
+
+def _read_parts(
+    folder: Path, manifest_name: str, options: ReadOptions
+) -> tuple[dict[str, Any], dict[str, ndarray], str]:
+    """Manifest, arrays and their digest, of one save: another program may be saving and removing what was named."""
+    for attempt in range(_ATTEMPTS):
+        manifest = _read_manifest(folder / manifest_name)
+        path = folder / manifest["arrays"]
+        try:
+            return manifest, *read_arrays(plain_file(path), folder, options)
+        except FileNotFoundError as error:
+            if attempt == _ATTEMPTS - 1:
+                raise _damaged(path, error) from error
+        except (SafetensorError, OSError) as error:
+            raise _damaged(path, error) from error
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _damaged(path: Path, error: Exception) -> DataError:
+    return DataError(
+        path, f"the file is damaged ({type(error).__name__}: {error})", "Restore it or save the scene again"
+    )

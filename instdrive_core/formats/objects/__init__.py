@@ -1,0 +1,1 @@
+"""Boxes, hulls and poses of instances, for other programs."""

@@ -1,0 +1,1 @@
+"""PlayCanvas's SOG, as an archive, a folder, or levels of detail."""

@@ -1,0 +1,198 @@
+"""SOG scenes that lie in a folder: one meta.json, or many in levels of detail, of which the finest is opened.
+
+A streamed scene has a lod-meta.json with a tree: each leaf says, per level (0 is the finest), which rows of which
+meta.json cover it. Without one, folders called ``LEVEL_CHUNK`` (``0_0``, ``0_1``, ``1_0`` …) say the same by their
+names. An environment (splats far away, shown at every level) comes last.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from instdrive_core.errors import DataError
+from instdrive_core.formats.allocation import BESIDE_BYTES, TO_READ, WHOLE, ReadOptions, check_room, row_bytes
+from instdrive_core.formats.plausible_count import check_plausible_count
+from instdrive_core.formats.sog.meta import SogMeta, parsed_meta
+from instdrive_core.formats.sog.scenes import META, PASSING, read_gaussians, read_meta
+from instdrive_core.formats.sog.store import REMEDY, FolderStore, checked_name
+from instdrive_core.scene.gaussians import Gaussians, concatenated
+from instdrive_core.scene.scene import Scene, scene_from_gaussians
+
+LOD_META = "lod-meta.json"
+_CHUNK = re.compile(r"(\d{1,6})_(\d{1,6})")
+_MAX_NODES = 1 << 20
+
+
+@dataclass(frozen=True, order=True)
+class _Part:
+    file: int
+    start: int
+    count: int
+
+
+def is_sog_folder(folder: Path) -> bool:
+    """Whether `read_sog_folder` knows what to do with it."""
+    return (folder / META).is_file() or (folder / LOD_META).is_file() or bool(_chunk_folders(folder))
+
+
+def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHOLE) -> Scene:
+    """Open a folder, its meta.json or its lod-meta.json.
+
+    Args:
+        path: the folder or file.
+        level: 0 for the finest level of detail; where a place has none as fine as asked for, its finest.
+        options: which rows are kept; of a scene of many files, those of each.
+
+    Raises DataError where anything about the scene is wrong, also where names lead out of the folder.
+    """
+    path = Path(path)
+    folder = path if path.is_dir() else path.parent
+    if path.name == LOD_META or (path.is_dir() and (folder / LOD_META).is_file()):
+        return _read_streamed(folder, level, options)
+    if path.is_file() or (folder / META).is_file():
+        return read_meta(FolderStore(folder), META if path.is_dir() else path.name, options)
+    chunks = _chunk_folders(folder)
+    if not chunks:
+        problem = f"the folder holds no {META}, {LOD_META} or folders called LEVEL_CHUNK"
+        raise DataError(folder, problem, REMEDY)
+    chosen = _level_at_least(level, {number for number, _ in chunks})
+    sources = [(chunks[key], META) for key in sorted(chunks) if key[0] == chosen]
+    if len(sources) == 1:
+        return read_meta(FolderStore(sources[0][0]), META, options)
+    metas = _metas_of(sources, folder)
+    return _joined([_thinned(chunk, options) for chunk in _opened(sources, metas, folder, options)], metas)
+
+
+def _chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
+    entries = ((_CHUNK.fullmatch(entry.name), entry) for entry in folder.iterdir())
+    found = {(int(match[1]), int(match[2])): entry for match, entry in entries if match}
+    return {key: entry for key, entry in found.items() if (entry / META).is_file()}
+
+
+def _level_at_least(level: int, levels: set[int]) -> int:
+    """The finest level that is no finer than asked for, else the coarsest."""
+    return min((number for number in levels if number >= level), default=max(levels))
+
+
+def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
+    content = FolderStore(folder).json(LOD_META)
+    version = content.get("version", 1)  # older files have none
+    if version != 1:
+        raise DataError(folder, f"{LOD_META} has 'version' {version!r}, not 1", "Export it as version 1")
+    names = content.get("filenames")
+    if not isinstance(names, list):
+        raise DataError(folder, f"{LOD_META} has as 'filenames' {names!r}, not a list", REMEDY)
+    parts: dict[int, list[_Part]] = {}
+    for part in sorted(_tree_parts(content.get("tree"), level, folder)):
+        parts.setdefault(part.file, []).append(part)
+    if not parts:
+        raise DataError(folder, f"the tree of {LOD_META} names no splats", REMEDY)
+    if max(parts) >= len(names):
+        raise DataError(folder, f"{LOD_META} uses file {max(parts)} of {len(names)} 'filenames'", REMEDY)
+    used = [names[number] for number in parts]
+    if content.get("environment") is not None:
+        used.append(content["environment"])
+    shown = [sum(part.count for part in rows) for rows in parts.values()]
+    sources = [_source(folder, name) for name in used]
+    metas = _metas_of(sources, folder)
+    chunks = _opened(sources, metas, folder, options, shown)
+    kept = [_thinned(_rows_of(chunk, rows, folder), options) for rows, chunk in zip(parts.values(), chunks)]  # noqa: B905
+    return _joined([*kept, *(_thinned(chunk, options) for chunk in chunks)], metas)
+
+
+def _thinned(chunk: Gaussians, options: ReadOptions) -> Gaussians:
+    return chunk.select(slice(None, None, options.keep_every)) if options.keep_every > 1 else chunk
+
+
+def _source(folder: Path, name: Any) -> tuple[Path, str]:
+    parts = PurePosixPath(checked_name(name, folder))
+    if not (folder / parts).is_file():
+        raise DataError(folder, f"the file {name!r} is missing", REMEDY)
+    return folder / parts.parent, parts.name
+
+
+def _metas_of(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
+    if len(set(sources)) < len(sources):
+        raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
+    return [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
+
+
+def _opened(
+    sources: list[tuple[Path, str]],
+    metas: list[SogMeta],
+    folder: Path,
+    options: ReadOptions,
+    shown: Sequence[int] = (),
+) -> Iterator[Gaussians]:
+    """Each chunk in turn, whole, while all of them together can be believed and fit into memory.
+
+    `shown` is how many rows of the first chunks will be kept; of the others, all.
+    """
+    rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
+    largest = max((meta.count for meta in metas), default=0)
+    # Chunks are read whole, and joined by a copy.
+    passing = largest * (TO_READ * row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
+    count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
+    check_room(folder, count, 2 * row_bytes(rest, 0), options, passing)
+    count = size = 0
+    for (place, _), meta in zip(sources, metas, strict=True):
+        store = FolderStore(place)
+        chunk = read_gaussians(store, meta)
+        count, size = count + len(chunk), size + store.size
+        check_plausible_count(folder, count, size)
+        yield chunk
+
+
+def _tree_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
+    """What the leaves show at a level. Not recursive: a hostile tree is as deep as it likes."""
+    pending, parts, visited = [tree], [], 0
+    while pending:
+        node = pending.pop()
+        visited += 1
+        if not isinstance(node, dict) or visited > _MAX_NODES:
+            raise DataError(folder, f"'tree' of {LOD_META} holds {str(node)[:80]!r}, not a node", REMEDY)
+        children, levels = node.get("children") or [], node.get("lods") or {}
+        if not isinstance(children, list) or not isinstance(levels, dict):
+            raise DataError(folder, f"a node of {LOD_META} has 'children' or 'lods' of the wrong kind", REMEDY)
+        pending += children
+        numbers = {int(key) for key in levels if key.isascii() and key.isdigit() and len(key) < 7}
+        if numbers:
+            parts.append(_part(levels.get(str(_level_at_least(level, numbers))), folder))
+    return [part for part in parts if part.count]
+
+
+def _part(entry: Any, folder: Path) -> _Part:
+    values: list[Any] = [entry.get(key) for key in ("file", "offset", "count")] if isinstance(entry, dict) else []
+    if len(values) != 3 or not all(isinstance(value, int) and 0 <= value < 1 << 31 for value in values):
+        problem = f"a leaf of {LOD_META} is {str(entry)[:80]!r}, not whole numbers 'file', 'offset', 'count'"
+        raise DataError(folder, problem, REMEDY)
+    return _Part(*values)
+
+
+def _rows_of(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussians:
+    """The rows of all parts; each row can be shown once only."""
+    end = 0
+    for part in parts:
+        if part.start < end or part.start + part.count > len(chunk):
+            problem = f"rows {part.start} to {part.start + part.count} of file {part.file} overlap others or its end"
+            raise DataError(folder, f"{LOD_META}: {problem} ({len(chunk)})", REMEDY)
+        end = part.start + part.count
+    if sum(part.count for part in parts) == len(chunk):
+        return chunk
+    return chunk.select(np.concatenate([np.arange(part.start, part.start + part.count) for part in parts]))
+
+
+def _joined(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
+    """One after the other; SH degrees are raised to the highest, as chunks without colours by view have none."""
+    rest = max(part.sh_rest.shape[1] for part in parts)
+    for part in parts:
+        missing = rest - part.sh_rest.shape[1]
+        part.sh_rest = np.pad(part.sh_rest, ((0, 0), (0, missing), (0, 0)))
+    joined = concatenated(parts) if len(parts) > 1 else parts[0]
+    return replace(scene_from_gaussians(joined), antialiased=all(meta.antialiased for meta in metas))

@@ -1,0 +1,1 @@
+"""Niantic's SPZ, versions 1 to 4."""

@@ -1,0 +1,1 @@
+"""Masks from cuboids and LiDAR classes that people annotated."""

@@ -1,0 +1,1 @@
+"""Instance masks of a trained scene, written for other programs."""

@@ -1,0 +1,1 @@
+"""Label pictures: points and borders become regions of a photo."""

@@ -1,0 +1,81 @@
+"""What a cluster of LiDAR points is: a thing, or part of a facade or of the vegetation, by its size and shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32, Int32, UInt32
+from numpy import ndarray
+from scipy import ndimage
+
+from instdrive_core.masks.lidar.point_shape import PointShape
+
+NONE, GROUND, FACADE, VEGETATION, THING = range(5)
+"""What a cluster can be, the wide ones before things."""
+
+MIN_POINTS = 8
+"""Smaller clusters are nothing."""
+TALL = 3.6
+"""Metres above the ground above which no vehicle reaches."""
+LONG, VERY_LONG = 6.0, 16.0
+"""Metres along the ground of a facade's part if it is tall, or if it is not."""
+UPRIGHT = 0.5
+"""Share of vertical surfaces from which on a cluster is a facade rather than a plant."""
+SCATTERED = 0.4
+"""Mean scatter from which on a cluster is a plant."""
+FLAT = 0.4
+"""Metres above the ground: what rises no higher belongs to it."""
+SURFACE = 0.3
+"""Mean scatter below which a cluster is a surface."""
+OVERHEAD = 1.5
+"""Metres above the ground of the lowest twig of a crown."""
+WALL_PIECE = 2.5
+"""Metres along the ground of a piece of a tall facade."""
+SMALLEST_PLANT = 0.8
+"""Metres along the ground."""
+
+
+def kinds_of_clusters(
+    points: Float32[ndarray, "n 3"],
+    clusters: Int32[ndarray, " n"],
+    shape: PointShape,
+    above: Float32[ndarray, " n"],
+) -> UInt32[ndarray, " c"]:
+    """`NONE`, `FACADE`, `VEGETATION` or `THING` of each cluster.
+
+    Args:
+        points: metres.
+        clusters: number from 0 by point, none left out.
+        shape: around each point.
+        above: metres above the ground.
+    """
+    if not len(points):
+        return np.zeros(0, np.uint32)
+    numbers = np.arange(int(clusters.max()) + 1)
+    counts = np.bincount(clusters, minlength=len(numbers))
+    length = _length(points, clusters, counts)
+    top = np.asarray(ndimage.maximum(above, clusters, numbers))
+    base = np.asarray(ndimage.minimum(above, clusters, numbers))
+    scatter = np.bincount(clusters, shape.scatter, len(numbers)) / counts
+    upright = np.bincount(clusters, shape.upright, len(numbers)) / counts
+    kinds = np.full(len(numbers), THING, np.uint32)
+    large = ((length > LONG) & (top > TALL)) | (length > VERY_LONG)
+    kinds[large] = np.where((upright[large] > UPRIGHT) | (scatter[large] < SURFACE), FACADE, VEGETATION)
+    kinds[(scatter > SCATTERED) & (length > SMALLEST_PLANT) & (top > 1.0)] = VEGETATION
+    kinds[(scatter > SURFACE) & (base > OVERHEAD) & (length > SMALLEST_PLANT)] = VEGETATION
+    kinds[(upright > UPRIGHT) & (top > TALL) & (length > WALL_PIECE) & (scatter < SCATTERED)] = FACADE
+    kinds[top < FLAT] = GROUND
+    kinds[counts < MIN_POINTS] = NONE
+    return kinds
+
+
+def _length(
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int32[ndarray, " c"]
+) -> Float32[ndarray, " c"]:
+    """Longest extent along the ground, over a few directions."""
+    numbers = np.arange(len(counts))
+    length = np.zeros(len(counts), np.float32)
+    for angle in np.radians(np.arange(0, 180, 22.5)):
+        along = points[:, 0] * np.cos(angle) + points[:, 1] * np.sin(angle)
+        extent = np.asarray(ndimage.maximum(along, clusters, numbers)) - ndimage.minimum(along, clusters, numbers)
+        length = np.maximum(length, extent.astype(np.float32))
+    return length

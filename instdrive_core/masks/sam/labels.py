@@ -1,0 +1,129 @@
+"""Masks by Segment Anything: no annotations and no LiDAR needed, but weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from jaxtyping import Bool, UInt32
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Clip, Frame
+from instdrive_core.errors import OptionError
+from instdrive_core.masks.image.sky_finder import SkyFinder
+from instdrive_core.masks.sam.regions import cleaned, painted, whole_objects
+from instdrive_core.masks.sam.weights import SUGGESTED, load_model, weights_folder
+
+if TYPE_CHECKING:
+    from instdrive_core.masks.sam.proposals import Proposer
+
+
+@dataclass(frozen=True)
+class SamOptions:
+    """How Segment Anything makes masks."""
+
+    model: str = SUGGESTED
+    """Weights: a name on the Hugging Face hub, or a local folder with config.json and *.safetensors."""
+    batch: int = 64
+    """Points asked at a time; less needs less memory."""
+    points_per_side: int = 32
+    """The model is asked at a grid of this many points to each side."""
+    predicted_iou: float = 0.8
+    """Masks that the model itself believes to be worse than this are dropped."""
+    stability: float = 0.92
+    """Masks with a border less sharp than this are dropped (1 = sharpest)."""
+    overlap: float = 0.7
+    """Of masks whose boxes have a larger IoU than this, one is kept."""
+    min_area: float = 0.0002
+    """Share of the photo below which masks, their holes and their islands are dropped."""
+    whole_objects: bool = True
+    """Let parts join the object that contains them: cars instead of wheels and doors."""
+    containment: float = 0.85
+    """Share of a mask that must lie within a larger one to be a part of it."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where the model runs; `auto`: on an NVIDIA GPU if torch sees one."""
+    offline: bool = False
+    """Never download: use what is on this machine."""
+
+    def __post_init__(self) -> None:
+        for name, low in (("batch", 1), ("points_per_side", 1)):
+            if getattr(self, name) < low:
+                raise OptionError(f"{name} is {getattr(self, name)}; it must be {low} or more")
+        for name in ("predicted_iou", "stability", "overlap", "min_area"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise OptionError(f"{name} is {getattr(self, name)}; it must lie between 0 and 1")
+        if not 0.5 < self.containment <= 1:
+            raise OptionError(f"containment is {self.containment}; it must be more than 0.5 and at most 1")
+
+
+class SamLabels:
+    """Labels of a clip's photos; a photo's labels depend on nothing but the photo.
+
+    Args:
+        clip: the clip. Its LiDAR, if it has any, tells the sky; nothing else of it is used.
+        options: how.
+
+    Raises OptionError or DataError where weights, the transformers library or the GPU asked for are missing.
+    """
+
+    source = "sam"
+
+    def __init__(self, clip: Clip, options: SamOptions = SamOptions()) -> None:
+        self._options = options
+        self._proposer = _open_proposer(options)
+        self._sky = SkyFinder(clip)
+        self._last: tuple[str, UInt32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
+
+    def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
+        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        return self._made(frame)[0]
+
+    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """The sky at the frame's size."""
+        return self._made(frame)[1]
+
+    def _made(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+        """Labels and sky. The last frame's are kept."""
+        if self._last is None or self._last[0] != frame.key:
+            self._last = (frame.key, *self._make(frame))
+        return self._last[1], self._last[2]
+
+    def _make(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+        from instdrive_core.masks.sam.proposals import grid
+
+        options, image = self._options, frame.load_image()
+        height, width = image.shape[:2]
+        valid = frame.valid if frame.valid is not None else np.ones((height, width), bool)
+        min_pixels = max(1, round(options.min_area * height * width))
+        points = grid(width, height, options.points_per_side)
+        points = points[valid[points[:, 1].astype(int), points[:, 0].astype(int)]]
+        found = self._proposer.propose(image, points, min_pixels, prefer_large=options.whole_objects)
+        found = cleaned(found, valid, min_pixels)
+        if options.whole_objects:
+            found = whole_objects(found, options.containment)
+        labels = painted(found, min_pixels)
+        sky = self._sky.find(image, frame.view.camera, labels) & valid
+        return np.where(sky, np.uint32(0), labels), sky
+
+
+def _open_proposer(options: SamOptions) -> Proposer:
+    folder = weights_folder(options.model, options.offline)
+    from instdrive_core.masks.sam.proposals import Proposer, Thresholds
+
+    device = _device(options.device)
+    thresholds = Thresholds(options.predicted_iou, options.stability, options.overlap)
+    model, photo = load_model(folder)
+    return Proposer(model, photo, device, options.batch, thresholds)
+
+
+def _device(asked: Literal["auto", "cpu", "cuda"]) -> str:
+    """Raises OptionError where the GPU asked for cannot be used."""
+    import torch
+
+    if asked == "cuda" and not torch.cuda.is_available():
+        raise OptionError(
+            "The device 'cuda' was asked for, but torch sees no NVIDIA GPU: "
+            "install torch with CUDA and a driver (see docs/gpu.md), or use the device 'cpu'"
+        )
+    return "cuda" if asked != "cpu" and torch.cuda.is_available() else "cpu"

@@ -1,0 +1,1 @@
+"""Compiled loops: projection, binning, blending, and the gradients of each."""

@@ -1,0 +1,189 @@
+"""The blending weights of chosen pixels as a sparse matrix: with frozen geometry a rendered feature map is W·F.
+
+Training instance features then needs no rasterizing: `apply_weights` is the forward pass of the chosen pixels,
+that of the `transposed` weights the gradient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
+from numpy import ndarray
+
+from instdrive_core.rasterize.kernels.bin import TILE, TileLists, bin_splats
+from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, exponent_of, power_of_two
+from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.project import Projection, project
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.scene.camera import Camera
+
+_PIXELS_PER_TASK = 64
+
+
+@dataclass(frozen=True)
+class BlendWeights:
+    """A P × N matrix of M weights, pixel by pixel; within a pixel nearest first."""
+
+    indptr: Int64[ndarray, " p+1"]
+    """Pixel p owns the entries indptr[p] … indptr[p + 1]."""
+    rows: Int32[ndarray, " m"]
+    """Gaussians."""
+    weights: Float32[ndarray, " m"]
+
+    def of_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
+        """The matrix without the other pixels."""
+        counts = np.diff(self.indptr)
+        entries = np.repeat(kept, counts)
+        indptr = np.concatenate([[0], np.cumsum(counts[kept])]).astype(np.int64)
+        return BlendWeights(indptr, self.rows[entries], self.weights[entries])
+
+
+def blend_weights(
+    means: Float[ndarray, "n 3"],
+    quats: Float[ndarray, "n 4"],
+    log_scales: Float[ndarray, "n 3"],
+    opacities: Float[ndarray, " n"],
+    camera: Camera,
+    pixels: Int[ndarray, " p"],
+    settings: RasterSettings = DEFAULT_SETTINGS,
+) -> BlendWeights:
+    """Which Gaussians `render` blends at the given pixels (row-major, flat), and with which weights.
+
+    Raises:
+        ValueError: a pixel is outside the image.
+    """
+    pixels = np.ascontiguousarray(pixels, np.int64)
+    if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
+        raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
+    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
+    projection = project(means, quats, log_scales, opacities, camera, settings)
+    tiles = bin_splats(projection, camera.width, camera.height)
+    counts = np.zeros(len(pixels), np.int64)
+    indptr = np.zeros(len(pixels) + 1, np.int64)
+    _run(projection, tiles, pixels, camera.width, settings, indptr, (counts, _NO_ROWS, _NO_WEIGHTS))
+    np.cumsum(counts, out=indptr[1:])
+    rows, weights = np.zeros(indptr[-1], np.int32), np.zeros(indptr[-1], np.float32)
+    _run(projection, tiles, pixels, camera.width, settings, indptr, (counts, rows, weights))
+    return BlendWeights(indptr, rows, weights)
+
+
+def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Float32[ndarray, "p d"]:
+    """W·F: the features of all Gaussians blended at each pixel."""
+    features = kernel_array(features)
+    blended = np.empty((len(weights.indptr) - 1, features.shape[1]), np.float32)
+    _sum_rows(weights.indptr, weights.rows, weights.weights, features, blended)
+    return blended
+
+
+def transposed(weights: BlendWeights, count: int) -> BlendWeights:
+    """Wᵀ for N = `count` Gaussians; each one's entries in the order of the pixels.
+
+    `apply_weights` of it turns a gradient of pixels into the features' gradient.
+    """
+    indptr = np.zeros(count + 1, np.int64)
+    pixels, values = np.empty_like(weights.rows), np.empty_like(weights.weights)
+    _transpose(weights.indptr, weights.rows, weights.weights, indptr, pixels, values)
+    return BlendWeights(indptr, pixels, values)
+
+
+def compacted(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
+    """The rows of N = `count` Gaussians that have weights, rising, and the weights with these rows alone."""
+    used = np.zeros(count, np.bool_)
+    used[weights.rows] = True
+    rows = np.flatnonzero(used)
+    place = np.empty(count, np.int32)
+    place[rows] = np.arange(len(rows), dtype=np.int32)
+    return rows, BlendWeights(weights.indptr, place[weights.rows], weights.weights)
+
+
+_NO_ROWS, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
+
+
+def _run(
+    projection: Projection,
+    tiles: TileLists,
+    pixels: ndarray,
+    width: int,
+    settings: RasterSettings,
+    indptr: ndarray,
+    out: tuple[ndarray, ndarray, ndarray],
+) -> None:
+    """Count the entries of each pixel, or write them where there is room for them."""
+    tile_of_pixel = pixels // width // TILE * tiles.columns + pixels % width // TILE
+    order = np.argsort(tile_of_pixel, kind="stable")  # neighbours in one thread: they read the same splats
+    with numba.parallel_chunksize(_PIXELS_PER_TASK):
+        _walk_pixels(
+            (projection.splats, projection.rows),
+            (tiles.starts, tiles.splats, tiles.spans),
+            (pixels[order], order, tile_of_pixel[order]),
+            width,
+            settings.as_row(),
+            indptr,
+            out,
+        )
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
+    splats, splat_rows = projected
+    starts, pair_splats, spans = lists
+    pixels, order, tile_of_pixel = asked
+    counts, rows, weights = out[0], out[1], out[2]  # indexed, not unpacked: see project_backward
+    min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
+    for place in numba.prange(len(pixels)):
+        column, line = pixels[place] % width, pixels[place] // width
+        left, top = column // TILE * TILE, line // TILE * TILE
+        column, line = column - left, line - top
+        tile, start = tile_of_pixel[place], indptr[order[place]]
+        before, found = np.float32(1), 0
+        for pair in range(starts[tile], starts[tile + 1]):
+            if line < spans[pair, 0] or line >= spans[pair, 1]:
+                continue
+            v = pair_splats[pair]
+            x, y, base, xx, xy, yy = exponent_of(splats, v, np.float32(left), np.float32(top), min_alpha)
+            dx, dy = np.float32(column) - x, np.float32(line) - y
+            exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
+            if exponent < FLOOR:
+                continue
+            alpha = power_of_two(exponent)
+            if alpha < min_alpha:
+                continue
+            after = before - before * min(alpha, max_alpha)
+            if not after > min_transmittance:
+                break
+            if len(rows):
+                if start + found == indptr[order[place] + 1]:
+                    break  # the pass that counted may have rounded one fragment away
+                rows[start + found], weights[start + found] = splat_rows[v], before - after
+            found, before = found + 1, after
+        counts[order[place]] = found
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _transpose(starts, rows, weights, indptr, pixels, values):
+    """A counting sort by row."""
+    for row in rows:
+        indptr[row + 1] += 1
+    for row in range(len(indptr) - 1):
+        indptr[row + 1] += indptr[row]
+    place = indptr[:-1].copy()
+    for pixel in range(len(starts) - 1):
+        for entry in range(starts[pixel], starts[pixel + 1]):
+            row = rows[entry]
+            pixels[place[row]], values[place[row]] = pixel, weights[entry]
+            place[row] += 1
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
+def _sum_rows(starts, sources, factors, values, out):
+    columns = np.uint64(values.shape[1])
+    for target in numba.prange(len(starts) - 1):
+        for k in range(columns):
+            out[target, k] = 0
+        for entry in range(np.uint64(starts[target]), np.uint64(starts[target + 1])):
+            source, factor = np.uint64(sources[entry]), factors[entry]
+            for k in range(columns):
+                out[target, k] += factor * values[source, k]

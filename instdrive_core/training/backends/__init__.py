@@ -1,0 +1,1 @@
+"""The differentiable operations of a step, on the CPU and on a GPU."""

@@ -1,0 +1,1 @@
+"""The trainable scene: first points, parameters, optimisers, growth."""

@@ -1,0 +1,74 @@
+"""The trainable scene: one tensor per Gaussian attribute, and what all Gaussians share: sky, tracks, exposures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt16
+from numpy import ndarray
+from torch import Tensor
+
+from instdrive_core.scene.gaussians import Gaussians
+from instdrive_core.scene.track import Track
+from instdrive_core.training.gaussians.actor_poses import ActorPoses
+from instdrive_core.training.gaussians.exposures import initial_exposures
+
+
+@dataclass
+class SceneModel:
+    """Rows are ordered background first, then actor by actor; an actor's Gaussians live in its box frame."""
+
+    parameters: dict[str, Tensor]
+    """means, quats, log_scales, opacity_logits, sh_dc, sh_rest, features: one row per Gaussian."""
+    shared: dict[str, Tensor]
+    """sky (6, r, r, 3), exposures (V, 3, 4) of the training photos, track_shifts and track_turns (K, 3)."""
+    nodes: UInt16[ndarray, " n"]
+    actor_poses: ActorPoses
+
+    def __post_init__(self) -> None:
+        if np.any(np.diff(self.nodes.astype(np.int64)) < 0):
+            raise ValueError("rows must be ordered: background first, then actor by actor")
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    @property
+    def corrections(self) -> dict[str, Tensor]:
+        """Learned corrections of the actors' tracks."""
+        return {name: self.shared[name] for name in ("track_shifts", "track_turns")}
+
+    def tracks(self) -> tuple[Track, ...]:
+        """The actors' tracks, corrected."""
+        return self.actor_poses.refined_tracks(self.corrections)
+
+    def gaussians(self) -> Gaussians:
+        """A numpy copy, every actor in its box frame."""
+        return Gaussians(**{name: value.detach().cpu().numpy().copy() for name, value in self.parameters.items()})
+
+    def move_to(self, device: torch.device) -> None:
+        """Put every tensor on a device."""
+        self.parameters = {name: value.to(device) for name, value in self.parameters.items()}
+        self.shared = {name: value.detach().to(device).requires_grad_(True) for name, value in self.shared.items()}
+
+
+def model_from_gaussians(
+    gaussians: Gaussians,
+    nodes: UInt16[ndarray, " n"],
+    actors: tuple[Track, ...],
+    sky: Float[ndarray, "6 r r 3"],
+    photo_times: Sequence[float],
+) -> SceneModel:
+    """A trainable copy, tracks as given and exposures neutral; `photo_times` are the training photos' seconds."""
+    parameters = {name: torch.from_numpy(array.copy()) for name, array in gaussians.arrays().items()}
+    actor_poses = ActorPoses(actors, photo_times)
+    shared = {
+        "sky": torch.from_numpy(np.array(sky, np.float32)),
+        "exposures": initial_exposures(len(photo_times)),
+        **actor_poses.initial_corrections(),
+    }
+    for tensor in shared.values():
+        tensor.requires_grad_(True)
+    return SceneModel(parameters, shared, nodes, actor_poses)

@@ -1,0 +1,1 @@
+"""Which Gaussians belong together: graph, votes, losses, names."""

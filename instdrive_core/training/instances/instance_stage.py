@@ -1,0 +1,73 @@
+"""What learns instances on finished geometry, and what it hands back: other methods than our own plug in here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from jaxtyping import Float32, UInt32
+from numpy import ndarray
+
+from instdrive_core.instances.codebook import quantized
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import CachedView, cached_view
+from instdrive_core.training.instances.instance_losses import stratified_pixels
+from instdrive_core.training.settings.config import TrainConfig
+from instdrive_core.training.settings.schedule import step_rng
+from instdrive_core.training.views.view_store import ViewStore
+
+_SAMPLING = 2
+"""Stream of random numbers of the sampled pixels."""
+
+
+@dataclass(frozen=True)
+class LearnedInstances:
+    """Which Gaussians are one thing, before spatial components tell apart what shares a code."""
+
+    codewords: UInt32[ndarray, " n"]
+    """Equal numbers = the method takes them for one instance."""
+    features: Float32[ndarray, "n d"]
+    """What the method learned per Gaussian; the scene keeps it."""
+    code_bits: int
+    """d where codewords are those of the codebook {-1, 1}^d, quantised from the features; 0 where they are plain
+    numbers, of which the rendered features tell nothing."""
+    whole: bool = False
+    """Each codeword is one instance already, wherever its Gaussians are; off: spatial components tell apart what
+    shares a codeword."""
+
+
+class InstanceLearner(Protocol):
+    """A method: learns from the training views' masks, changes neither the model nor the store."""
+
+    def __call__(
+        self, model: SceneModel, store: ViewStore, config: TrainConfig, on_note: Callable[[str], None]
+    ) -> LearnedInstances:
+        """Learn; `on_note` is told, in a line each, what a user should know (stages, sizes).
+
+        The same model, views and `config.seed` give the same bits.
+        """
+        ...
+
+
+def learned_codewords(features: Float32[ndarray, "n d"]) -> LearnedInstances:
+    """The paper's reading of trained features: the nearest codeword of each Gaussian."""
+    return LearnedInstances(quantized(features), features, features.shape[1])
+
+
+def cached_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> list[CachedView]:
+    """Blending weights of sampled masked pixels of each view that has any; the model is on the CPU.
+
+    The sample is the same for every method (stratified over masks, seeded by `config.seed` and the view's number).
+    """
+    instances, cached = config.instances, []
+    for number in range(len(store)):
+        store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
+        view = store.get(number)
+        if view.labels is None or not view.labels.any():
+            continue
+        rng = step_rng(config.seed, _SAMPLING, number)
+        pixels = stratified_pixels(view.labels, instances.pixels_per_view, rng)
+        cached.append(cached_view(model, view, number, pixels, instances.min_alpha))
+    store.release()
+    return cached

@@ -1,0 +1,118 @@
+"""How much each Gaussian shows in each mask of each photo: all that the mask graph needs to know of a clip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numba
+import numpy as np
+from jaxtyping import Float32, Int, Int32
+from numpy import ndarray
+from scipy.sparse import csr_array
+
+from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compacted, transposed
+from instdrive_core.training.gaussians.model import SceneModel
+from instdrive_core.training.instances.feature_weights import weights_of_view
+from instdrive_core.training.views.training_view import TrainingView
+from instdrive_core.training.views.view_store import ViewStore
+
+PIXELS_PER_VIEW = 32_768
+"""About so many pixels of a photo are looked at, on a grid that is shifted from photo to photo."""
+
+
+@dataclass(frozen=True)
+class MaskWeights:
+    """Summed blending weights, in pixels of the grid."""
+
+    weights: csr_array
+    """(n, m) float32: Gaussian × mask; the masks of a row rise."""
+    view_of_mask: Int32[ndarray, " m"]
+    """Number of the view that each mask lies in; rising."""
+
+    def __len__(self) -> int:
+        return len(self.weights.indptr) - 1
+
+    def of_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
+        """Some Gaussians only."""
+        return MaskWeights(self.weights[rows], self.view_of_mask)
+
+    def seen(self) -> Float32[ndarray, " n"]:
+        """The weight of each Gaussian in all masks together."""
+        return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
+
+
+def mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
+    """Look at every view that has masks; pixels with less than `min_alpha` opacity are left out.
+
+    The model is on the CPU. The same input gives the same bits, whatever the number of threads.
+    """
+    parts: list[tuple[ndarray, ndarray, ndarray]] = []
+    view_of_mask: list[int] = []
+    for number in range(len(store)):
+        store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
+        view = store.get(number)
+        if view.labels is None or not view.labels.any():
+            continue
+        rows, masks, values, count = _weights_in_masks(model, view, number, min_alpha)
+        parts.append((rows, masks + len(view_of_mask), values))
+        view_of_mask += [number] * count
+    store.release()
+    return MaskWeights(_by_gaussian(parts, (len(model), len(view_of_mask))), np.array(view_of_mask, np.int32))
+
+
+def _weights_in_masks(
+    model: SceneModel, view: TrainingView, number: int, min_alpha: float
+) -> tuple[Int32[ndarray, " k"], Int32[ndarray, " k"], Float32[ndarray, " k"], int]:
+    """Gaussians, masks counted from 0 and weights of one view, sorted by Gaussian, then mask; the number of masks."""
+    assert view.labels is not None
+    pixels = _grid_pixels(view.labels, number)
+    rows, weights = weights_of_view(model, view, pixels)
+    alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
+    weights, pixels = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+    used, weights = compacted(weights, len(rows))
+    labels, mask_of_pixel = np.unique(view.labels.ravel()[pixels], return_inverse=True)
+    by_gaussian = transposed(weights, len(used))
+    arrays = (by_gaussian.indptr, by_gaussian.rows, by_gaussian.weights, mask_of_pixel.astype(np.int32))
+    local, masks, values = _sums_by_mask(*arrays, len(labels))
+    return rows[used[local]].astype(np.int32), masks, values, len(labels)
+
+
+def _grid_pixels(labels: Int[ndarray, "h w"], number: int) -> Int[ndarray, " p"]:
+    """Flat indices of the masked pixels on the view's grid, rising."""
+    step = max(1, round(sqrt(labels.size / PIXELS_PER_VIEW)))
+    top, left = number % step, number // step % step
+    shown = np.zeros(labels.shape, bool)
+    shown[top::step, left::step] = labels[top::step, left::step] > 0
+    return np.flatnonzero(shown)
+
+
+def _by_gaussian(parts: list[tuple[ndarray, ndarray, ndarray]], shape: tuple[int, int]) -> csr_array:
+    """One matrix of all views; their masks follow one another, so a stable sort by Gaussian keeps them rising."""
+    if not parts:
+        return csr_array(shape, dtype=np.float32)
+    rows, masks, values = (np.concatenate([part[column] for part in parts]) for column in range(3))
+    order = np.argsort(rows, kind="stable")
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=shape[0]))])
+    return csr_array((values[order], masks[order], indptr), shape=shape)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _sums_by_mask(starts, pixels, weights, mask_of_pixel, count):
+    """Row, mask and summed weight of each pair that has any, sorted by row, then mask."""
+    size = len(pixels)
+    rows, masks, values = np.empty(size, np.int32), np.empty(size, np.int32), np.empty(size, np.float32)
+    sums, found = np.zeros(count, np.float32), 0
+    for row in range(len(starts) - 1):
+        first = found
+        for entry in range(starts[row], starts[row + 1]):
+            mask = mask_of_pixel[pixels[entry]]
+            if sums[mask] == 0:
+                rows[found], masks[found] = row, mask
+                found += 1
+            sums[mask] += weights[entry]
+        masks[first:found].sort()
+        for entry in range(first, found):
+            values[entry] = sums[masks[entry]]
+            sums[masks[entry]] = 0
+    return rows[:found], masks[:found], values[:found]

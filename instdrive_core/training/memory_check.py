@@ -1,0 +1,62 @@
+"""Whether a clip's photos can be trained in the memory that there is, before any is read."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from instdrive_core.available_memory import available_memory
+from instdrive_core.datasets.clip import Clip, Frame
+from instdrive_core.datasets.photos import photo_size
+from instdrive_core.errors import OptionError, gigabytes
+from instdrive_core.training.views.view_store import DEFAULT_BUDGET
+
+PROGRAM_BYTES = 0.5e9
+"""Of a training process with few Gaussians and small photos; measured: 0.44 GB."""
+STEP_BYTES = 242
+"""Per pixel of the photo in a step; measured from 480×270 to 3840×2160."""
+KEPT_BYTES = 6
+"""Per pixel of each photo kept with its masks; all of them are kept within a budget."""
+
+
+def training_bytes(sizes: list[tuple[int, int]]) -> float:
+    """What photos of these widths and heights need at least; Gaussians, some 2 kB each, come on top."""
+    pixels = [width * height for width, height in sizes]
+    return PROGRAM_BYTES + STEP_BYTES * max(pixels, default=0) + min(DEFAULT_BUDGET, KEPT_BYTES * sum(pixels))
+
+
+def check_training_room(clip: Clip) -> None:
+    """Raises OptionError where memory is too small for the clip's photos, with a scale or cameras that would do."""
+    frames = clip.training_frames()
+    needed, available = training_bytes(_sizes(frames)), available_memory()
+    if needed <= available:
+        return
+    width, height = max(_sizes(frames), key=math.prod)
+    problem = f"{len(frames)} photos of up to {width}×{height} need at least {gigabytes(needed)} to be trained"
+    ways = [way for way in (_smaller(frames, available), _fewer(clip, available)) if way]
+    remedy = " or ".join(ways) or "use a machine with more memory"
+    raise OptionError(f"{clip.path}: {problem}, {gigabytes(available)} are free; {remedy}")
+
+
+def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, int]]:
+    cameras = [frame.view.camera for frame in frames]
+    return [(round(camera.width * factor), round(camera.height * factor)) for camera in cameras]
+
+
+def _smaller(frames: tuple[Frame, ...], available: float) -> str:
+    """The largest scale, in hundredths of the photos on disk, that fits."""
+    now = frames[0].view.camera.width / photo_size(Path(frames[0].view.photo))[0]
+    for hundredths in range(math.floor(100 * now), 0, -1):
+        if training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
+            return f"--scale {hundredths / 100:g} would fit"
+    return ""
+
+
+def _fewer(clip: Clip, available: float) -> str:
+    """The first cameras that fit, as many as do."""
+    for count in range(len(clip.camera_names) - 1, 0, -1):
+        names = clip.camera_names[:count]
+        chosen = tuple(frame for frame in clip.training_frames() if frame.view.name in names)
+        if training_bytes(_sizes(chosen)) <= available:
+            return f"--cameras {','.join(names)} would fit"
+    return ""

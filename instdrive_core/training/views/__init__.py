@@ -1,0 +1,1 @@
+"""Training photos with their LiDAR depth and masks."""

@@ -1,0 +1,94 @@
+"""What a training step needs of one photo: image, LiDAR depth, masks, held in memory in compact form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8, UInt16
+from numpy import ndarray
+
+from instdrive_core.datasets.clip import Frame
+from instdrive_core.masks.label_map_folder import FrameMasks
+from instdrive_core.scene.camera import Camera
+from instdrive_core.training.views.lidar_depth import Depths, nearest_per_pixel
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One photo at training resolution."""
+
+    key: str
+    camera: Camera
+    time: float
+    image: UInt8[ndarray, "h w 3"]
+    valid: Bool[ndarray, "h w"] | None
+    """False on the ego vehicle."""
+    labels: UInt16[ndarray, "h w"] | None
+    """Instance masks, 0 = none; None where the run has no masks."""
+    sky: Bool[ndarray, "h w"] | None
+    depth_pixels: Int32[ndarray, " k"]
+    """Flat indices of pixels with a LiDAR depth."""
+    depth_values: Float32[ndarray, " k"]
+    """Metres along the optical axis."""
+
+    def depth_map(self) -> Float32[ndarray, "h w"]:
+        """LiDAR depth per pixel, 0 = unknown."""
+        depth = np.zeros(self.image.shape[:2], np.float32)
+        depth.ravel()[self.depth_pixels] = self.depth_values
+        return depth
+
+    def halved(self) -> TrainingView:
+        """The same view at half the resolution, for the coarse part of training."""
+        height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
+        image = _halved_image(self.image[: height * 2, : width * 2])
+        rows, columns = np.divmod(self.depth_pixels, self.image.shape[1])
+        inside = (rows < height * 2) & (columns < width * 2)
+        pixels = (rows[inside] // 2) * width + columns[inside] // 2
+        pixels, depths = nearest_per_pixel(pixels, self.depth_values[inside])
+        camera = Camera(
+            self.camera.fx / 2,
+            self.camera.fy / 2,
+            self.camera.cx / 2,
+            self.camera.cy / 2,
+            width,
+            height,
+            self.camera.world_from_camera,
+        )
+
+        def thinned(array: ndarray | None) -> ndarray | None:
+            return None if array is None else np.ascontiguousarray(array[: height * 2 : 2, : width * 2 : 2])
+
+        return TrainingView(
+            self.key,
+            camera,
+            self.time,
+            image,
+            thinned(self.valid),
+            thinned(self.labels),
+            thinned(self.sky),
+            pixels,
+            depths,
+        )
+
+
+def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
+    """The mean of each block of 2×2 pixels, rounded half up."""
+    total = image[::2, ::2].astype(np.uint16)
+    for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
+        total += corner
+    total += 2
+    total >>= 2
+    return total.astype(np.uint8)
+
+
+def joined_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
+    """Read a frame's photo and join it with its masks (void on the ego car) and its LiDAR depths.
+
+    Raises DataError where the photo is damaged.
+    """
+    labels, sky = (masks.labels, masks.sky) if masks else (None, None)
+    if labels is not None and frame.valid is not None:
+        labels = np.where(frame.valid, labels, 0).astype(np.uint16)
+    view = frame.view
+    return TrainingView(frame.key, view.camera, view.time, frame.load_image(), frame.valid, labels, sky, *depths)

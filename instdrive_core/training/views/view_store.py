@@ -1,0 +1,267 @@
+"""The training photos of a clip: read when asked for, kept within a budget of memory, read ahead by hints."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+from instdrive_core.datasets.clip import Clip, Frame
+from instdrive_core.errors import DataError
+from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder
+from instdrive_core.scene.camera import Camera
+from instdrive_core.training.views.lidar_depth import depths_of_frames
+from instdrive_core.training.views.training_view import TrainingView, joined_view
+
+DEFAULT_BUDGET = 2**30
+"""Bytes of photos and masks kept in memory."""
+_READ_AHEAD = 16
+"""Hints that are looked at: more would be read long before their turn."""
+_BYTES_PER_PIXEL = 6
+"""Colour, 16-bit label, sky."""
+_PATIENCE = 10.0
+"""Seconds that closing waits for a photo being read."""
+
+Key = tuple[int, bool]
+"""Number of a view, and whether at half the resolution."""
+
+
+@dataclass(frozen=True)
+class ViewFacts:
+    """What is known of a view without reading its photo."""
+
+    key: str
+    """``camera/NN``."""
+    camera: Camera
+    """At full training resolution."""
+    time: float
+    """Seconds since the clip's first time step."""
+    has_masks: bool
+    """Whether instances are marked in it (some may lie on the ego car, where they do not count)."""
+
+    @property
+    def step(self) -> int:
+        """Time step of the clip."""
+        return int(self.key.rsplit("/", 1)[1])
+
+
+class ViewStore:
+    """Training views by number; may be asked from several threads at once.
+
+    What it returns depends neither on the budget nor on hints. Photos and masks least recently asked for leave memory
+    first; a view in use elsewhere and what `read` itself holds (LiDAR depths) are not counted.
+
+    Args:
+        facts: of all views.
+        read: reads the view of a number at full training resolution; from several threads at once.
+        budget_bytes: of views kept in memory, half-resolution versions included. A view that exceeds it alone is read
+            each time; for reading ahead it should hold several.
+    """
+
+    def __init__(
+        self, facts: Sequence[ViewFacts], read: Callable[[int], TrainingView], budget_bytes: int = DEFAULT_BUDGET
+    ) -> None:
+        self.facts = tuple(facts)
+        self._read, self._budget = read, budget_bytes
+        self._kept: OrderedDict[Key, tuple[TrainingView, int]] = OrderedDict()
+        """Views and their bytes, those asked for last at the end."""
+        self._kept_bytes = 0
+        self._reading: set[Key] = set()
+        self._failed: dict[Key, Exception] = {}
+        """What went wrong while reading ahead, until the view is asked for."""
+        self._wanted: deque[Key] = deque()
+        self._worker: threading.Thread | None = None
+        self._closed = False
+        self._changed = threading.Condition()
+        """Guards everything above; told whenever a view has been read."""
+
+    @staticmethod
+    def of(views: Sequence[TrainingView], budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+        """A store of views that are in memory already."""
+        facts = [
+            ViewFacts(view.key, view.camera, view.time, view.labels is not None and bool(view.labels.any()))
+            for view in views
+        ]
+        return ViewStore(facts, tuple(views).__getitem__, budget_bytes)
+
+    def __len__(self) -> int:
+        return len(self.facts)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Seconds of each view."""
+        return tuple(photo.time for photo in self.facts)
+
+    @property
+    def kept_bytes(self) -> int:
+        """Bytes of views in memory now; never more than the budget."""
+        return self._kept_bytes
+
+    def get(self, number: int, coarse: bool = False) -> TrainingView:
+        """A view, at half the resolution with `coarse`. Do not write into its arrays.
+
+        Raises DataError where its photo or a mask is missing or damaged, IndexError where there is no such view.
+        """
+        if not 0 <= number < len(self):
+            raise IndexError(f"view {number} of {len(self)}")
+        key = (number, coarse)
+        with self._changed:
+            self._changed.wait_for(lambda: key not in self._reading)
+            failure = self._failed.pop(key, None)
+            if failure is not None:
+                raise failure
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key][0]
+            self._reading.add(key)
+        try:
+            return self._read_and_keep(key)
+        finally:
+            self._finish(key)
+
+    def prefetch(self, views: Sequence[Key]) -> None:
+        """What will be asked for next, soonest first; replaces earlier hints. Returns at once.
+
+        A thread reads ahead as far as half the budget goes; an error that it meets is raised when the view is asked
+        for.
+        """
+        with self._changed:
+            if self._closed:
+                return
+            self._wanted = deque(self._missing(views))
+            if self._wanted and self._worker is None:
+                self._worker = threading.Thread(target=self._read_ahead, name="read training photos", daemon=True)
+                self._worker.start()
+
+    def close(self) -> None:
+        """Stop reading ahead and forget all views; what is asked for later is read anew."""
+        with self._changed:
+            self._closed = True
+            self._wanted.clear()
+            worker = self._worker
+        if worker is not None:
+            worker.join(_PATIENCE)
+        self.release()
+
+    def release(self) -> None:
+        """Give the memory of all views back; they are read anew when asked for."""
+        with self._changed:
+            self._kept.clear()
+            self._kept_bytes = 0
+
+    def _read_ahead(self) -> None:
+        """The worker: ends when nothing is wanted any more, so that no thread outlives its use."""
+        while (key := self._next_wanted()) is not None:
+            try:
+                self._read_and_keep(key)
+            except Exception as error:  # raised where the view is asked for
+                with self._changed:
+                    self._failed[key] = error
+            finally:
+                self._finish(key)
+
+    def _next_wanted(self) -> Key | None:
+        """The next view for the worker, entered into `_reading`; None ends the worker."""
+        with self._changed:
+            while self._wanted:
+                key = self._wanted.popleft()
+                if not self._is_settled(key):
+                    self._reading.add(key)
+                    return key
+            self._worker = None
+            return None
+
+    def _read_and_keep(self, key: Key) -> TrainingView:
+        number, coarse = key
+        with self._changed:
+            kept = self._kept.get((number, False))
+        full = self._read(number) if kept is None else kept[0]
+        view = full.halved() if coarse else full
+        with self._changed:
+            if coarse and self._kept_bytes + _bytes_of(full, False) <= self._budget // 2:
+                self._keep((number, False), full)  # spares reading it again, but must not cost other views their place
+            self._keep(key, view)
+        return view
+
+    def _finish(self, key: Key) -> None:
+        with self._changed:
+            self._reading.discard(key)
+            self._changed.notify_all()
+
+    # With the lock held:
+
+    def _keep(self, key: Key, view: TrainingView) -> None:
+        size = _bytes_of(view, key[1])
+        if size > self._budget or key in self._kept or self._closed:
+            return
+        while self._kept_bytes + size > self._budget:
+            _, (_, freed) = self._kept.popitem(last=False)
+            self._kept_bytes -= freed
+        self._kept[key] = view, size
+        self._kept_bytes += size
+
+    def _missing(self, views: Sequence[Key]) -> list[Key]:
+        """The hinted views still to be read, as far as half the budget goes."""
+        hinted: list[Key] = []
+        room = self._budget // 2
+        for key in dict.fromkeys(views[:_READ_AHEAD]):
+            camera = self.facts[key[0]].camera
+            room -= camera.width * camera.height * _BYTES_PER_PIXEL // (4 if key[1] else 1)
+            if room < 0:
+                break
+            hinted.append(key)
+        for key in reversed(hinted):  # the soonest leaves last
+            if key in self._kept:
+                self._kept.move_to_end(key)
+        return [key for key in hinted if not self._is_settled(key)]
+
+    def _is_settled(self, key: Key) -> bool:
+        return key in self._kept or key in self._reading or key in self._failed
+
+
+def view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+    """The training photos of a clip with the LiDAR depth of their time steps and their masks.
+
+    LiDAR is read here, from sweeps that may train, and its depths stay in memory (some 0.1 MB per photo); photos and
+    masks are read when asked for.
+
+    Raises DataError where a sweep is damaged or the masks lack a photo.
+    """
+    frames = clip.training_frames()
+    if masks is not None:
+        _check_masks(masks, frames)
+    depths = depths_of_frames(clip, frames)
+
+    def read(number: int) -> TrainingView:
+        frame = frames[number]
+        return joined_view(frame, masks.load(frame) if masks else None, depths[number])
+
+    facts = [
+        ViewFacts(frame.key, frame.view.camera, frame.view.time, masks is not None and masks.counts[frame.key] > 0)
+        for frame in frames
+    ]
+    return ViewStore(facts, read, budget_bytes)
+
+
+def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:
+    """Masks are read late; that some are missing should be told before training starts."""
+    missing = [frame.key for frame in frames if frame.key not in masks.counts]
+    if missing:
+        problem = f"{len(missing)} of {len(frames)} training photos have no masks, e.g. '{missing[0]}'"
+        raise DataError(masks.path / SIDECAR, problem, "Write the masks again with `instdrive masks`")
+
+
+def _bytes_of(view: TrainingView, coarse: bool) -> int:
+    """What keeping a view costs: its own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
+    arrays = [view.image, view.labels, view.sky]
+    if coarse:
+        arrays += [view.valid, view.depth_pixels, view.depth_values]
+    return sum(array.nbytes for array in arrays if array is not None)

@@ -1,0 +1,80 @@
+"""Which instances the list shows, and that it is worked out only where something has changed."""
+
+import pytest
+from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD
+
+from instdrive_app.panels.instances.rows import InstanceRows, Query, natural
+from instdrive_core.edits.bases.relabel import RenameInstance
+from instdrive_core.edits.kinds.classes import SetInstanceClass
+from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.select import SelectInstances
+from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances
+
+CARS = tuple(range(FIRST_CAR, FIRST_CAR + 5))
+
+
+def listed(document, **query):
+    rows = InstanceRows()
+    rows.update(document, Query(**query))
+    return rows.ids
+
+
+def test_search_and_class_and_their_counts(street):
+    rows = InstanceRows()
+    rows.update(street, Query(search="LEFT pave"))
+    assert rows.ids == (3,)
+    rows.update(street, Query(class_name="Car"))
+    assert rows.ids == (*CARS, DRIVING_CAR)
+    assert rows.place[DRIVING_CAR] == 5
+    assert rows.total == 15
+    assert rows.classes == (("Car", 6), ("Houses", 2), ("Pavement", 2), ("Road", 1), ("Tree", 4))
+    street.apply(SetInstanceClass(ROAD, ""))
+    rows.update(street, Query(class_name=""))
+    assert rows.ids == (ROAD,)
+    assert rows.classes[-1] == ("", 1), "unknown last"
+
+
+def test_every_column_sorts_both_ways(street):
+    street.apply(HideInstances((30,)))
+    street.apply(LockInstances((31,)))
+    for column in ("#", "Code", "Name", "Class", "Splats", "Shown", "Locked"):
+        up, down = (listed(street, column=column, descending=descending) for descending in (False, True))
+        assert sorted(up) == sorted(down) == list(listed(street))
+        assert up[0] != down[0], column
+    assert listed(street, column="Splats", descending=True)[0] == ROAD
+    assert listed(street, column="Shown")[-1] == 30
+    assert listed(street, column="Locked")[0] == 31
+
+
+def test_names_are_sorted_as_people_count(street):
+    street.apply(RenameInstance(FIRST_CAR, "car 10"))
+    street.apply(RenameInstance(FIRST_CAR + 1, "car 9"))
+    assert listed(street, column="Name", search="car 10")[0] == FIRST_CAR
+    assert listed(street, column="Name")[:2] == (FIRST_CAR + 1, FIRST_CAR)
+    assert natural("x") < natural("x 2") < natural("x 10")
+
+
+@pytest.mark.parametrize("edit", [DeleteInstances((HOUSES,)), RenameInstance(HOUSES, "a barn")])
+def test_what_changes_the_list_is_seen_and_undone(street, edit):
+    rows = InstanceRows()
+    rows.update(street, Query(column="Name"))
+    before = rows.ids
+    street.apply(edit)
+    rows.update(street, Query(column="Name"))
+    assert rows.ids != before
+    street.undo()
+    rows.update(street, Query(column="Name"))
+    assert rows.ids == before
+
+
+def test_nothing_is_sorted_again_for_a_selection(street, monkeypatch):
+    rows = InstanceRows()
+    rows.update(street, Query())
+    monkeypatch.setattr(rows, "_sort", lambda query: pytest.fail("sorted again"))
+    rows.update(street, Query())
+    street.apply(SelectInstances((FIRST_CAR,)))
+    rows.update(street, Query())
+    monkeypatch.undo()
+    street.apply(DeleteInstances((FIRST_CAR,)))
+    rows.update(street, Query())
+    assert FIRST_CAR not in rows.place

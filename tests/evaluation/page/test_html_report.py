@@ -1,0 +1,199 @@
+"""The report's page: it parses, its pictures decode, its text cannot break out, and it shows what was measured."""
+
+import base64
+import dataclasses
+import html.parser
+import io
+import json
+
+import numpy as np
+import pytest
+from evaluation_scene import DRIVING, PARKED, ToyDrive
+from PIL import Image
+
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.errors import DataError
+from instdrive_core.evaluation.page import report as html_report
+from instdrive_core.evaluation.page.report import write_report
+from instdrive_core.evaluation.page.views import spread_over_steps
+from instdrive_core.evaluation.protocol import evaluate_scene
+from instdrive_core.instances.colormap import ids_from_colors
+
+FACTS = {
+    "clip": "toy",
+    "cameras": "front,side",
+    "scale": 1.0,
+    "first_frame": None,
+    "last_frame": None,
+    "masks": "exact",
+    "seed": 3,
+    "iterations": 10,
+    "train_seconds": 1.5,
+    "peak_rss_mb": 250,
+    "backend": "cpu",
+}
+HOSTILE = "<script>alert(1)</script>\"'&<img src=x onerror=alert(2)>"
+VOID = {"br", "img", "input", "meta"}
+
+
+class ReadPage(html.parser.HTMLParser):
+    """Elements, pictures and text; fails where an element is not closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.images: list[dict] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        assert not [name for name, _ in attrs if name.startswith("on")], "no handlers in attributes"
+        if tag == "img":
+            self.images.append(dict(attrs))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+    def pictures(self, start: str) -> list[np.ndarray]:
+        """Decoded pictures whose text begins so."""
+        return [decoded(image["src"]) for image in self.images if image["alt"].startswith(start)]
+
+
+def decoded(source: str) -> np.ndarray:
+    kind, content = source.split(";base64,")
+    picture = Image.open(io.BytesIO(base64.b64decode(content, validate=True)))
+    assert kind == f"data:image/{(picture.format or '').lower()}"
+    return np.asarray(picture.convert("RGB"))
+
+
+def log_line(stage: str, step: int, **fields) -> str:
+    line = {"stage": stage, "iteration": step, "total": 40, "loss": 1 / (step + 1), "gaussians": 100, "seconds": step}
+    return json.dumps(line | {"psnr": 20.0 + step / 10 if stage == "rgb" else None, "terms": {"pull": 0.5}} | fields)
+
+
+@pytest.fixture
+def report(drive: ToyDrive, tmp_path):
+    """Writes the page of the toy drive with the given facts and log, and reads it."""
+
+    def write(log: str = "", **facts) -> ReadPage:
+        (tmp_path / "run.json").write_text(json.dumps(FACTS | facts))
+        (tmp_path / "log.jsonl").write_text(log)
+        evaluation = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS | facts)
+        write_report(tmp_path / "report.html", tmp_path, evaluation)
+        text = (tmp_path / "report.html").read_text(encoding="utf-8")
+        assert "http" not in text.replace("http-equiv", ""), "nothing is fetched"
+        return ReadPage(text)
+
+    return write
+
+
+def test_views_are_shown_as_they_are(drive, report):
+    page = report()
+    views = drive.clip.held_out_frames()
+    assert all(decoded(image["src"]).size for image in page.images)
+    for start in ("photo: ", "image: ", "errors: "):
+        assert len(page.pictures(start)) == len(views)
+    for photo, frame in zip(page.pictures("photo: "), views, strict=True):
+        assert np.abs(photo.astype(float) - frame.load_image()).mean() < 4
+    truth, predicted = page.pictures("ground truth: ")[::2], page.pictures("instance map: ")[::2]
+    for shown, other, frame in zip(truth, predicted, views, strict=True):
+        labels = drive.truth.load(frame)
+        counted = ids_from_colors(shown) > 0
+        np.testing.assert_array_equal(ids_from_colors(shown)[counted], labels[counted])
+        same = (shown == other).all(axis=2)[counted].mean()
+        assert same > 0.8, "objects and their instances share colours"
+
+
+def test_merged_objects_are_named_and_marked(drive, report):
+    scene = drive.scene
+    scene.instance_ids[scene.instance_ids == DRIVING] = PARKED
+    page = report()
+    orange = np.array([213, 94, 0])
+    wrong = [(errors == orange).all(axis=2).mean() for errors in page.pictures("errors: ")]
+    assert max(wrong) > 0.02
+    shared = page.text.split("Objects that share an instance")[1].split("Objects in several instances")[0]
+    assert "parked" in shared
+    assert "driving" in shared
+    unmatched = page.text.split("Filter")[-1] or page.text
+    assert "none" in unmatched
+
+
+def test_names_from_files_cannot_break_out(drive, report):
+    drive.truth.instances = {
+        number: dataclasses.replace(instance, name=HOSTILE, class_name=HOSTILE)
+        for number, instance in drive.truth.instances.items()
+    }
+    for number in list(drive.scene.table.instances):
+        drive.scene.table.set(drive.scene.table.renamed(number, HOSTILE + "\x00\ud800"))
+    log = "\n".join(log_line("rgb", step, terms={HOSTILE: 0.5}) for step in range(5))
+    log += "\n" + "\n".join(log_line(HOSTILE, step) for step in range(5))
+    page = report(log, clip=HOSTILE, cameras=HOSTILE, backend=HOSTILE, method=HOSTILE)
+    assert page.tags.count("script") == 1, "the page's own"
+    assert page.text.count(HOSTILE) > 12
+    assert all(image["src"].startswith("data:image/") for image in page.images)
+
+
+def test_training_is_drawn_from_the_log(report):
+    lines = [log_line("rgb", step) for step in range(1, 20)] + [log_line("instances", step) for step in range(20, 40)]
+    page = report("\n".join(lines) + '\n{"stage": "rgb", "iter')
+    assert page.tags.count("svg") == 4
+    for name in ("PSNR of training images (dB)", "colour stage", "instance stage", "pull"):
+        assert name in page.text
+
+
+@pytest.mark.parametrize("log", ["", "{}\n[]\nnull\n7\n"])
+def test_a_log_that_tells_nothing(report, log):
+    page = report(log)
+    assert "svg" not in page.tags
+    assert "kept no log" in page.text
+
+
+def test_a_scene_without_instances(drive, report):
+    drive.scene.instance_ids[:] = 0
+    drive.scene.table.instances.clear()
+    drive.scene.code_bits = 0
+    page = report()
+    assert "This scene has no instances" in page.text
+    assert page.pictures("photo: ")
+
+
+def test_a_page_keeps_within_its_budget(drive, report, monkeypatch):
+    monkeypatch.setattr(html_report, "PICTURE_BUDGET", 30_000)
+    page = report()
+    shown = len(page.pictures("photo: "))
+    assert 0 < shown < len(drive.clip.held_out_frames())
+    assert f"{4 - shown} further views are left out" in page.text
+
+
+def test_any_beginning_covers_the_steps():
+    steps = [4, 4, 14, 14, 24, 24, 34, 34]
+    order = [steps[number] for number in spread_over_steps(steps)]
+    assert order == [4, 4, 24, 24, 14, 14, 34, 34]
+
+
+def test_a_report_that_cannot_be_written(drive: ToyDrive, tmp_path):
+    (tmp_path / "run.json").write_text(json.dumps(FACTS))
+    evaluation = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="cannot be written"):
+        write_report(tmp_path / "file" / "report.html", tmp_path, evaluation)
+
+
+def test_privileged_runs_say_so(drive, report):
+    drive.truth.source = "annotations"
+    assert "Privileged" in report(masks="annotations").text
+    assert "Privileged" not in report().text
+
+
+def test_the_toy_clip_is_what_the_tests_assume(drive):
+    assert isinstance(drive.clip, Clip)
+    assert len(drive.clip.held_out_frames()) == 4

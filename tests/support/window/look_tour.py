@@ -1,0 +1,224 @@
+"""A tour through the editor's states in a window of a given size: where every widget is, and pictures of them.
+
+``python tests/support/window/look_tour.py OUT --size 1280 720 --scale 2 --pictures`` writes OUT/looks.json and a PNG
+per state.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from imgui_bundle import imgui
+from PIL import Image
+from tyro.conf import Positional
+
+from instdrive_app.files.sample import sample_scene
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.window import EditorWindow
+from instdrive_app.shell.window_layout import WindowOptions
+from instdrive_app.state import Reference, ViewMode
+from instdrive_core.scene.lint import Finding
+
+DIALOGS = (
+    "open",
+    "insert",
+    "save",
+    "export",
+    "shortcuts",
+    "about",
+    "palette",
+    "unsaved",
+    "findings",
+    "split",
+    "turn_upright",
+    "class",
+    "rename",
+)
+LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
+"""As long as a name may be."""
+PATIENCE_FRAMES = 400
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where to write, and in what window to look."""
+
+    out: Positional[Path]
+    size: tuple[int, int] = (1280, 720)
+    scale: float = 1.0
+    pictures: bool = False
+    only: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """States to visit; default: all."""
+
+
+class Tour:
+    """Visits the states one by one; each leaves the window as it was."""
+
+    def __init__(self, window: EditorWindow, options: Options, scene: Path) -> None:
+        self._window, self._session, self._options, self._scene = window, window.session, options, scene
+        self.states: dict[str, dict] = {}
+
+    def play(self) -> Iterator[None]:
+        """All states that are asked for."""
+        yield from self._frames(6)
+        yield from self._look("empty")
+        self._session.files.open(self._scene)
+        while self._session.document is None:
+            yield
+        yield from self._frames(4)
+        yield from self._look("toasts", lambda: self._session.messages.error(f"{LONG_NAME}: {'word ' * 40}"))
+        self._session.messages.dismiss()
+        yield from self._look("open")
+        yield from self._selections()
+        yield from self._views()
+        yield from self._dialogs()
+        yield from self._menus()
+
+    def _selections(self) -> Iterator[None]:
+        session, ids = self._session, self._cars()
+        yield from self._look("one", lambda: session.select(ids[:1]))
+        yield from self._look("two", lambda: session.select(ids[:2]))
+        session.select(ids[:1])
+        session.labels.rename(ids[0], LONG_NAME)
+        yield from self._look("long name")
+        yield from self._look("move tool", lambda: session.commands.run("tool.move"))
+        yield from self._look("region tool", lambda: session.commands.run("tool.rectangle"))
+        session.commands.run("tool.pick")
+        yield from self._look("history", lambda: self._front("History"))
+        yield from self._look("log", lambda: self._front("Log"))
+        self._front("Inspector")
+        self._front("Timeline")
+
+    def _views(self) -> Iterator[None]:
+        session, state = self._session, self._session.state
+        for mode in (ViewMode.DEPTH, ViewMode.INSTANCE, ViewMode.CODEWORD):
+            state.view_mode = mode
+            yield from self._look(f"{mode.value.lower()} view")
+        state.view_mode = ViewMode.COLOR
+        session.navigation.look_through(0)
+        yield from self._look("camera")
+        state.reference = Reference.PHOTO
+        yield from self._look("photo over")
+        state.reference_beside = True
+        yield from self._look("side by side")
+        state.view_mode = ViewMode.DEPTH
+        yield from self._look("side by side, depth")
+        state.view_mode, state.reference, state.reference_beside = ViewMode.COLOR, Reference.NONE, False
+        middle = self._window.ui.marks["picture"]
+        self._window.ui.script_pointer = ((middle[2] - middle[0]) / 2, (middle[3] - middle[1]) / 2)
+        yield from self._look("hover")
+        self._window.ui.script_pointer = None
+
+    def _dialogs(self) -> Iterator[None]:
+        session, ids = self._session, self._cars()
+        session.findings = (
+            Finding(
+                "not_finite",
+                "3 splats hold values that are not finite (means of 2, log_scales of 3)",
+                3,
+                np.arange(3),
+                "Best deleted: most viewers draw nothing or fail where one is in view",
+            ),
+            Finding("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
+        )
+        for name in filter(lambda name: self._wanted(f"dialog {name}"), DIALOGS):
+            session.asked_about, session.renamed = ids[:1], ids[0] if name == "rename" else 0
+            session.dialog = name
+            yield from self._look(f"dialog {name}", frames=25 if name == "split" else 5)
+            yield from self._escape()
+        session.dialog = "reassign"
+        yield from self._look("dialog reassign")
+        yield from self._escape()
+        others = tuple(self._options.out / f"{number} {LONG_NAME}.ply" for number in range(5))
+        for other in others:
+            other.symlink_to(self._scene)
+        for name, dropped in (("dropped", (self._scene,)), ("several dropped", others)):
+            session.dropped = dropped
+            yield from self._look(f"dialog {name}")
+            yield from self._escape()
+
+    def _menus(self) -> Iterator[None]:
+        for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.commands.menus):
+            first = f"menu {self._session.commands.in_menu(menu)[0].id}"
+            for _ in range(3):  # a click also closes what Escape has left half open
+                yield from self._click(f"menu {menu}")
+                if first in self._window.ui.marks:
+                    break
+            yield from self._look(f"menu {menu}")
+            yield from self._escape()
+
+    # ------------------------------------------------------------------ hands
+
+    def _wanted(self, state: str) -> bool:
+        return not self._options.only or state in self._options.only
+
+    def _cars(self) -> tuple[int, ...]:
+        document = self._session.document
+        assert document is not None
+        return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.visible_instances()
+
+    def _front(self, panel: str) -> None:
+        imgui.set_window_focus(panel)
+
+    def _click(self, mark: str) -> Iterator[None]:
+        left, top, right, bottom = self._window.ui.marks[mark]
+        io = imgui.get_io()
+        io.add_mouse_pos_event((left + right) / 2, (top + bottom) / 2)
+        yield from self._frames(2)
+        io.add_mouse_button_event(0, True)
+        yield from self._frames(2)
+        io.add_mouse_button_event(0, False)
+        yield from self._frames(2)
+
+    def _escape(self) -> Iterator[None]:
+        for down in (True, False):
+            imgui.get_io().add_key_event(imgui.Key.escape, down)
+            yield from self._frames(2)
+
+    def _look(self, state: str, enter: Callable[[], object] = lambda: None, frames: int = 4) -> Iterator[None]:
+        enter()
+        if not self._wanted(state):
+            return
+        yield from self._frames(frames)
+        for _ in range(PATIENCE_FRAMES if self._options.pictures else 0):
+            if self._window.ui.view.settled:
+                break
+            yield
+        yield from self._frames(1)
+        ui, size = self._window.ui, imgui.get_io().display_size
+        self.states[state] = {"size": [size.x, size.y], "marks": dict(ui.marks), "cut": sorted(ui.cut)}
+        if self._options.pictures:
+            yield from self._window.screenshot()
+            Image.fromarray(self._window.last_screenshot).save(self._options.out / f"{state}.png")
+
+    @staticmethod
+    def _frames(count: int) -> Iterator[None]:
+        for _ in range(count):
+            yield
+
+
+def main(options: Options) -> None:
+    """Open the window, go on the tour, write down what was seen."""
+    shutil.rmtree(options.out, ignore_errors=True)
+    options.out.mkdir(parents=True)
+    os.environ["INSTDRIVE_STATE"] = str(options.out / "state")
+    pixels = (round(options.size[0] * options.scale), round(options.size[1] * options.scale))
+    session, source = EditorSession(), sample_scene()
+    scene = options.out / "street"
+    (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
+    with virtual_display(pixels):
+        window = EditorWindow(session, WindowOptions(options.size, remember_layout=False, scale=options.scale))
+        tour = Tour(window, options, scene)
+        window.run(lambda _: tour.play())
+    (options.out / "looks.json").write_text(json.dumps(tour.states), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
