@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_app.state import Lens, Viewpoint, default_viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint, default_viewpoint
 from instdrive_core.scene.camera import CameraView, look_at
 from instdrive_core.scene.transforms import Similarity, scale_of
 from instdrive_core.scene.turned import turned_pose
@@ -85,7 +85,7 @@ def framed(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, 
 
 def through(view: CameraView, pivot_distance: float = 10.0) -> Viewpoint:
     """The dataset camera's own place and lens."""
-    return Viewpoint(view.camera.world_from_camera, Lens.of(view.camera), pivot_distance)
+    return Viewpoint(view.camera.world_from_camera, Intrinsics.of(view.camera), pivot_distance)
 
 
 def framed_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:

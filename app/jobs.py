@@ -12,7 +12,7 @@ from threading import Event
 from typing import Any
 
 from instdrive_app.memory import give_back
-from instdrive_app.messages import told
+from instdrive_app.messages import user_message
 from instdrive_core.errors import EditError, InstDriveError
 from instdrive_core.progress import CancelledError, reporting
 
@@ -141,7 +141,7 @@ class Jobs:
         elif job.failed(error):
             _log.info("%s failed: %s", job.title, error)
         elif isinstance(error, InstDriveError):
-            self._report_error(told(error) if isinstance(error, EditError) else str(error))
+            self._report_error(user_message(error) if isinstance(error, EditError) else str(error))
         else:
             _log.error("%s failed", job.title, exc_info=error)
             self._report_error(f"{job.title} failed: {error!r}. Help, Log file has the details; please report them")

@@ -11,7 +11,7 @@ TOAST_SECONDS = {"info": 4.0, "error": 10.0}
 KEPT = 500
 
 
-def told(error: Exception) -> str:
+def user_message(error: Exception) -> str:
     """What an error of an edit says, as a sentence: in programs it follows a colon."""
     text = str(error)
     return text[:1].upper() + text[1:]

@@ -35,7 +35,7 @@ class Reference(Enum):
 
 
 @dataclass(frozen=True)
-class Lens:
+class Intrinsics:
     """Pinhole intrinsics of a film of some size in pixels; the film is fitted into whatever viewport shows it."""
 
     fx: float
@@ -46,12 +46,12 @@ class Lens:
     height: int
 
     @classmethod
-    def of(cls, camera: Camera) -> Lens:
+    def of(cls, camera: Camera) -> Intrinsics:
         """The lens of a posed camera."""
         return cls(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
 
     @classmethod
-    def from_field_of_view(cls, degrees: float, width: int = 1600, height: int = 900) -> Lens:
+    def from_field_of_view(cls, degrees: float, width: int = 1600, height: int = 900) -> Intrinsics:
         """A centred lens with the given vertical field of view."""
         focal = height / 2 / np.tan(np.radians(degrees) / 2)
         return cls(focal, focal, width / 2, height / 2, width, height)
@@ -62,7 +62,7 @@ class Viewpoint:
     """Where the user looks from, and the distance of the point that orbiting turns around."""
 
     world_from_camera: Float64[ndarray, "4 4"]
-    lens: Lens
+    lens: Intrinsics
     pivot_distance: float = 10.0
     """Metres along the viewing axis."""
 
@@ -99,7 +99,7 @@ class Viewpoint:
 def default_viewpoint() -> Viewpoint:
     """Eye height, looking along the world's +y."""
     pose = look_at(np.array([0.0, -8.0, 3.0]), np.array([0.0, 0.0, 1.0]))
-    return Viewpoint(pose, Lens.from_field_of_view(50.0))
+    return Viewpoint(pose, Intrinsics.from_field_of_view(50.0))
 
 
 @dataclass

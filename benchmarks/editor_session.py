@@ -18,7 +18,7 @@ from instdrive_app.pointer import Click
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.warm_up import warm_up
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.state import Lens, Viewpoint, resolve
+from instdrive_app.state import Intrinsics, Viewpoint, resolve
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.scene.camera import Camera
 
@@ -79,7 +79,7 @@ class DrivenEditor:
 
     def look_from(self, pose: Camera) -> None:
         """Look through a camera."""
-        self.session.navigation.look_from(Viewpoint(pose.world_from_camera, Lens.of(pose)))
+        self.session.navigation.look_from(Viewpoint(pose.world_from_camera, Intrinsics.of(pose)))
 
     def fps_still(self, count: int) -> float:
         """Frames per second at full resolution, each from another place."""

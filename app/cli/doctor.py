@@ -14,7 +14,7 @@ from numpy import ndarray
 
 import instdrive_app
 from instdrive_app.shell.display import check_display, display_name
-from instdrive_app.state import EditorState, FrameSnapshot, Lens, Viewpoint, resolve
+from instdrive_app.state import EditorState, FrameSnapshot, Intrinsics, Viewpoint, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import InstDriveError
 from instdrive_core.maths.spherical_harmonics import dc_from_color
@@ -144,7 +144,7 @@ def _cpu_picture(scene: Scene, snapshot: FrameSnapshot) -> Float32[ndarray, "h w
 
 def _snapshot() -> FrameSnapshot:
     pose = look_at(np.array([0.0, -4.0, 0.0]), np.zeros(3))
-    viewpoint = Viewpoint(pose, Lens.from_field_of_view(50.0))
+    viewpoint = Viewpoint(pose, Intrinsics.from_field_of_view(50.0))
     return resolve(EditorState(viewpoint=viewpoint), *PICTURE)
 
 

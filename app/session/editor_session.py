@@ -7,7 +7,7 @@ from pathlib import Path
 
 from instdrive_app.commands import Commands
 from instdrive_app.jobs import Jobs
-from instdrive_app.messages import Messages, told
+from instdrive_app.messages import Messages, user_message
 from instdrive_app.session.aftermath import Aftermath
 from instdrive_app.session.autosave import Autosave
 from instdrive_app.session.borders import Borders
@@ -169,7 +169,7 @@ class EditorSession:
         try:
             self.document.apply(make(*parameters), gesture)
         except EditError as error:
-            self.messages.error(told(error))
+            self.messages.error(user_message(error))
             return False
         return True
 

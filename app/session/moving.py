@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from instdrive_app.messages import told
+from instdrive_app.messages import user_message
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.selection_box import Box, SelectionBoxes
 from instdrive_core.edits.bases.append import AppendEdit
@@ -221,7 +221,7 @@ class Moving:
             drag.document.apply(edit, drag.gesture)
         except EditError as error:
             if not drag.told:  # else the same message would be told in every frame
-                self._messages.error(told(error))
+                self._messages.error(user_message(error))
             drag.told = True
 
     def give_up_drag(self) -> None:

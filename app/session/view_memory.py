@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from instdrive_app.session.navigation import Navigation
-from instdrive_app.state import EditorState, Lens, ViewMode, Viewpoint
+from instdrive_app.state import EditorState, Intrinsics, ViewMode, Viewpoint
 
 _LENS = ("fx", "fy", "cx", "cy", "width", "height")
 
@@ -38,7 +38,7 @@ def restore(view: Mapping[str, Any], state: EditorState, navigation: Navigation,
         pose = np.array(view["world_from_camera"], float)
         kept = view["lens"]
         fx, fy, cx, cy = (float(kept[name]) for name in _LENS[:4])
-        lens = Lens(fx, fy, cx, cy, int(kept["width"]), int(kept["height"]))
+        lens = Intrinsics(fx, fy, cx, cy, int(kept["width"]), int(kept["height"]))
         distance = float(view["pivot_distance"])
     except (KeyError, TypeError, ValueError):
         return False

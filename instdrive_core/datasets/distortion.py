@@ -13,7 +13,7 @@ from instdrive_core.scene.camera import Camera
 
 
 @dataclass(frozen=True)
-class Lens:
+class Distortion:
     """Brown's model as OpenCV and COLMAP write it, on coordinates x/z, y/z with r² = x² + y².
 
     The radial factor is (1 + Σ radial[i] r^(2i+2)) / (1 + Σ divided_by[i] r^(2i+2)); p1, p2 shift tangentially.
@@ -45,7 +45,7 @@ class Lens:
         )
 
 
-def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Lens) -> UInt8[ndarray, "h w 3"]:
+def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
     """The photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
     rows, columns = _sources(camera, lens)
     channels = [
@@ -55,14 +55,14 @@ def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Lens) -> U
     return np.clip(np.round(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
 
 
-def covered_by_photo(camera: Camera, lens: Lens) -> Bool[ndarray, "h w"]:
+def covered_by_photo(camera: Camera, lens: Distortion) -> Bool[ndarray, "h w"]:
     """Pixels of the undistorted photo that the photo on disk shows."""
     rows, columns = _sources(camera, lens)
     inside = (rows >= -0.5) & (rows <= camera.height - 0.5) & (columns >= -0.5) & (columns <= camera.width - 0.5)
     return inside & _unfolded(camera, lens)
 
 
-def _sources(camera: Camera, lens: Lens) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
+def _sources(camera: Camera, lens: Distortion) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
     """Row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
     x, y = lens.distorted(*_pinhole_coordinates(camera))
     return y * camera.fy + camera.cy - 0.5, x * camera.fx + camera.cx - 0.5
@@ -73,7 +73,7 @@ def _pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"], Float
     return (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
 
 
-def _unfolded(camera: Camera, lens: Lens) -> Bool[ndarray, "h w"]:
+def _unfolded(camera: Camera, lens: Distortion) -> Bool[ndarray, "h w"]:
     """Where the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
     x, y = _pinhole_coordinates(camera)
     radius = np.hypot(x, y)

@@ -15,7 +15,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions
-from instdrive_core.datasets.distortion import Lens
+from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.photos import photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, checked_camera, clip_of_photos, inner_path
@@ -62,7 +62,7 @@ def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> Posed
     return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), lens)
 
 
-def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Lens]:
+def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Distortion]:
     """Intrinsics of a photo from its own fields, else those of all.
 
     The size is the photo's where none is given; a missing photo, which nobody will see, counts as one pixel.
@@ -90,7 +90,7 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
 
     fx = focal_length("x", width, None)
     intrinsics = (fx, focal_length("y", height, fx), value("cx", width / 2), value("cy", height / 2))
-    lens = Lens(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
+    lens = Distortion(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
     return checked_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), lens
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, center_of, is_held_out
-from instdrive_core.datasets.distortion import Lens, covered_by_photo, undistorted
+from instdrive_core.datasets.distortion import Distortion, covered_by_photo, undistorted
 from instdrive_core.datasets.photos import load_photo
 from instdrive_core.datasets.upright import upright_world
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
@@ -43,7 +43,7 @@ class PosedPhoto:
     """Where it should be."""
     camera: Camera
     """At full size, in the file's world."""
-    lens: Lens
+    lens: Distortion
 
 
 @dataclass(frozen=True)
@@ -184,17 +184,17 @@ def _in_range(step: int, options: ClipOptions) -> bool:
     return (options.first_frame or 0) <= step and (options.last_frame is None or step <= options.last_frame)
 
 
-Coverage = Callable[[Camera, Lens], Bool[ndarray, "h w"] | None]
+Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]
 
 
 def _coverage() -> Coverage:
     """Which pixels undistorted photos fill; photos of one camera share one mask."""
 
     @lru_cache(maxsize=64)
-    def of(fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Lens) -> ndarray:
+    def of(fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Distortion) -> ndarray:
         return covered_by_photo(Camera(fx, fy, cx, cy, width, height, np.eye(4)), lens)
 
-    def coverage(camera: Camera, lens: Lens) -> ndarray | None:
+    def coverage(camera: Camera, lens: Distortion) -> ndarray | None:
         if lens.is_pinhole:
             return None
         return of(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, lens)
@@ -210,7 +210,7 @@ def _frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Fr
     return Frame(view, load, coverage(camera, photo.lens))
 
 
-def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Lens) -> UInt8[ndarray, "h w 3"]:
+def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
     image = load_photo(file, full_size, (camera.width, camera.height))
     return image if lens.is_pinhole else undistorted(image, camera, lens)
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from procedural_street import procedural_street
 
 from instdrive_app import camera
-from instdrive_app.state import Lens, Viewpoint, default_viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint, default_viewpoint
 from instdrive_core.scene.camera import look_at
 
 ANGLES = st.floats(-3, 3)
@@ -15,7 +15,7 @@ ANGLES = st.floats(-3, 3)
 
 def somewhere():
     pose = look_at(np.array([1.0, -4.0, 2.0]), np.array([3.0, 5.0, 0.5]))
-    return Viewpoint(pose, Lens.from_field_of_view(60.0), 7.0)
+    return Viewpoint(pose, Intrinsics.from_field_of_view(60.0), 7.0)
 
 
 def is_rigid(pose):

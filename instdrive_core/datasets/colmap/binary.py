@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, camera_of, world_from_camera
-from instdrive_core.datasets.distortion import Lens
+from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import plain_file
@@ -24,7 +24,7 @@ _TRACK_BYTES = 8
 _MAX_NAME = 4096
 
 
-def read_cameras(file: Path) -> dict[int, tuple[Camera, Lens]]:
+def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
     """``cameras.bin``. Raises DataError where anything about it is wrong."""
     reader, cameras = _Reader(file), {}
     for _ in range(reader.count("cameras", _CAMERA.size)):

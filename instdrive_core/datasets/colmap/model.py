@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.distortion import Lens
+from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, checked_camera
 from instdrive_core.errors import DataError
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -54,7 +54,7 @@ class ColmapImage:
 class ColmapModel:
     """A reconstruction, in its own world and unit."""
 
-    cameras: dict[int, tuple[Camera, Lens]]
+    cameras: dict[int, tuple[Camera, Distortion]]
     """Poses are unset."""
     images: tuple[ColmapImage, ...]
     points: ListedPoints
@@ -64,7 +64,7 @@ class ColmapModel:
 
 def camera_of(
     file: Path, camera_id: int, model: str, size: tuple[int, int], values: Sequence[float]
-) -> tuple[Camera, Lens]:
+) -> tuple[Camera, Distortion]:
     """Pinhole and lens of one entry. Raises DataError for models that no pinhole photo can be made of here."""
     where = f"camera {camera_id}"
     if model not in PARAMETERS or len(values) != PARAMETERS[model]:
@@ -78,13 +78,13 @@ def camera_of(
         raise DataError(file, f"{where}: the distortion is {rest}, expected numbers", REMEDY)
     match model:
         case "SIMPLE_PINHOLE" | "PINHOLE":
-            lens = Lens()
+            lens = Distortion()
         case "SIMPLE_RADIAL" | "RADIAL":
-            lens = Lens(rest)
+            lens = Distortion(rest)
         case "OPENCV":
-            lens = Lens(rest[:2], (rest[2], rest[3]))
+            lens = Distortion(rest[:2], (rest[2], rest[3]))
         case "FULL_OPENCV":
-            lens = Lens((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
+            lens = Distortion((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
         case _:
             problem = f"{where}: the model {model} is none that can be turned into a pinhole"
             raise DataError(file, problem, "Run 'colmap image_undistorter' and give its output folder")

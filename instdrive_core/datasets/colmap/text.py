@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from instdrive_core.datasets.colmap.model import REMEDY, ColmapImage, camera_of, world_from_camera
-from instdrive_core.datasets.distortion import Lens
+from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import plain_file
@@ -23,7 +23,7 @@ _MOST_DIGITS = 18
 _PROMISE = re.compile(r"#\s*Number of (?:cameras|images|points):\s*(\d+)")
 
 
-def read_cameras(file: Path) -> dict[int, tuple[Camera, Lens]]:
+def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
     """``cameras.txt``. Raises DataError where anything about it is wrong."""
     cameras = {}
     for number, line in _entries(file, 1):

@@ -5,13 +5,13 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.state import Lens, Viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.scene.camera import look_at
 from instdrive_core.scene.scene import scene_from_gaussians
 
 TREE = 30
-LENS = Lens(500.0, 500.0, 320.0, 180.0, 640, 360)
+LENS = Intrinsics(500.0, 500.0, 320.0, 180.0, 640, 360)
 
 
 @pytest.fixture

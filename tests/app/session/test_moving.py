@@ -9,7 +9,7 @@ from session_driver import errors
 
 from instdrive_app.panels.overlays.gizmo import change_of, gizmo_axes, gl_projection, gl_view
 from instdrive_app.session.selection_box import BOX_EDGES
-from instdrive_app.state import Lens
+from instdrive_app.state import Intrinsics
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows
 from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.edits.queries.bake import baked, frozen_at
@@ -22,7 +22,7 @@ from instdrive_core.rasterize.preview import preview
 from instdrive_core.scene.camera import Camera, look_at
 
 TREE = 30
-LENS = Lens(500.0, 500.0, 320.0, 180.0, 640, 360)
+LENS = Intrinsics(500.0, 500.0, 320.0, 180.0, 640, 360)
 NO_TURN = np.eye(3)
 
 

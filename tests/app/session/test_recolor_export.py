@@ -7,7 +7,7 @@ from plyfile import PlyData
 from procedural_street import FIRST_CAR, procedural_street
 
 from instdrive_app.render.gl.renderer import Renderer
-from instdrive_app.state import EditorState, Lens, Viewpoint, resolve
+from instdrive_app.state import EditorState, Intrinsics, Viewpoint, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
 from instdrive_core.edits.kinds.color import RecolorInstances
@@ -48,7 +48,7 @@ def glossy_street():
 
 def frame_from(place):
     pose = look_at(np.array(place), CENTER)
-    lens = Lens(90.0, 90.0, SIZE[0] / 2, SIZE[1] / 2, *SIZE)
+    lens = Intrinsics(90.0, 90.0, SIZE[0] / 2, SIZE[1] / 2, *SIZE)
     return resolve(EditorState(viewpoint=Viewpoint(pose, lens), show_sky=False, show_outlines=False), *SIZE)
 
 
