@@ -13,8 +13,8 @@ from numpy import ndarray
 
 from instdrive_app.state import Intrinsics, Viewpoint, default_viewpoint
 from instdrive_core.scene.camera import CameraView, look_at
-from instdrive_core.scene.transforms import Similarity, scale_of
-from instdrive_core.scene.turned import turned_pose
+from instdrive_core.scene.pose_transforms import transform_pose
+from instdrive_core.scene.transforms import Similarity, extract_scale
 
 STEEPEST = 0.99
 """|vertical part| of the viewing direction beyond which no drag tilts."""
@@ -115,9 +115,9 @@ def birds_eye(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
 
 def carried(viewpoint: Viewpoint, matrix: Similarity) -> Viewpoint:
     """Gone along with a scene after [s R | t], then without roll: the same thing in the middle, and upright."""
-    pose = turned_pose(viewpoint.world_from_camera, matrix)
+    pose = transform_pose(viewpoint.world_from_camera, matrix)
     level = look_at(pose[:3, 3], pose[:3, 3] + pose[:3, 2])
-    return with_pivot(replace(viewpoint, world_from_camera=level), viewpoint.pivot_distance * scale_of(matrix))
+    return with_pivot(replace(viewpoint, world_from_camera=level), viewpoint.pivot_distance * extract_scale(matrix))
 
 
 def overview(means: Float[ndarray, "n 3"]) -> Viewpoint:

@@ -14,7 +14,7 @@ from typing import Any
 from instdrive_app.memory import give_back
 from instdrive_app.messages import user_message
 from instdrive_core.errors import EditError, InstDriveError
-from instdrive_core.progress import CancelledError, reporting
+from instdrive_core.progress import CancelledError, report_to
 
 _log = logging.getLogger(__name__)
 
@@ -110,7 +110,7 @@ class Jobs:
     def _start(self, pool: ThreadPoolExecutor, job: Job, work: Callable[[], Any]) -> None:
         def listened() -> Any:
             try:
-                with reporting(job.progressed):
+                with report_to(job.progressed):
                     return work()
             finally:
                 give_back()

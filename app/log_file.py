@@ -8,7 +8,7 @@ import threading
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
-from instdrive_core.files.user_folders import state_folder
+from instdrive_core.files.user_folders import find_state_folder
 
 MAX_BYTES, KEPT = 1_000_000, 4
 """Size of one file, and how many older ones are kept."""
@@ -17,7 +17,7 @@ _FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 def log_path() -> Path:
     """The newest log."""
-    return state_folder() / "logs" / "editor.log"
+    return find_state_folder() / "logs" / "editor.log"
 
 
 def start_logging(path: Path | None = None) -> logging.Handler | None:

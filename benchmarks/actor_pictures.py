@@ -20,7 +20,7 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 _ASPECT = 1.4
@@ -83,7 +83,7 @@ def drawn(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
     """The scene as the frame's camera would have photographed it."""
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is not None:
-        image = exposed(image, scene.exposures.at(frame.view.name, frame.view.time))
+        image = apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 

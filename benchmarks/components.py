@@ -1,7 +1,7 @@
 """How long it takes to make instances of codewords, and what their table and names take.
 
 `python -m benchmarks.components [--run RUN]` prints one JSON line: seconds (the best of several runs, after the kernels
-were compiled) of `split_components`, `table_from_ids` and `instance_classes` on a trained scene grown to a million
+were compiled) of `split_components`, `build_instance_table` and `instance_classes` on a trained scene grown to a million
 Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each Gaussian
 moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
 scene is measured, and they are null.
@@ -28,7 +28,7 @@ from instdrive_core.errors import InstDriveError
 from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.components import split_components
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -103,7 +103,7 @@ def measured(scene: GrownScene, clip: Clip | None, labels: list[str], runs: int)
         "split_components": seconds(
             lambda: split_components(gaussians.means, scales, nodes, codewords, opacities), runs
         ),
-        "table_from_ids": seconds(lambda: table_from_ids(ids, gaussians.means, codewords, nodes), runs),
+        "table_from_ids": seconds(lambda: build_instance_table(ids, gaussians.means, codewords, nodes), runs),
         "instance_classes": named,
     }
 

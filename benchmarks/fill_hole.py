@@ -24,10 +24,10 @@ from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import Instance
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
@@ -140,13 +140,13 @@ def main(options: Options) -> dict[str, object]:
         cars += 1
         document = Document(open_scene(path))
         document.apply(DeleteInstances((instance.id,)))
-        report = deletion_report(document, (instance.id,), 0.0)
-        gone = baked(document)
+        report = report_deletion(document, (instance.id,), 0.0)
+        gone = bake_document(document)
         before += [errors(gone, part) for part in parts]
         for edit in (report.absorption(), report.filling()):
             if edit is not None:
                 document.apply(edit)
-        filled = baked(document)
+        filled = bake_document(document)
         after += [errors(filled, part) for part in parts]
     figures = {}
     for name, measured in (("before", before), ("after", after)):

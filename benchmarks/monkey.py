@@ -32,7 +32,7 @@ from instdrive_app.shell.display import DisplayError
 from instdrive_app.shell.virtual_display import virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
-from instdrive_core.edits.document.invariants import broken_invariants, fingerprint
+from instdrive_core.edits.document.invariants import find_broken_invariants, fingerprint
 from instdrive_core.project.save import SUFFIX
 
 SIZE = (1280, 720)
@@ -254,7 +254,7 @@ class Monkey:
     def _check(self) -> None:
         document = self._session.document
         if document is not None and not self._session.jobs.blocking:
-            self.problems += broken_invariants(document)
+            self.problems += find_broken_invariants(document)
         self.objects.append(sum(live_objects().values()))
         fault = self._window.ui.view.gl_error
         if fault is not None:

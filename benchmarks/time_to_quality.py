@@ -28,7 +28,7 @@ from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.masks.label_map_folder import MaskFolder, open_masks
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.build_trainer import trainer_from_clip
@@ -72,7 +72,7 @@ def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
         camera, moment = frame.view.camera, frame.view.time
         image = view_scene(scene, camera, moment).color
         if scene.exposures is not None:
-            image = exposed(image, scene.exposures.at(frame.view.name, moment))
+            image = apply_exposure(image, scene.exposures.at(frame.view.name, moment))
         photo = frame.load_image().astype(np.float32) / 255
         valid = np.ones(photo.shape[:2], bool) if frame.valid is None else frame.valid
         whole.append(psnr(np.clip(image, 0, 1), photo, valid))

@@ -17,10 +17,10 @@ _CGROUP = Path("/sys/fs/cgroup")
 _assumed: list[float] = []
 
 
-def available_memory() -> float:
+def measure_available_memory() -> float:
     """Bytes: the least of what is free, what the process's own limit leaves, and what its container's limit leaves.
 
-    The variable `INSTDRIVE_MEMORY_GB` and `assumed_memory` come first.
+    The variable `INSTDRIVE_MEMORY_GB` and `assume_memory` come first.
     """
     if _assumed:
         return _assumed[-1]
@@ -31,7 +31,7 @@ def available_memory() -> float:
 
 
 @contextmanager
-def assumed_memory(size: float) -> Iterator[None]:
+def assume_memory(size: float) -> Iterator[None]:
     """Within it, `size` bytes are taken to be there, in all threads."""
     _assumed.append(size)
     try:

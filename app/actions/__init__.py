@@ -28,5 +28,5 @@ TOPICS = (file, edit, select, repair, tools, move, view, aftermath, reference, t
 def register_commands(session: EditorSession) -> None:
     """Fill `session.commands`."""
     for topic in TOPICS:
-        for command in topic.commands(session):
+        for command in topic.list_actions(session):
             session.commands.add(command)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from instdrive_app.actions.conditions import asking, editable
 from instdrive_app.commands import Command
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.moving import MoveOptions
+from instdrive_app.session.move_controller import MoveOptions
 
 SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 """Commands that bind moves."""

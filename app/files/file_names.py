@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 NAMED = 3
 """Files that are told by name; of more, the number of the others."""
@@ -42,5 +42,5 @@ def enumerated(paths: Sequence[Path]) -> str:
     """``a.ply``, ``a.ply and b.ply``, ``a.ply, b.ply, c.ply and 4 others``."""
     names = [path.name for path in paths]
     if len(names) > NAMED + 1:
-        names = [*names[:NAMED], counted(len(names) - NAMED, "other")]
+        names = [*names[:NAMED], format_count(len(names) - NAMED, "other")]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

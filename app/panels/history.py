@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, packed, rgba
 from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon, scaled
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 OTHER_ICON = "ICON_FA_PEN"
 ICONS = {
@@ -97,7 +97,7 @@ def _step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     ui.mark(f"history.{number}")
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         count = abs(cursor - number)
-        way = f"{'Redo' if undone else 'Undo'} {counted(count, 'step')}"
+        way = f"{'Redo' if undone else 'Undo'} {format_count(count, 'step')}"
         imgui.set_tooltip(f"{title}\n{'Where you are now' if present else way}")
     fitted = fitted_text(title, imgui.get_content_region_avail().x - width)
     draw, height = imgui.get_window_draw_list(), imgui.get_text_line_height()

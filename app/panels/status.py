@@ -10,7 +10,7 @@ from instdrive_app.panels.widgets.theme import ACCENT, DIM, rgba
 from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_text, icon, scaled
 from instdrive_app.session.files import changes_of
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 
 class StatusBar:
@@ -39,7 +39,7 @@ class StatusBar:
         if document is not None:
             selected = int(np.count_nonzero(document.state.mask(Flag.SELECTED)))
             deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
-            facts += [f"{counted(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in all"]
+            facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in all"]
             if ui.view.frame_seconds:
                 facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
         if self._memory.resident is not None:
@@ -55,5 +55,5 @@ def _doing(ui: Ui) -> tuple[str, ImVec4]:
     if document is None:
         return "Ready", rgba(DIM)
     name = session.files.path.name if session.files.path else "scene"
-    edits = counted(len(changes_of(document)), "edit")
+    edits = format_count(len(changes_of(document)), "edit")
     return f"{name}   ·   {edits}{', unsaved' if session.is_unsaved else ''}", rgba(DIM)

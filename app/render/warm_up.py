@@ -8,12 +8,12 @@ from instdrive_app.render.depth_order import depth_order
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment, look_of
+from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment, summarize_adjustments
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
-from instdrive_core.edits.queries.region import rows_in_region
-from instdrive_core.instances.nearness import rows_near
+from instdrive_core.edits.queries.region import find_rows_in_region
+from instdrive_core.instances.proximity import find_rows_near
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
@@ -32,9 +32,9 @@ def warm_up() -> None:
     snapshot = resolve(state, _SIDE, _SIDE)
     Picker().instances_at(document, snapshot, _SIDE / 2, _SIDE / 2)
     depth_order("warm-up", document.scene.gaussians.means, np.array([0, 0, 1, 9], np.float32), 0.2)
-    rows_in_region(document, snapshot.camera, 0.0, np.ones((_SIDE, _SIDE), np.bool_))
+    find_rows_in_region(document, snapshot.camera, 0.0, np.ones((_SIDE, _SIDE), np.bool_))
     both = np.zeros((2, 3), np.float32)
-    rows_near(both, np.zeros(1, np.int64), np.ones(1, np.int64), 1.0)
+    find_rows_near(both, np.zeros(1, np.int64), np.ones(1, np.int64), 1.0)
     first = np.zeros(1, np.int64)
     document.transforms.assign(first, np.array([document.transforms.add(2 * np.eye(3, 4))], np.uint16))
     document.means_of(first)
@@ -55,7 +55,7 @@ def _edit(document: Document) -> None:
     for edit in edits:
         document.apply(edit)
         document.counts()
-    look_of(document, (1,))
+    summarize_adjustments(document, (1,))
     document.undo()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
-from instdrive_core.project.recoverable import RecoverableSession, Restored, discard
+from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, discard_session
 from instdrive_core.project.recovery import Recovery
 from instdrive_core.project.save import ProjectState
 
@@ -21,7 +21,7 @@ class Autosave:
         self.recoverable: list[RecoverableSession] = []
         """What the user is asked about."""
 
-    def follow(self, document: Document, path: Path, restored: Restored | None = None) -> None:
+    def follow(self, document: Document, path: Path, restored: RestoredSession | None = None) -> None:
         """Keep the edits of a document that was opened from `path`, or restored; no longer those of the one before."""
         self.end()
         try:
@@ -47,7 +47,7 @@ class Autosave:
         """Remove what a dead editor left, for good."""
         self.forget(session)
         try:
-            discard(session)
+            discard_session(session)
         except DataError as error:
             self._report_error(str(error))
 

@@ -8,22 +8,22 @@ from pathlib import Path
 from instdrive_app.commands import Commands
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages, user_message
-from instdrive_app.session.aftermath import Aftermath
+from instdrive_app.session.deletion_review import Aftermath
 from instdrive_app.session.autosave import Autosave
-from instdrive_app.session.borders import Borders
+from instdrive_app.session.selection_border import Borders
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.export_kinds import ExportChoice
 from instdrive_app.session.exporting import Exporting
 from instdrive_app.session.files import Files
-from instdrive_app.session.inserting import Inserting
-from instdrive_app.session.jumping import Jumping
+from instdrive_app.session.insert_controller import Inserting
+from instdrive_app.session.history_controller import Jumping
 from instdrive_app.session.labels import Labels
-from instdrive_app.session.moving import Moving
+from instdrive_app.session.move_controller import Moving
 from instdrive_app.session.navigation import Navigation
 from instdrive_app.session.opening import Opened
 from instdrive_app.session.reference_pictures import ReferencePictures
 from instdrive_app.session.solo import Solo
-from instdrive_app.session.turning import Turning
+from instdrive_app.session.turn_controller import Turning
 from instdrive_app.session.view_memory import remembered, restore
 from instdrive_app.state import EditorState
 from instdrive_core.edits.bases.adjustments import AdjustKind
@@ -37,9 +37,9 @@ from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, 
 from instdrive_core.errors import EditError
 from instdrive_core.formats.stated_up import stated_up
 from instdrive_core.project.recoverable import RecoverableSession
-from instdrive_core.scene.lint import HARMFUL, Finding
+from instdrive_core.scene.lint import HARMFUL, Defect
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 CAUGHT_UP = 150_000
 """Splats of moved instances that are looked at in one frame."""
@@ -79,7 +79,7 @@ class EditorSession:
         self.recolor_mode: RecolorMode = "tint"
         self.recolor_color: tuple[float, float, float] = (0.82, 0.13, 0.13)
         """What the inspector's colour picker holds."""
-        self.findings: tuple[Finding, ...] = ()
+        self.findings: tuple[Defect, ...] = ()
         """What was odd about the splats of the scene opened last."""
         self.waiting: Callable[[], None] | None = None
         """What the user wants to do next, while asked about unsaved changes."""
@@ -117,8 +117,8 @@ class EditorSession:
         name = path.name if path else "the scene"
         # Where there are no instances, a region would select nothing.
         self.state.region_splats = len(scene.table) == 0
-        instances = f", {counted(len(scene.table), 'instance')}" if len(scene.table) else ""
-        self.messages.info(f"Opened {name}: {counted(len(scene), 'splat')}{instances}")
+        instances = f", {format_count(len(scene.table), 'instance')}" if len(scene.table) else ""
+        self.messages.info(f"Opened {name}: {format_count(len(scene), 'splat')}{instances}")
         self.turning.enter(document, stated_up(path) if path else None)
 
     @property

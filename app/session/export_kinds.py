@@ -11,22 +11,22 @@ import numpy as np
 
 from instdrive_app.state import EditorState, ViewMode, Viewpoint
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.parts import actors_with_splats, selected_actors, selected_rows
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.scene_parts import find_remaining_actors, find_selected_actors, find_selected_rows
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
 from instdrive_core.masks.export.id_maps import MAX_SIDE, chosen_views, id_maps
 from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
-from instdrive_core.progress import part_of_work, report
+from instdrive_core.progress import report, report_span
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
 from instdrive_core.rasterize.pictures import Mode, picture
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view"]
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
@@ -110,7 +110,7 @@ def exported_instances(document: Document) -> tuple[int, ...]:
 
 def exported_actors(document: Document) -> tuple[int, ...]:
     """Nodes of the actors with anything selected, or of all that are left."""
-    return selected_actors(document) or actors_with_splats(document)
+    return find_selected_actors(document) or find_remaining_actors(document)
 
 
 def _scene(request: ExportRequest) -> str:
@@ -118,7 +118,7 @@ def _scene(request: ExportRequest) -> str:
 
 
 def _selection(request: ExportRequest) -> str:
-    return _scene_or_part(request, selected_rows(request.document))
+    return _scene_or_part(request, find_selected_rows(request.document))
 
 
 def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
@@ -127,14 +127,16 @@ def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
     time = None if is_folder and choice.keep_tracks else request.time
     sibr = choice.sibr and path.name.lower().endswith(".ply")
     count = export_scene(request.document, path, time, rows, sibr=sibr)
-    return f"Exported {counted(count, 'splat')} to {path}, read back and compared"
+    return f"Exported {format_count(count, 'splat')} to {path}, read back and compared"
 
 
 def _instances(request: ExportRequest) -> str:
     choice, ids = request.choice, exported_instances(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
-    skipped = f"; {counted(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
+    skipped = (
+        f"; {format_count(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
+    )
     return f"{_parts(written, 'instance', request.path)}{skipped}"
 
 
@@ -146,41 +148,41 @@ def _actors(request: ExportRequest) -> str:
 
 
 def _objects(request: ExportRequest) -> str:
-    with part_of_work(0.0, _BAKING):
-        scene = baked(request.document, to_read=True)
+    with report_span(0.0, _BAKING):
+        scene = bake_document(request.document, to_read=True)
     hulls = request.choice.hulls
     written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
     shapes = "hulls" if hulls else "boxes"
-    return f"Exported the {shapes} of {counted(len(written), 'instance')} to {request.path}"
+    return f"Exported the {shapes} of {format_count(len(written), 'instance')} to {request.path}"
 
 
 def _masks(request: ExportRequest) -> str:
-    with part_of_work(0.0, _BAKING):
-        scene = baked(request.document, to_read=True)
+    with report_span(0.0, _BAKING):
+        scene = bake_document(request.document, to_read=True)
     views = chosen_views(scene)
     write = write_coco_panoptic if request.choice.coco else write_id_pictures
-    with part_of_work(_BAKING, 1.0):
+    with report_span(_BAKING, 1.0):
         maps = id_maps(scene, views, request.choice.scale)
         count = write(request.path, scene, maps, lambda done: report(done / len(views)))
-    return f"Exported the masks of {counted(count, 'photo')} to {request.path}"
+    return f"Exported the masks of {format_count(count, 'photo')} to {request.path}"
 
 
 def _cameras(request: ExportRequest) -> str:
     scene = _shown_scene(request)
     views = chosen_views(scene)
-    with part_of_work(_BAKING, 1.0):
+    with report_span(_BAKING, 1.0):
         for number, view in enumerate(views):
             report(number / len(views))
             path = request.path / view.name / f"{view.index:02d}.png"
             _save_picture(path, scene, view.camera, view.time, request)
-    return f"Exported {counted(len(views), 'picture')} to {request.path}"
+    return f"Exported {format_count(len(views), 'picture')} to {request.path}"
 
 
 def _view(request: ExportRequest) -> str:
     scene, lens = _shown_scene(request), request.viewpoint.lens
     pose = request.viewpoint.world_from_camera
     camera = Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose)
-    with part_of_work(_BAKING, 1.0):
+    with report_span(_BAKING, 1.0):
         _save_picture(request.path, scene, camera, request.time, request)
     return f"Exported the picture to {request.path}"
 
@@ -188,8 +190,8 @@ def _view(request: ExportRequest) -> str:
 def _shown_scene(request: ExportRequest) -> Scene:
     """What is drawn: without what is hidden, and with the tracks."""
     document = request.document
-    with part_of_work(0.0, _BAKING):
-        scene = baked(document, None, np.flatnonzero(document.state.drawn))
+    with report_span(0.0, _BAKING):
+        scene = bake_document(document, None, np.flatnonzero(document.state.drawn))
     return scene if request.show_sky else replace(scene, sky=None)
 
 
@@ -201,41 +203,41 @@ def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request
 
 
 def _parts(written: ExportedParts, noun: str, folder: Path) -> str:
-    files, splats = counted(len(written.files), noun), counted(written.splats, "splat")
+    files, splats = format_count(len(written.files), noun), format_count(written.splats, "splat")
     return f"Exported {files} of {splats} to {folder}, read back and compared"
 
 
 def _splats(document: Document) -> str:
     left = len(document.state) - len(document.state.rows_with(Flag.DELETED))
-    return counted(left, "splat") if left else ""
+    return format_count(left, "splat") if left else ""
 
 
 def _selected_splats(document: Document) -> str:
     count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.selected_instances())
-    return f"{counted(count, 'splat')} of {counted(instances, 'instance')}" if count else ""
+    return f"{format_count(count, 'splat')} of {format_count(instances, 'instance')}" if count else ""
 
 
 def _all_instances(document: Document) -> str:
     count = len(exported_instances(document))
     selected = "selected " if document.selected_instances() else ""
-    return counted(count, f"{selected}instance") if count else ""
+    return format_count(count, f"{selected}instance") if count else ""
 
 
 def _every_instance(document: Document) -> str:
     counts = document.counts()
     left = int((counts.count > counts.deleted).sum())
-    return counted(left, "instance") if left else ""
+    return format_count(left, "instance") if left else ""
 
 
 def _all_actors(document: Document) -> str:
     count = len(exported_actors(document))
-    selected = "selected " if selected_actors(document) else ""
-    return counted(count, f"{selected}actor") if count else ""
+    selected = "selected " if find_selected_actors(document) else ""
+    return format_count(count, f"{selected}actor") if count else ""
 
 
 def _photos(document: Document) -> str:
     views = document.scene.views
-    return counted(len(views), "photo") if views else ""
+    return format_count(len(views), "photo") if views else ""
 
 
 _NO_INSTANCES, _NO_CAMERAS = "The scene has no instances", "The scene has no photo cameras"

@@ -9,8 +9,8 @@ from instdrive_app.files.file_names import working_folder
 from instdrive_app.session.context import SessionContext
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
 from instdrive_app.session.files import Files
-from instdrive_core.project.export import file_name
-from instdrive_core.project.sources import is_source_of
+from instdrive_core.project.export import make_file_name
+from instdrive_core.project.sources import is_source
 
 
 class Exporting:
@@ -50,7 +50,7 @@ class Exporting:
         stem = source.name.split(".")[0].removesuffix("_edited") if source else "scene"
         selected = document.selected_instances() if document else ()
         if self.choice.what == "selection" and document is not None and len(selected) == 1:
-            return f"{stem}_{file_name(document.scene.table[selected[0]].name)}.ply"
+            return f"{stem}_{make_file_name(document.scene.table[selected[0]].name)}.ply"
         return f"{stem}{self.kind.suggestion}"
 
     def export(self, path: Path, choice: ExportChoice | None = None) -> None:
@@ -58,7 +58,7 @@ class Exporting:
         document = self._document()
         if document is None:
             return
-        if is_source_of(path, document):
+        if is_source(path, document):
             self._messages.error(f"{path.name} is what the edits build on; export under another name")
             return
         request = ExportRequest.of(document, path, choice or self.choice, self._state)

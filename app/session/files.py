@@ -16,9 +16,9 @@ from instdrive_app.session.recents import RecentFiles
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import SceneChangedError, SceneTooLargeError
-from instdrive_core.files.user_folders import state_folder
-from instdrive_core.project.recoverable import RecoverableSession, pending
-from instdrive_core.project.save import is_project, project_state, write_project
+from instdrive_core.files.user_folders import find_state_folder
+from instdrive_core.project.recoverable import RecoverableSession, find_pending_sessions
+from instdrive_core.project.save import capture_project_state, is_project, write_project
 
 Stamp = tuple[int, int]
 """When a file was written, nanoseconds, and its size in bytes."""
@@ -58,7 +58,7 @@ class Files:
         """A scene that does not fit into memory, of which a part does: to be asked about."""
         self.other_save: OtherSave | None = None
         """A project that another editor has saved since: to be asked about before it is written over."""
-        self.recents = RecentFiles(state_folder() / "recent.json")
+        self.recents = RecentFiles(find_state_folder() / "recent.json")
         self._saved: tuple[Edit, ...] | None = ()
         self._stamp: Stamp | None = None
         """Of the project as it was opened or saved here."""
@@ -107,7 +107,7 @@ class Files:
             if found:
                 ask()
 
-        self._jobs.submit("Looking for unsaved work", pending, done, modal=False)
+        self._jobs.submit("Looking for unsaved work", find_pending_sessions, done, modal=False)
 
     def _asks_about_change(self, error: BaseException, open_anyway: Callable[[], None]) -> bool:
         if isinstance(error, SceneChangedError):
@@ -140,7 +140,7 @@ class Files:
 
         Where another editor has saved the same project since, `other_save` is set instead, unless `over_other`.
         """
-        state, changes = project_state(document, view), changes_of(document)
+        state, changes = capture_project_state(document, view), changes_of(document)
 
         def work() -> None:
             # Looked at here, where the save before this one is done.

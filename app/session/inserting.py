@@ -10,16 +10,16 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.moving import Moving
+from instdrive_app.session.move_controller import Moving
 from instdrive_app.state import Viewpoint
 from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.insert import InsertScene
-from instdrive_core.edits.queries.placement import foot_of, ground_under, solid
+from instdrive_core.edits.queries.placement import estimate_foot, find_ground_below, find_solid
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.instances.table import middle_bounds
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.instances.table import compute_middle_bounds
+from instdrive_core.scene.scene import Scene, place_in_world
 
 NEAREST = 8.0
 """Metres before the camera at which a small thing is put; larger ones farther."""
@@ -95,15 +95,15 @@ def spot_before(
     if not len(source):
         raise EditError("the scene to be inserted has no splats")
     means = _solid_means(source, time)
-    low, high = np.array(middle_bounds(means))
+    low, high = np.array(compute_middle_bounds(means))
     size, right = (high - low)[:2], _rightwards(viewpoint)
     half_width = float(np.abs(right[:2]) @ size) / 2
     aside = 0.0 if edge is None else edge + GAP + half_width
     place = _place_before(viewpoint, float(size.max())) + aside * right
-    bottom = foot_of(means[:, 2])
+    bottom = estimate_foot(means[:, 2])
     note = ""
     try:
-        ground = ground_under(document, (), place)
+        ground = find_ground_below(document, (), place)
     except EditError as error:
         ground, note = float(viewpoint.position[2]) - EYE_HEIGHT, f"; {error}, so it stands at the camera's foot height"
     x, y = (place - (low + high) / 2)[:2].tolist()
@@ -127,7 +127,7 @@ def _rightwards(viewpoint: Viewpoint) -> Float64[ndarray, "3"]:
 
 def _solid_means(source: Scene, time: float) -> Float64[ndarray, "n 3"]:
     gaussians = source.gaussians
-    rows = np.flatnonzero(solid(gaussians.opacities))
+    rows = np.flatnonzero(find_solid(gaussians.opacities))
     poses, _ = source.at(time)
-    means, _ = placed(gaussians.means[rows], gaussians.quats[rows], source.nodes[rows], poses)
+    means, _ = place_in_world(gaussians.means[rows], gaussians.quats[rows], source.nodes[rows], poses)
     return means.astype(np.float64)

@@ -7,14 +7,14 @@ from copy import copy
 from instdrive_app.session.context import SessionContext
 from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.progress import report
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 Ids = tuple[int, ...]
 
@@ -35,7 +35,7 @@ class Labels:
         target = into if into is not None else max(ids, key=lambda i: (table[i].count, -i))
         others = tuple(i for i in ids if i != target)
         if self._apply(MergeInstances, others, target):
-            self._messages.info(f"{table[target].name} now has {counted(table[target].count, 'splat')}")
+            self._messages.info(f"{table[target].name} now has {format_count(table[target].count, 'splat')}")
 
     def split(self, split: SplitInstance) -> None:
         """Make parts of an instance that are apart instances of their own: at once, where the edit is prepared."""
@@ -43,7 +43,7 @@ class Labels:
         before = len(document.scene.table) if document else 0
         if document is not None and self._apply(lambda: split):
             count = len(document.scene.table) - before
-            self._messages.info(f"{counted(count, 'new instance')} from {_name(document, split.id)}")
+            self._messages.info(f"{format_count(count, 'new instance')} from {_name(document, split.id)}")
 
     def reassign(self, into: int | None) -> None:
         """Give the selected splats to an instance, to a new one (None), or to none (0)."""
@@ -62,7 +62,7 @@ class Labels:
         document = self._document()
         if document is None or not ids:
             return
-        edits, frozen = tuple(AbsorbFloaters(i) for i in ids), frozen_copy(document)
+        edits, frozen = tuple(AbsorbFloaters(i) for i in ids), freeze_document(document)
 
         def look() -> None:
             for number, edit in enumerate(edits):
@@ -89,7 +89,7 @@ class Labels:
             done = self._apply(CompoundEdit, edits, f"Absorb floaters of {len(edits)} instances")
         if done:
             count = sum(table[i].count for i in ids if i in table) - before
-            self._messages.info(f"{counted(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
+            self._messages.info(f"{format_count(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
 
     def rename(self, instance: int, name: str) -> None:
         """Give an instance another name."""

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.errors import ordinal
-from instdrive_core.progress import part_of_work, report
+from instdrive_core.errors import format_ordinal
+from instdrive_core.progress import report, report_span
 from instdrive_core.project.open import open_document, open_project
-from instdrive_core.project.recoverable import RecoverableSession, Restored, restore
+from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, restore_session
 from instdrive_core.project.save import is_project
-from instdrive_core.scene.lint import Finding, linted
+from instdrive_core.scene.lint import Defect, find_defects
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class Opened:
     """How the user looked at it when the project was saved."""
     notes: tuple[str, ...] = ()
     """What the user should know about the project."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Defect, ...] = ()
     """What is odd about the scene's splats."""
-    restored: Restored | None = None
+    restored: RestoredSession | None = None
     """Where the document was recovered from a dead editor."""
 
 
@@ -39,7 +39,7 @@ def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Ope
     SceneTooLargeError where it does not fit into memory.
     """
     notes: tuple[str, ...] = ()
-    with part_of_work(0.0, 0.9):
+    with report_span(0.0, 0.9):
         if is_project(path):
             project = open_project(path, accept_changed)
             document, view, notes = project.document, project.view, project.notes
@@ -47,11 +47,11 @@ def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Ope
             document, view = open_document(path, keep_every=keep_every)
             if keep_every > 1:
                 notes = (
-                    f"Every {ordinal(keep_every)} splat was opened, each made larger: {len(document.scene):,} in all",
+                    f"Every {format_ordinal(keep_every)} splat was opened, each made larger: {len(document.scene):,} in all",
                 )
     document.counts()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
-    findings = tuple(finding for finding in linted(document.scene) if len(finding.rows))
+    findings = tuple(finding for finding in find_defects(document.scene) if len(finding.rows))
     return Opened(document, path, view, notes, findings)
 
 
@@ -60,6 +60,6 @@ def recovered(session: RecoverableSession, accept_changed: bool = False) -> Open
 
     Raises DataError, SceneChangedError where the scene has changed.
     """
-    found = restore(session, accept_changed)
+    found = restore_session(session, accept_changed)
     found.document.counts()
     return Opened(found.document, found.path, notes=found.notes, restored=found)

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_app.session.kept import Kept
-from instdrive_core.edits.bases.late_bounds import LateBounds
+from instdrive_app.session.versioned_cache import Kept
+from instdrive_core.edits.bases.deferred_bounds import DeferredBounds
 from instdrive_core.edits.document.document import Document, InstanceCounts
-from instdrive_core.edits.queries.placement import solid
-from instdrive_core.instances.oriented_box import upright_box
+from instdrive_core.edits.queries.placement import find_solid
+from instdrive_core.instances.oriented_box import fit_upright_box
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import Similarity, scale_of
+from instdrive_core.scene.transforms import Similarity, extract_scale
 
 COUNTED = 4000
 """Splats, evenly chosen, that shape the box of an instance."""
@@ -45,7 +45,7 @@ class Box:
 
     def moved(self, matrix: Similarity) -> Box:
         """The box after [s R | t]."""
-        scale = scale_of(matrix)
+        scale = extract_scale(matrix)
         center = matrix[:, :3] @ self.center + matrix[:, 3]
         return Box(center, matrix[:, :3] / scale @ self.axes, self.size * scale)
 
@@ -103,7 +103,7 @@ class SelectionBoxes:
         """Around the bounds of all instances, along the world's axes."""
         table = document.scene.table
         still = self._still.of(document, (tuple(ids), document.table_version), lambda: _still_bounds(document, ids))
-        if isinstance(document.rest, LateBounds) and len(still):
+        if isinstance(document.rest, DeferredBounds) and len(still):
             still = document.rest.moved(still, ids)
         nodes = [node for node in (table[instance_id].node for instance_id in ids) if node]
         points = np.concatenate([still, *(_track_box(document, node, time).corners for node in nodes)])
@@ -124,9 +124,9 @@ def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
     rows = left if len(left) else rows
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), COUNTED)).astype(int)]
     opacities = document.scene.gaussians.opacities[rows]
-    rows = rows[solid(opacities)]
+    rows = rows[find_solid(opacities)]
     means = document.scene.gaussians.means[rows].astype(np.float64) @ home[:, :3].T + home[:, 3]
-    found = upright_box(means, np.zeros((len(rows), 3, 3)))
+    found = fit_upright_box(means, np.zeros((len(rows), 3, 3)))
     longer, across, up = found.rotation.T
     box = Box(found.center, np.stack([-across, longer, up], axis=1), found.size[[1, 0, 2]])
     return box if longer[1] >= 0 else replace(box, axes=box.axes * [-1, -1, 1])

@@ -16,8 +16,8 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.region import instances_in_region, rows_in_region
-from instdrive_core.scene.screen_region import polygon_mask
+from instdrive_core.edits.queries.region import find_instances_in_region, find_rows_in_region
+from instdrive_core.scene.screen_region import rasterize_polygon
 
 Winners = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
 """Row + 1 of the splat that each pixel of a frame stands for; 0 = none."""
@@ -58,7 +58,7 @@ class RegionTool(ABC):
         """Select what lies in the outline, as the session's region options say."""
         if self.outline and self._session.document is not None:
             camera = snapshot.camera
-            region = polygon_mask(np.array(self.outline), camera.width, camera.height)
+            region = rasterize_polygon(np.array(self.outline), camera.width, camera.height)
             self._select(region, click, snapshot)
         self.cancel()
 
@@ -74,9 +74,9 @@ class RegionTool(ABC):
         # A draft may have fewer pixels than the picture shows.
         winners = self._winners(replace(snapshot, draft=False)) if options.region_visible_only else None
         if options.region_splats:
-            session.apply(SelectRows, rows_in_region(*place, winners), click.mode)
+            session.apply(SelectRows, find_rows_in_region(*place, winners), click.mode)
             return
-        ids = instances_in_region(*place, winners)
+        ids = find_instances_in_region(*place, winners)
         if not ids and click.mode == "intersect":
             session.clear_selection()
         session.select(ids, click.mode)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.instances.naming import display_names
 
@@ -25,7 +25,7 @@ def as_published(scene: Scene) -> Scene:
         if old in scene.table and scene.table[old].class_name:
             votes.setdefault(new, Counter())[scene.table[old].class_name] += count
     classes = {new: counter.most_common(1)[0][0] for new, counter in votes.items()}
-    table = table_from_ids(
+    table = build_instance_table(
         ids, scene.gaussians.means, scene.codewords, scene.nodes, display_names(ids, classes), classes
     )
     return replace(scene, instance_ids=ids, table=table)

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from instdrive_core.baselines.learnable_features import NO_MASKS
 from instdrive_core.baselines.mask_consensus import MaskGraphConfig, dropped_masks, linked_masks, mask_relations
 from instdrive_core.baselines.mask_members import MaskMembers, mask_members
-from instdrive_core.instances.interiors import nearest_filled
+from instdrive_core.instances.interiors import fill_from_nearest
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.instance_stage import LearnedInstances
 from instdrive_core.training.settings.config import TrainConfig
@@ -44,7 +44,7 @@ def learn_mask_graph(
     found, used = len(np.unique(clusters[clusters >= 0])), np.count_nonzero(clusters >= 0)
     on_note(f"mask graph: {used:,} of {len(clusters):,} masks in {found} clusters")
     groups = most_frequent_cluster(of, clusters)
-    groups = nearest_filled(groups, model.parameters["means"].detach().numpy(), model.nodes)
+    groups = fill_from_nearest(groups, model.parameters["means"].detach().numpy(), model.nodes)
     return LearnedInstances((groups + 1).astype(np.uint32), np.zeros((len(model), 1), np.float32), 0)
 
 

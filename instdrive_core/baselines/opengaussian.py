@@ -19,7 +19,7 @@ from torch.nn.functional import normalize
 
 from instdrive_core.baselines.kmeans import lloyd, seeded_centers
 from instdrive_core.baselines.learnable_features import CLUSTERS, NO_MASKS, LearnableFeatures
-from instdrive_core.scene.scene import placed
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView, weighted_features
 from instdrive_core.training.instances.instance_losses import contrastive_loss, segment_means
@@ -189,6 +189,6 @@ def _scaled_positions(model: SceneModel) -> Float32[ndarray, "n 3"]:
         time = float(track.times[len(track.times) // 2])
         world_from_node[node] = model.actor_poses.at(time, model.corrections).matrices[node]
     means, quats = (model.parameters[name].detach().numpy() for name in ("means", "quats"))
-    means, _ = placed(means, quats, model.nodes, world_from_node)
+    means, _ = place_in_world(means, quats, model.nodes, world_from_node)
     low, high = np.quantile(means, [0.02, 0.98], axis=0)
     return (np.clip(means, low, high) - low).astype(np.float32) / np.float32(max((high - low).max(), 1e-6))

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.blend_weights import BlendWeights, apply_weights
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.scene import placed
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView
 
@@ -49,7 +49,7 @@ def surface_points(model: SceneModel, cached: CachedView, camera: Camera, time: 
     nodes = model.nodes[rows]
     world_from_node = model.actor_poses.at(time, model.corrections).matrices
     means, quats = (model.parameters[name].detach().numpy()[rows] for name in ("means", "quats"))
-    means, _ = placed(means, quats, nodes, world_from_node)
+    means, _ = place_in_world(means, quats, nodes, world_from_node)
     depths = camera.project(means)[1]
     blended = apply_weights(cached.weights, np.stack([depths, np.ones(len(rows))], axis=1).astype(np.float32))
     rays = camera.rays_of_pixels(cached.pixels)

@@ -9,7 +9,7 @@ from pathlib import Path
 from instdrive_core.cli.arguments import known_ids, parsed_assignment
 from instdrive_core.edits.bases.adjustments import RANGES
 from instdrive_core.edits.bases.relabel import MergeInstances
-from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass
 from instdrive_core.edits.kinds.compound import CompoundEdit
@@ -72,7 +72,7 @@ class EditOptions:
         steps += [_deletion(SelectClass(name), name=f"Delete class {name}") for name in self.delete_class]
         if self.keep:
             kept = SelectInstances(known_ids(self.keep, table))
-            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {ids_in_words(kept.ids)} only"))
+            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {describe_ids(kept.ids)} only"))
         return steps
 
     def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:

@@ -11,7 +11,7 @@ from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
 from instdrive_core.masks.export.id_maps import chosen_views, id_maps
 from instdrive_core.masks.export.id_pictures import write_id_pictures
-from instdrive_core.project.open import open_edited
+from instdrive_core.project.open import open_edited_scene
 
 WRITERS = {"png": write_id_pictures, "coco": write_coco_panoptic}
 
@@ -39,7 +39,7 @@ def id_masks(
 
     if out.exists() and not out.is_dir():
         raise OptionError(f"{out} is a file; name a folder")
-    opened = open_edited(scene)
+    opened = open_edited_scene(scene)
     views = chosen_views(opened, camera, every)
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), transient=True) as progress:
         task = progress.add_task("masks", total=len(views))

@@ -20,7 +20,7 @@ from instdrive_core.datasets.photos import photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, checked_camera, clip_of_photos, inner_path
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_fields import field, number, read_json
+from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.scene.camera import Camera
 
 LISTING = "transforms.json"
@@ -44,7 +44,7 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
     """
     root, listing = Path(path), Path(path) / LISTING
     content = read_json(listing)
-    frames = field(listing, content, "frames")
+    frames = require_field(listing, content, "frames")
     if not isinstance(frames, list):
         problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
         raise DataError(listing, problem, _REMEDY)
@@ -54,11 +54,11 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
 
 def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto:
     listing = root / LISTING
-    name = field(listing, frame, "file_path", where)
+    name = require_field(listing, frame, "file_path", where)
     file = inner_path(listing, root, name)
     file = next((other for suffix in _SUFFIXES if (other := file.with_name(file.name + suffix)).is_file()), file)
     camera, lens = _camera(listing, content | frame, file, where)
-    pose = _pose(listing, field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
+    pose = _pose(listing, require_field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
     return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), lens)
 
 
@@ -74,7 +74,9 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
 
     def value(key: str, default: float | None = None) -> float:
         found = known.get(key, default)
-        return number(listing, field(listing, known, key, where) if found is None else found, where + key)
+        return require_number(
+            listing, require_field(listing, known, key, where) if found is None else found, where + key
+        )
 
     if {"w", "h"} <= known.keys():
         width, height = value("w"), value("h")
@@ -106,7 +108,7 @@ def _pose(listing: Path, value: Any, name: str) -> Float64[ndarray, "4 4"]:
     if len(rows) not in (3, 4) or any(not isinstance(row, list) or len(row) != 4 for row in rows):
         raise DataError(listing, f"the field '{name}' is no matrix of 4×4 or 3×4 numbers", _REMEDY)
     pose = np.eye(4)
-    pose[: len(rows)] = [[number(listing, entry, name) for entry in row] for row in rows]
+    pose[: len(rows)] = [[require_number(listing, entry, name) for entry in row] for row in rows]
     rotation = pose[:3, :3]
     is_rigid = np.abs(rotation).max() < 2 and np.abs(rotation @ rotation.T - np.eye(3)).max() < 0.01
     if not is_rigid or np.linalg.det(rotation) < 0 or np.abs(pose[:3, 3]).max() >= 1e9:

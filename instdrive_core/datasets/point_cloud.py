@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 
 _REMEDY = "Export the points again"
 _MAX_HEADER = 1 << 16
@@ -54,7 +54,7 @@ def read_point_ply(path: Path) -> ListedPoints:
     Raises DataError where anything about the file is wrong.
     """
     try:
-        with plain_file(path).open("rb") as file:
+        with require_plain_file(path).open("rb") as file:
             header = _header(file, path)
             rows = _rows(file, header, path)
     except OSError as error:

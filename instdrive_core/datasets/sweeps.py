@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.track import Track
 
 BOX_MARGIN = 0.1
@@ -109,7 +109,7 @@ class _Boxes:
     def holding(self, points: Float32[ndarray, "n 3"], margin: float) -> Int32[ndarray, " n"]:
         """The box, grown by `margin` metres, that holds each point; -1 = none."""
         dimensions = np.array([track.dimensions for track in self.tracks]).reshape(-1, 3)
-        return box_of_points(points, self.poses, dimensions, margin, BOX_BOTTOM)
+        return find_box_of_points(points, self.poses, dimensions, margin, BOX_BOTTOM)
 
 
 def sweep_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoints | None:

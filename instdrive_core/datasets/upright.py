@@ -9,7 +9,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.scene.upright import upright_rotation
+from instdrive_core.scene.upright import compute_upright_rotation
 
 _CLEAR = 0.3
 """Length that the mean of unit up vectors needs to mean anything."""
@@ -56,7 +56,7 @@ def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[nd
         rotation = np.eye(3)
         turned = "the cameras' up vectors contradict each other: the file's z axis is taken to point up"
     else:
-        rotation = upright_rotation(up)
+        rotation = compute_upright_rotation(up)
         turned = "up is estimated from the cameras"
     scale, unit = _unit(world_from_camera[:, :3, 3], points)
     return Upright(rotation, scale, (turned, f"the scale is unknown: {unit}"))

@@ -37,7 +37,7 @@ from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.errors import EditError
-from instdrive_core.files.json_value import json_value
+from instdrive_core.files.json_value import parse_json
 
 EDITS: dict[str, type[Edit]] = {
     edit.kind: edit
@@ -115,7 +115,7 @@ def edits_from_lines(text: str) -> list[Edit]:
         if not line.strip():
             continue
         try:
-            edits.append(edit_from_json(json_value(line)))
+            edits.append(edit_from_json(parse_json(line)))
         except (ValueError, RecursionError, EditError) as error:
             raise EditError(f"line {number}: {error}") from error
     return edits

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.scene import Scene
 
 VOXEL = 0.25
@@ -54,7 +54,7 @@ def _standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
         moving = [track for track in clip.tracks if track.moving and track.covers(sweep.time)]
         poses = np.array([track.pose_at(sweep.time) for track in moving]).reshape(-1, 4, 4)
         dimensions = np.array([track.dimensions for track in moving]).reshape(-1, 3)
-        parts.append(points[box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
+        parts.append(points[find_box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
     return np.concatenate(parts)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from instdrive_core.errors import DataError, UntrustedDataError
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 
 REMEDY = "Take an older copy of the project, or what the editor recovers"
 MAX_MEMBERS = 100_000
@@ -81,10 +81,10 @@ class Archive:
 
 
 @contextmanager
-def opened_archive(path: Path) -> Iterator[Archive]:
+def open_project_archive(path: Path) -> Iterator[Archive]:
     """The members of a project file. Raises DataError where it is no whole zip archive."""
     try:
-        archive = zipfile.ZipFile(plain_file(path))
+        archive = zipfile.ZipFile(require_plain_file(path))
     except OSError as error:
         raise DataError(path, f"the project cannot be read ({error.strerror or error})", "Check the path") from error
     except _BAD_ZIP as error:

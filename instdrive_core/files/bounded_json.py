@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any, NoReturn
 
-from instdrive_core.files.json_value import json_value
+from instdrive_core.files.json_value import parse_json
 
 MAX_DEPTH = 32
 """Objects and lists within each other."""
 
 
-def parsed_json(text: bytes) -> Any:
+def parse_bounded_json(text: bytes) -> Any:
     """The value, of which every number is finite. Raises ValueError where it is none, or nested too deep."""
     try:
-        value = json_value(text, parse_constant=_refuse, parse_float=_finite)
+        value = parse_json(text, parse_constant=_refuse, parse_float=_finite)
     except RecursionError as error:
         raise ValueError(f"it is nested more than {MAX_DEPTH} deep") from error
     level, depth = [value], 1

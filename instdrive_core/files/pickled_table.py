@@ -84,7 +84,7 @@ class DataFrame(Recorded):
     """The table."""
 
 
-def columns_of(frame: Any) -> dict[str, ndarray]:
+def extract_columns(frame: Any) -> dict[str, ndarray]:
     """Columns (n,) by name of a recorded DataFrame. Raises ValueError and its like where the record is malformed."""
     if not isinstance(frame, DataFrame):
         raise ValueError(f"expected a DataFrame, found {type(frame).__name__}")

@@ -34,9 +34,9 @@ from instdrive_core.files.pickled_table import (
     Recorded,
     Scalar,
     Slice,
-    columns_of,
+    extract_columns,
 )
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 
 MAX_DECOMPRESSED_BYTES = 64 * 2**20
 """Limit for one unpacked file; a PandaSet sweep unpacks to 8 MB. Also bounds how many objects a file can ask for."""
@@ -87,7 +87,7 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
     path = Path(path)
     content = _content(path)
     try:
-        return columns_of(_RecordingUnpickler(path, content).load())
+        return extract_columns(_RecordingUnpickler(path, content).load())
     except UntrustedDataError:
         raise
     except Exception as error:  # a damaged pickle may raise anything at all
@@ -97,7 +97,7 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
 def _content(path: Path) -> bytes:
     """The unpacked bytes of the file, which may be gzipped."""
     try:
-        plain_file(path)
+        require_plain_file(path)
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
             content = file.read(MAX_DECOMPRESSED_BYTES + 1)
     except FileNotFoundError as error:

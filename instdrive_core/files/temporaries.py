@@ -51,7 +51,7 @@ class Temporary:
 
 
 @contextmanager
-def temporary_beside(path: Path) -> Iterator[Temporary]:
+def create_temporary(path: Path) -> Iterator[Temporary]:
     """An empty file beside `path`, gone at the end unless it was given another name. Raises OSError."""
     temporary = _claimed(path)
     try:

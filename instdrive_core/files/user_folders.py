@@ -10,7 +10,7 @@ OVERRIDE = "INSTDRIVE_STATE"
 """Environment variable that names the folder: for tests, and for machines where the usual place cannot be written."""
 
 
-def state_folder() -> Path:
+def find_state_folder() -> Path:
     """The program's state folder, where the platform wants it; it may not exist yet.
 
     Linux: ``$XDG_STATE_HOME/instdrive``, by default ``~/.local/state/instdrive`` (XDG Base Directory Specification).

@@ -12,13 +12,13 @@ from jaxtyping import Float, Int64
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import checked_before_replacing
+from instdrive_core.files.atomic import check_before_replacing
 from instdrive_core.formats.folder.scenes import MANIFEST, read_scene_folder
 from instdrive_core.formats.ply.compressed_layout import CHUNK
-from instdrive_core.formats.registry import SIBR, Format, format_to_write, save_scene
-from instdrive_core.formats.spatial_order import spatial_order
-from instdrive_core.formats.spz.values import fractional_bits_for
-from instdrive_core.progress import part_of_work
+from instdrive_core.formats.registry import SIBR, Format, find_format_to_write, save_scene
+from instdrive_core.formats.spatial_order import sort_spatially
+from instdrive_core.formats.spz.values import choose_fractional_bits
+from instdrive_core.progress import report_span
 from instdrive_core.scene.scene import Scene
 
 WRITING = 0.6
@@ -47,7 +47,7 @@ def _none(means: ndarray) -> float:
 
 
 def _half_a_step(means: ndarray) -> float:
-    bits = fractional_bits_for(float(np.abs(means).max(initial=0)))
+    bits = choose_fractional_bits(float(np.abs(means).max(initial=0)))
     return 0.5 ** ((bits or 0) + 1) * (1 + 1e-6)
 
 
@@ -65,12 +65,12 @@ FIDELITY = {
     SIBR: Fidelity(_none, is_exact=True),
     ".splat": Fidelity(_none),
     ".spz": Fidelity(_half_a_step),
-    ".compressed.ply": Fidelity(_half_a_step_of_chunks, lambda means: spatial_order(means, CHUNK)),
+    ".compressed.ply": Fidelity(_half_a_step_of_chunks, lambda means: sort_spatially(means, CHUNK)),
 }
 """By ending; every format that is written has its entry."""
 
 
-def save_verified(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
+def save_and_verify(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
     """As `registry.save_scene`, but the written file is read again before it takes its place.
 
     The count of splats must be the same, every number finite that was, and positions within what the format promises;
@@ -78,7 +78,7 @@ def save_verified(path: str | Path, scene: Scene, *, sibr: bool = False) -> None
     differs.
     """
     path = Path(path)
-    fmt, _ = format_to_write(path, sibr)
+    fmt, _ = find_format_to_write(path, sibr)
     around = copy_context()
 
     def check(temporary: Path, target: Path) -> None:
@@ -86,18 +86,18 @@ def save_verified(path: str | Path, scene: Scene, *, sibr: bool = False) -> None
         if fmt.suffix or target.name == MANIFEST:
             around.run(_check, temporary, path, scene, fmt)
 
-    with part_of_work(0.0, WRITING), checked_before_replacing(check):
+    with report_span(0.0, WRITING), check_before_replacing(check):
         save_scene(path, scene, sibr=sibr)
 
 
 def _check(temporary: Path, path: Path, scene: Scene, fmt: Format) -> None:
-    with part_of_work(WRITING, 1.0):
+    with report_span(WRITING, 1.0):
         try:
             if fmt.difference is not None:
                 wrong = fmt.difference(temporary, scene)
             else:
                 found = fmt.read(temporary) if fmt.suffix else read_scene_folder(path, temporary.name)
-                wrong = difference(scene, found, fmt)
+                wrong = find_loss(scene, found, fmt)
         except (DataError, OSError) as error:
             problem = error.problem if isinstance(error, DataError) else str(error)
             raise _refused(path, f"what was written cannot be read again: {problem}") from error
@@ -110,7 +110,7 @@ def _refused(path: Path, problem: str) -> DataError:
     return DataError(path, problem, remedy)
 
 
-def difference(written: Scene, found: Scene, fmt: Format) -> str:
+def find_loss(written: Scene, found: Scene, fmt: Format) -> str:
     """What a file of this format, read as `found`, has lost beyond its promise; empty where nothing is."""
     if len(found) != len(written):
         return f"{len(found):,} splats came back of {len(written):,}"

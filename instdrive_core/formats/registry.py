@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Protocol
 
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.files.plain_file import plain_file
-from instdrive_core.formats.allocation import TO_READ, WHOLE, ReadOptions, grown
+from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.formats.allocation import MEMORY_TO_READ, WHOLE, ReadOptions, enlarge_splats
 from instdrive_core.formats.folder.scenes import MANIFEST, read_scene_folder, write_scene_folder
-from instdrive_core.formats.ply.compare import changed_value
+from instdrive_core.formats.ply.compare import find_changed_value
 from instdrive_core.formats.ply.compressed import read_compressed_ply, write_compressed_ply
 from instdrive_core.formats.ply.inria import read_ply, write_ply
 from instdrive_core.formats.ply.sibr import write_sibr_ply
@@ -45,7 +45,7 @@ class Format:
 
 
 FORMATS = (
-    Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply, changed_value),
+    Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply, find_changed_value),
     Format("INRIA layout for SIBR viewers: 62 floats, nothing else", SIBR, read_ply, write_sibr_ply),
     Format("Packed .ply of SuperSplat and PlayCanvas", ".compressed.ply", read_compressed_ply, write_compressed_ply),
     Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat),
@@ -56,7 +56,7 @@ FORMATS = (
 )
 
 
-def open_scene(path: str | Path, keep_every: int = 1, room: float = TO_READ) -> Scene:
+def open_scene(path: str | Path, keep_every: int = 1, room: float = MEMORY_TO_READ) -> Scene:
     """Open a scene file, or a run folder that holds a scene.
 
     Args:
@@ -72,7 +72,7 @@ def open_scene(path: str | Path, keep_every: int = 1, room: float = TO_READ) -> 
     options = ReadOptions(keep_every, room)
     scene = _read(Path(path), options)
     if keep_every > 1:
-        grown(scene.gaussians.log_scales, keep_every)
+        enlarge_splats(scene.gaussians.log_scales, keep_every)
     return scene
 
 
@@ -84,7 +84,7 @@ def _read(path: Path, options: ReadOptions) -> Scene:
     try:
         if path.is_dir():
             return _open_folder(path, options)
-        return _format_of(path).read(plain_file(path), options=options)
+        return _format_of(path).read(require_plain_file(path), options=options)
     except OSError as error:
         raise DataError(
             path, f"the file cannot be read ({error.strerror or error})", "Check its permissions"
@@ -102,11 +102,11 @@ def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
     Raises DataError for an ending that is not known or a scene that the format cannot hold.
     """
     path = Path(path)
-    _, write = format_to_write(path, sibr)
+    _, write = find_format_to_write(path, sibr)
     write(path, scene)
 
 
-def format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[Path, Scene], None]]:
+def find_format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[Path, Scene], None]]:
     """The format that `save_scene` takes for a path, and its writer. Raises DataError where there is none."""
     is_folder = path.is_dir() or not (path.suffix or _formats_fitting(path))
     fmt = _folder_format() if is_folder else _format_of(path)

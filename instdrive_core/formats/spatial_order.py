@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 from numpy import ndarray
 
-from instdrive_core.maths.morton import morton_codes
+from instdrive_core.maths.morton import compute_morton_codes
 
 BLOCK_ROWS = 8192
 WORTH_KEEPING = 1.1
@@ -14,7 +14,7 @@ WORTH_KEEPING = 1.1
 good order comes back in the same order, with the same rounding."""
 
 
-def spatial_order(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, " n"]:
+def sort_spatially(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, " n"]:
     """Row numbers in the order to write them, for boxes around every `run` rows; `means` must be finite."""
     count = len(means)
     as_they_are = np.arange(count)
@@ -31,7 +31,7 @@ def _codes(means: ndarray) -> ndarray:
     codes = np.empty(len(means), np.uint64)
     for start in range(0, len(means), BLOCK_ROWS):
         rows = slice(start, start + BLOCK_ROWS)
-        codes[rows] = morton_codes(means[rows], low, high)
+        codes[rows] = compute_morton_codes(means[rows], low, high)
     return codes
 
 

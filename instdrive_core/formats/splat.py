@@ -23,11 +23,11 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
-from instdrive_core.formats.writable import check_numbers, check_static
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
+from instdrive_core.formats.export_checks import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
@@ -47,7 +47,7 @@ def read_splat(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     with path.open("rb") as file:
         count = _checked_count(path, path.stat().st_size, file.read(4))
         file.seek(0)
-        gaussians = unfilled(path, count, 0, 0, options)
+        gaussians = allocate_gaussians(path, count, 0, 0, options)
         for start in range(0, count, BLOCK_ROWS):
             wanted = min(BLOCK_ROWS, count - start)
             records = np.fromfile(file, RECORD, wanted)
@@ -69,7 +69,7 @@ def write_splat(path: str | Path, scene: Scene) -> None:
     check_static(path, scene, ".splat")
     if not len(scene):
         raise DataError(path, "the scene has no splats, and an empty .splat cannot be opened", "Save as .ply instead")
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         for start in range(0, len(scene), BLOCK_ROWS):
             file.write(_encoded(path, scene.gaussians, start).data)
             report(start / len(scene))
@@ -102,7 +102,7 @@ def _decode(records: ndarray, gaussians: Gaussians, start: int, options: ReadOpt
     gaussians.means[rows] = records["position"]
     gaussians.sh_dc[rows] = dc_from_color(color[:, :3])
     gaussians.opacity_logits[rows] = logit(color[:, 3])
-    gaussians.quats[rows] = normalized((records["rotation"] - 128.0) / 128.0)
+    gaussians.quats[rows] = normalize_quaternions((records["rotation"] - 128.0) / 128.0)
 
 
 def _encoded(path: str | Path, gaussians: Gaussians, start: int) -> ndarray:
@@ -117,7 +117,7 @@ def _encoded(path: str | Path, gaussians: Gaussians, start: int) -> ndarray:
     records["scale"] = np.where(flat, 0, np.exp(np.clip(part.log_scales.astype(np.float64), *LOG_SCALE_LIMITS)))
     records["color"][:, :3] = _bytes(255 * color_from_dc(part.sh_dc.astype(np.float64)))
     records["color"][:, 3] = _bytes(255 * sigmoid(part.opacity_logits.astype(np.float64)))
-    records["rotation"] = _bytes(128 * normalized(part.quats.astype(np.float64)) + 128)
+    records["rotation"] = _bytes(128 * normalize_quaternions(part.quats.astype(np.float64)) + 128)
     return records
 
 

@@ -32,7 +32,7 @@ class Cells:
     """Number of the Gaussians."""
 
 
-def gathered(
+def gather_cells(
     means: Float[ndarray, "n 3"],
     scales: Float[ndarray, "n 3"],
     nodes: UInt16[ndarray, " n"],

@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, UInt16, UInt32
 from numpy import ndarray
 
-from instdrive_core.instances.cells import Cells, gathered
-from instdrive_core.instances.neighbors import NeighborForest, grown_forest
-from instdrive_core.instances.rejoining import RejoinConfig, rejoined
+from instdrive_core.instances.cells import Cells, gather_cells
+from instdrive_core.instances.neighbors import NeighborForest, build_forest
+from instdrive_core.instances.rejoining import RejoinConfig, rejoin_components
 
 
 @dataclass(frozen=True)
@@ -79,11 +79,11 @@ def split_components(
     if not finite.any():
         return labels
     rows = slice(None) if finite.all() else np.flatnonzero(finite)
-    cells = gathered(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config.cell_size)
-    by_node, by_group = grown_forest(cells.positions, cells.nodes), grown_forest(cells.positions, cells.groups)
+    cells = gather_cells(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config.cell_size)
+    by_node, by_group = build_forest(cells.positions, cells.nodes), build_forest(cells.positions, cells.groups)
     spacing = _scene_spacing(by_node, config)
     components = _connected(cells, by_group, spacing, config)
-    components = rejoined(components, cells, by_group, config.min_support, config.rejoin)
+    components = rejoin_components(components, cells, by_group, config.min_support, config.rejoin)
     support = np.bincount(components, weights=cells.support)
     solid = support >= config.min_support
     owners = np.where(solid, np.arange(len(support)), -1)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.instances.interiors import Body
+from instdrive_core.instances.interiors import CompactObject
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ DEFAULT_CONFIG = FloaterConfig()
 
 
 def floaters_of_body(
-    body: Body,
+    body: CompactObject,
     means: Float[ndarray, "n 3"],
     colors: Float[ndarray, "n 3"],
     owned: Bool[ndarray, " n"],

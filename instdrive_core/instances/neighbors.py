@@ -79,7 +79,7 @@ class NeighborForest:
         return distances, found
 
 
-def grown_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) -> NeighborForest:
+def build_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) -> NeighborForest:
     """Trees for finite points with labels from 0 on."""
     count = len(points)
     sizes = np.bincount(labels)

@@ -46,7 +46,7 @@ class OrientedBox:
         return np.all(np.abs((points - self.center) @ self.rotation) <= self.size / 2 + slack, axis=1)
 
 
-def main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
+def find_main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     """False for floaters: pieces far from the rest that hold few Gaussians.
 
     Pieces are cells of an eighth of the middle 94 % that touch; where Gaussians are sparse, larger cells.
@@ -68,7 +68,7 @@ def main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     return (counts >= max(MIN_PART * largest, 2 if largest >= 4 else 1))[piece]
 
 
-def upright_box(
+def fit_upright_box(
     means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"], yaw: float | None = None
 ) -> OrientedBox:
     """The box of all Gaussians but the farthest 2 % at each face, each as wide as its standard deviation.
@@ -91,7 +91,9 @@ def upright_box(
     return OrientedBox(axes @ ((low + high) / 2), np.maximum(high - low, MIN_SIZE), yaw)
 
 
-def convex_hull(points: Float64[ndarray, "n 3"]) -> tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]] | None:
+def compute_convex_hull(
+    points: Float64[ndarray, "n 3"],
+) -> tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]] | None:
     """Corners and triangles (counter-clockwise from outside) of the hull; None where the points span no volume."""
     center = points.mean(axis=0) if len(points) else np.zeros(3)
     try:

@@ -47,7 +47,7 @@ class _Shapes:
     """Along the shortest axis."""
 
 
-def rejoined(
+def rejoin_components(
     components: Int64[ndarray, " m"], cells: Cells, by_group: NeighborForest, min_support: float, config: RejoinConfig
 ) -> Int64[ndarray, " m"]:
     """The component of each cell after parts have joined the nearest larger component of their own group.

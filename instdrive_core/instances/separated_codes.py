@@ -17,7 +17,7 @@ _MAX_DATA_BITS = 26
 """Of an extended Hamming code of 32 bits."""
 
 
-def separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"], int]:
+def generate_separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"], int]:
     """`count` codewords and d, their number of bits: the fewest that keep them apart.
 
     Raises ValueError for more instances than 32 bits hold (2^26).

@@ -15,7 +15,7 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.label_map_folder import FrameMasks, MaskFolder
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 COLUMNS, ROWS = 3, 3
 MAX_WIDTH = 640
@@ -89,7 +89,7 @@ def _tile(frame: Frame, masks: FrameMasks) -> Image.Image:
     if tile.width > MAX_WIDTH:
         tile = tile.resize((MAX_WIDTH, round(tile.height * MAX_WIDTH / tile.width)), Image.Resampling.LANCZOS)
     count = len(np.unique(masks.labels[masks.labels > 0]))
-    text = f"{frame.key}: {counted(count, 'mask')}"
+    text = f"{frame.key}: {format_count(count, 'mask')}"
     draw, font = ImageDraw.Draw(tile), ImageFont.load_default(max(9, tile.width // 32))
     left, top, right, bottom = draw.textbbox((6, 4), text, font)
     draw.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=(0, 0, 0))

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_fields import field, read_json, whole_number
+from instdrive_core.files.json_fields import parse_whole_number, read_json, require_field
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.label_map_folder import nearest, read_label_map, read_sky
 
@@ -65,10 +65,10 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
     instances = {}
     for key, entry in entries.items():
         number = _instance_number(file, key)
-        kind = field(file, entry, "kind", f"{key}.")
+        kind = require_field(file, entry, "kind", f"{key}.")
         if kind not in ("thing", "stuff"):
             raise DataError(file, f"the field '{key}.kind' is {kind!r}, expected 'thing' or 'stuff'", _REMEDY)
-        class_name, uuid = str(field(file, entry, "class", f"{key}.")), entry.get("uuid")
+        class_name, uuid = str(require_field(file, entry, "class", f"{key}.")), entry.get("uuid")
         instances[number] = GroundTruthInstance(
             id=number,
             name=str(entry.get("name", f"{class_name} {key}")),
@@ -82,7 +82,7 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
 
 def _instance_number(file: Path, key: str) -> int:
     try:
-        number = whole_number(key)
+        number = parse_whole_number(key)
     except ValueError as error:
         problem = f"expected an object from instance numbers to their facts, but {error}"
         raise DataError(file, problem, _REMEDY) from error

@@ -25,9 +25,9 @@ from PIL import Image
 
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path, write_bytes
+from instdrive_core.files.atomic import replace_atomically, write_bytes
 from instdrive_core.files.image_limit import BAD_IMAGE, check_pixels
-from instdrive_core.files.json_fields import field, number, read_json
+from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.files.plain_file import BoundedReader
 from instdrive_core.masks.journal import Journal
 
@@ -134,21 +134,23 @@ def open_masks(folder: str | Path) -> MaskFolder:
     if not file.is_file():
         raise DataError(folder, f"is no finished folder of masks: '{SIDECAR}' is missing", _REMEDY)
     sidecar = read_json(file)
-    version = field(file, sidecar, "version")
+    version = require_field(file, sidecar, "version")
     if version != VERSION:
         raise DataError(file, f"has version {version!r}, this program reads {VERSION}", _REMEDY)
-    frames = field(file, sidecar, "frames")
+    frames = require_field(file, sidecar, "frames")
     if not isinstance(frames, dict):
         raise DataError(file, "the field 'frames' is no object", _REMEDY)
     counts = {
-        _checked_key(file, key): int(number(file, field(file, entry, "masks", f"frames.{key}."), f"frames.{key}.masks"))
+        _checked_key(file, key): int(
+            require_number(file, require_field(file, entry, "masks", f"frames.{key}."), f"frames.{key}.masks")
+        )
         for key, entry in frames.items()
     }
-    seed = int(number(file, field(file, sidecar, "seed"), "seed"))
+    seed = int(require_number(file, require_field(file, sidecar, "seed"), "seed"))
     faults = sidecar.get("faults")  # older sidecars do not have it
     if faults is not None and not isinstance(faults, str):
         raise DataError(file, f"the field 'faults' is {faults!r}, expected a name", _REMEDY)
-    return MaskFolder(folder, str(field(file, sidecar, "source")), seed, counts, faults)
+    return MaskFolder(folder, str(require_field(file, sidecar, "source")), seed, counts, faults)
 
 
 def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
@@ -213,7 +215,7 @@ def _read_png(file: Path) -> tuple[ndarray, str]:
 
 
 def _write_png(file: Path, raster: ndarray) -> None:
-    with atomic_path(file) as temporary:
+    with replace_atomically(file) as temporary:
         Image.fromarray(raster).save(temporary, "PNG")
 
 

@@ -17,7 +17,7 @@ _SPREADING = (
 )
 
 
-def morton_codes(
+def compute_morton_codes(
     points: Float[ndarray, "n 3"], low: Float[ndarray, "3"], high: Float[ndarray, "3"]
 ) -> UInt64[ndarray, " n"]:
     """The code of each point (finite) in the box from `low` to `high`; points outside count as on its side."""

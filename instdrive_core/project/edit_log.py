@@ -15,11 +15,11 @@ import numpy as np
 
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.serialize import EDITS
-from instdrive_core.project.large_lists import Numbers, packed, unpacked
+from instdrive_core.project.packed_lists import Numbers, pack_lists, unpack_lists
 
 
 @dataclass(frozen=True)
-class Logged:
+class LoggedHistory:
     """A history at one moment."""
 
     edits: tuple[Edit, ...] = ()
@@ -31,19 +31,19 @@ class Logged:
         return self.edits[: self.cursor]
 
 
-def difference(before: Logged, after: Logged) -> dict[str, Any] | None:
+def diff_histories(before: LoggedHistory, after: LoggedHistory) -> dict[str, Any] | None:
     """The line that leads from one to the other; None where they are the same."""
-    keep = shared_length(before.edits, after.edits)
+    keep = count_shared_edits(before.edits, after.edits)
     added = after.edits[keep:]
     if keep == len(before.edits) and not added and before.cursor == after.cursor:
         return None
     line: dict[str, Any] = {"cursor": after.cursor}
     if keep < len(before.edits) or added:
-        line |= {"keep": keep, "add": [packed(edit, _to_text) for edit in added]}
+        line |= {"keep": keep, "add": [pack_lists(edit, _to_text) for edit in added]}
     return line
 
 
-def shared_length(left: tuple[Edit, ...], right: tuple[Edit, ...]) -> int:
+def count_shared_edits(left: tuple[Edit, ...], right: tuple[Edit, ...]) -> int:
     """How many edits both begin with: the same ones, not equal ones."""
     for number, (mine, theirs) in enumerate(zip(left, right, strict=False)):
         if mine is not theirs:
@@ -56,7 +56,7 @@ class ReadLog:
     """The history that lines lead to."""
 
     entries: list[Any] = field(default_factory=list)
-    """Edits as `packed` JSON."""
+    """Edits as `pack_lists` JSON."""
     cursor: int = 0
     _numbers: list[int] = field(default_factory=list)
     """One per entry, never given twice."""
@@ -64,7 +64,7 @@ class ReadLog:
     _saved: list[int] | None = None
 
     def take(self, line: Mapping[str, Any]) -> None:
-        """Follow a line of `difference`. Raises KeyError, TypeError or ValueError where it is none."""
+        """Follow a line of `diff_histories`. Raises KeyError, TypeError or ValueError where it is none."""
         keep = line.get("keep", len(self.entries))
         added = line.get("add", [])
         whole = type(keep) is int and type(line["cursor"]) is int
@@ -93,7 +93,7 @@ class ReadLog:
 
     def full_entries(self) -> list[Any]:
         """The edits as `Edit.to_json` gave them."""
-        return [unpacked(entry, _from_text) for entry in self.entries]
+        return [unpack_lists(entry, _from_text) for entry in self.entries]
 
     def _work(self, done: int) -> list[int]:
         numbered = zip(self._numbers[:done], self.entries[:done], strict=True)

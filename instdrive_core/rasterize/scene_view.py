@@ -13,7 +13,7 @@ from instdrive_core.rasterize.kernels.sky_behind import sky_behind
 from instdrive_core.rasterize.kernels.view_colors import view_colors
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, preview
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.scene.scene import Scene, place_in_world
 
 
 def view_scene(
@@ -33,7 +33,7 @@ def view_scene(
     """
     gaussians = scene.gaussians
     poses, present = scene.at(time)
-    means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
+    means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     colors = view_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
     opacities = gaussians.opacities
     if drawn is not None:

@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int, UInt8, UInt16
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import multiplied, normalized, quaternion_from_matrix
+from instdrive_core.maths.rotations import multiply_quaternions, normalize_quaternions, quaternion_from_matrix
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
-from instdrive_core.scene.per_splat import read_only
+from instdrive_core.scene.splat_array import create_read_only_view
 from instdrive_core.scene.transforms import TransformPalette
 
 
@@ -94,18 +94,18 @@ def world_shapes(
     distinct, place = np.unique(pairs[moved], return_inverse=True)
     linear = frames.entries[distinct >> 16, :, :3]
     scales = np.linalg.norm(linear[:, :, 0], axis=1)
-    turns = multiplied(
+    turns = multiply_quaternions(
         quaternion_from_matrix(frames.nodes[distinct & 0xFFFF, :, :3]),
         quaternion_from_matrix(linear / scales[:, None, None]),
     )
-    quats[moved] = multiplied(turns[place], normalized(quats[moved]))
+    quats[moved] = multiply_quaternions(turns[place], normalize_quaternions(quats[moved]))
     log_scales[moved] += np.log(scales)[place, None].astype(np.float32)
     return quats, log_scales
 
 
 def _input(array: ndarray) -> ndarray:
     """In the one layout that the kernels are compiled for; a view wherever rows are stored as they should be."""
-    return read_only(np.ascontiguousarray(array))
+    return create_read_only_view(np.ascontiguousarray(array))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

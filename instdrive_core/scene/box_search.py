@@ -8,7 +8,7 @@ from jaxtyping import Float32, Float64, Int32
 from numpy import ndarray
 
 
-def box_of_points(
+def find_box_of_points(
     points: Float32[ndarray, "n 3"],
     world_from_boxes: Float64[ndarray, "b 4 4"],
     dimensions: Float64[ndarray, "b 3"],

@@ -14,7 +14,9 @@ MIN_STEP = 0.05
 """Metres: shorter steps between two photos are noise of a standing car."""
 
 
-def travel_direction(paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
+def estimate_travel_direction(
+    paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray, "3"]
+) -> Float64[ndarray, "3"] | None:
     """Horizontal unit direction of the drive past `near`; None where nothing drove.
 
     Args:
@@ -36,7 +38,7 @@ def travel_direction(paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray
     return _main_axis(steps, weights / lengths, weights @ steps)
 
 
-def street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
+def estimate_street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
     """Horizontal unit direction along which points within twice `NEAR` metres extend most; None for fewer than two."""
     offsets = points[:, :2] - np.asarray(near, points.dtype)[:2]
     close = offsets[(offsets**2).sum(axis=1) < (2 * NEAR) ** 2].astype(np.float64)

@@ -11,13 +11,13 @@ from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
-FindingKind = Literal[
+DefectKind = Literal[
     "not_finite", "zero_quaternion", "giant_scale", "far_outlier", "never_shown", "duplicate", "empty_sh"
 ]
 
-HARMFUL: tuple[FindingKind, ...] = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
+HARMFUL: tuple[DefectKind, ...] = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
 """What shows, or breaks programs; the other kinds only waste memory."""
 
 VISIBLE_OPACITY = 1 / 255
@@ -34,10 +34,10 @@ CHUNK_ROWS = 65536
 
 
 @dataclass(frozen=True)
-class Finding:
+class Defect:
     """One kind of oddity."""
 
-    kind: FindingKind
+    kind: DefectKind
     what: str
     """A sentence with its figures, without a full stop."""
     count: int
@@ -62,7 +62,7 @@ class _Extent:
 _PLURALS = {"has": "have", "holds": "hold", "is": "are", "lies": "lie", "repeats": "repeat"}
 
 
-def linted(scene: Scene) -> tuple[Finding, ...]:
+def find_defects(scene: Scene) -> tuple[Defect, ...]:
     """Everything odd about a scene, the most harmful first; nothing is changed.
 
     Infinite opacity logits are opacities of exactly 0 or 1 and are no fault. Extents are measured on the background
@@ -82,16 +82,16 @@ def linted(scene: Scene) -> tuple[Finding, ...]:
     return tuple(finding for finding in findings if finding is not None)
 
 
-def _finding(kind: FindingKind, wrong: Bool[ndarray, " n"], verb: str, what: str, remedy: str) -> Finding | None:
+def _finding(kind: DefectKind, wrong: Bool[ndarray, " n"], verb: str, what: str, remedy: str) -> Defect | None:
     """`verb` is that of one splat; several have another form of it."""
     rows = np.flatnonzero(wrong)
     if not len(rows):
         return None
     form = verb if len(rows) == 1 else _PLURALS[verb]
-    return Finding(kind, f"{counted(len(rows), 'splat')} {form} {what}", len(rows), rows, remedy)
+    return Defect(kind, f"{format_count(len(rows), 'splat')} {form} {what}", len(rows), rows, remedy)
 
 
-def _not_finite(scene: Scene) -> Finding | None:
+def _not_finite(scene: Scene) -> Defect | None:
     wrong, parts = np.zeros(len(scene), bool), []
     for name, values in scene.gaussians.arrays().items():
         broken = np.isnan(values) if name == "opacity_logits" else _rows_not_finite(values)
@@ -119,7 +119,7 @@ def _flat(values: ndarray) -> ndarray:
     return values.reshape(len(values), int(np.prod(values.shape[1:])))
 
 
-def _zero_quaternions(scene: Scene) -> Finding | None:
+def _zero_quaternions(scene: Scene) -> Defect | None:
     quats = scene.gaussians.quats
     squares = np.einsum("ni,ni->n", quats, quats)
     what = "a rotation of length 0"
@@ -140,7 +140,7 @@ def _extent(scene: Scene) -> _Extent | None:
     return _Extent(rows, distances, radius) if radius > 0 else None
 
 
-def _giant_scales(scene: Scene, extent: _Extent | None) -> Finding | None:
+def _giant_scales(scene: Scene, extent: _Extent | None) -> Defect | None:
     if extent is None:
         return None
     longest = scene.gaussians.log_scales.max(axis=1)
@@ -150,7 +150,7 @@ def _giant_scales(scene: Scene, extent: _Extent | None) -> Finding | None:
     return _finding("giant_scale", wrong, "is", what, remedy)
 
 
-def _far_outliers(scene: Scene, extent: _Extent | None) -> Finding | None:
+def _far_outliers(scene: Scene, extent: _Extent | None) -> Defect | None:
     if extent is None:
         return None
     limit = FAR_RADII * extent.radius
@@ -160,7 +160,7 @@ def _far_outliers(scene: Scene, extent: _Extent | None) -> Finding | None:
     return _finding("far_outlier", wrong, "lies", what, "Best deleted: framing, bounds and quantised formats suffer")
 
 
-def _never_shown(scene: Scene) -> Finding | None:
+def _never_shown(scene: Scene) -> Defect | None:
     # logit(1/255): comparing logits spares a million exponentials.
     limit = np.float32(np.log(VISIBLE_OPACITY / (1 - VISIBLE_OPACITY)))
     wrong = scene.gaussians.opacity_logits < limit
@@ -168,7 +168,7 @@ def _never_shown(scene: Scene) -> Finding | None:
     return _finding("never_shown", wrong, "has", what, "Deleting saves memory")
 
 
-def _duplicates(scene: Scene) -> Finding | None:
+def _duplicates(scene: Scene) -> Defect | None:
     """Splats of the same place, shape, opacity and base colour, bit by bit, as an earlier one."""
     gaussians = scene.gaussians
     names = ("means", "quats", "log_scales", "opacity_logits", "sh_dc")
@@ -203,7 +203,7 @@ def _hashes(parts: list[ndarray]) -> UInt64[ndarray, " n"]:
     return hashes
 
 
-def _empty_sh(scene: Scene) -> Finding | None:
+def _empty_sh(scene: Scene) -> Defect | None:
     """SH columns above the degree that the scene makes use of."""
     rest = scene.gaussians.sh_rest
     if not rest.size:
@@ -219,4 +219,4 @@ def _empty_sh(scene: Scene) -> Finding | None:
     if not empty:
         return None
     what = f"{empty} of {rest.shape[1]} SH coefficients are zero in every splat (degree {degree} would do)"
-    return Finding("empty_sh", what, empty, np.zeros(0, np.int64), "Nothing is wrong; the file is larger than needed")
+    return Defect("empty_sh", what, empty, np.zeros(0, np.int64), "Nothing is wrong; the file is larger than needed")

@@ -19,7 +19,7 @@ class NamedEntries(NamedTuple):
     """The pair of each row, in the order of the rows that were asked about."""
 
 
-def named_entries(
+def find_named_entries(
     indices: UInt16[ndarray, " n"], rows: Int64[ndarray, " m"], bounds: Int64[ndarray, " p"], size: int
 ) -> NamedEntries:
     """The entries that rows name, of a palette of `size` entries; part k of the rows begins at ``bounds[k]``."""

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def exchanged(numbers, rows, values):
+def exchange_values(numbers, rows, values):
     """Write values, in place; returns what rows held before, and the bounds of the rows.
 
     No row may be named twice. Raises IndexError, with nothing written, for a row that is not there.

@@ -9,7 +9,12 @@ from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.instances.table import InstanceTable
-from instdrive_core.maths.rotations import matrix_from_quaternion, multiplied, normalized, quaternion_from_matrix
+from instdrive_core.maths.rotations import (
+    matrix_from_quaternion,
+    multiply_quaternions,
+    normalize_quaternions,
+    quaternion_from_matrix,
+)
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
@@ -74,7 +79,7 @@ def scene_from_gaussians(gaussians: Gaussians) -> Scene:
     return Scene(gaussians, zeros, zeros.copy(), np.zeros(count, np.uint16))
 
 
-def placed(
+def place_in_world(
     means: Float32[ndarray, "n 3"],
     quats: Float32[ndarray, "n 4"],
     nodes: UInt16[ndarray, " n"],
@@ -89,10 +94,10 @@ def placed(
     rotated = np.einsum("nij,nj->ni", matrices[:, :3, :3], means[moved]) + matrices[:, :3, 3]
     turns = quaternion_from_matrix(poses[:, :3, :3])[nodes[moved]]
     means[moved] = rotated
-    quats[moved] = multiplied(turns, normalized(quats[moved]))
+    quats[moved] = multiply_quaternions(turns, normalize_quaternions(quats[moved]))
     return means, quats
 
 
-def node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:
+def extract_node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:
     """The rotation part of a pose palette, orthonormalised through quaternions."""
     return matrix_from_quaternion(quaternion_from_matrix(poses[:, :3, :3]))

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
-from instdrive_core.scene.per_splat import PerSplatArray, read_only
 from instdrive_core.scene.row_writes import change_bits
+from instdrive_core.scene.splat_array import PerSplatArray, create_read_only_view
 
 
 class Flag(IntFlag):
@@ -33,7 +33,7 @@ class SplatState(PerSplatArray):
     @property
     def flags(self) -> UInt8[ndarray, " n"]:
         """A read-only view."""
-        return read_only(self._rows)
+        return create_read_only_view(self._rows)
 
     def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
         """Rows that have any of the bits of `flag`."""

@@ -48,7 +48,7 @@ class Track:
         return pose
 
 
-def points_inside(
+def find_points_inside(
     points: Float[ndarray, "n 3"],
     world_from_box: Float64[ndarray, "4 4"],
     dimensions: Float64[ndarray, "3"],

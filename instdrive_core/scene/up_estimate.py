@@ -17,7 +17,7 @@ from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.scene.upright import UP, Axis, axis_title, direction_of, nearest_axis
+from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis, format_axis
 
 LOOKED_AT = 20_000
 """Splats that decide, evenly chosen."""
@@ -58,17 +58,17 @@ class UpEstimate:
     @property
     def axis(self) -> Axis:
         """The nearest axis."""
-        return nearest_axis(self.direction)[0]
+        return find_nearest_axis(self.direction)[0]
 
     @property
     def tilt(self) -> float:
         """Degrees from that axis; 0 where it is meant exactly."""
-        return nearest_axis(self.direction)[1]
+        return find_nearest_axis(self.direction)[1]
 
     @property
     def words(self) -> str:
         """``−Y``, or ``12° from −Y``."""
-        return f"{self.tilt:.0f}° from {axis_title(self.axis)}" if self.tilt else axis_title(self.axis)
+        return f"{self.tilt:.0f}° from {format_axis(self.axis)}" if self.tilt else format_axis(self.axis)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class _Surfaces:
     """Areas times flatness, of the same total."""
 
 
-def estimated_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
+def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
     """Which way is up in a scene; `stated` is what its file's format says, in this program's axes.
 
     Cameras are believed first, then a clear ground, then the format. What has instances was made by this program, and
@@ -93,15 +93,15 @@ def estimated_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
     cameras = _up_of_cameras(scene.views)
     if cameras is not None:
         return UpEstimate(_snapped(cameras), True, "the photos' cameras")
-    ground = up_of_splats(scene.gaussians, np.flatnonzero(scene.nodes == 0))
+    ground = estimate_up_from_splats(scene.gaussians, np.flatnonzero(scene.nodes == 0))
     if ground is not None:
         return UpEstimate(_snapped(ground), True, "the ground")
     if stated is not None:
-        return UpEstimate(direction_of(stated), True, "the file's format")
-    return UpEstimate(direction_of(UP if len(scene.table) else _CUSTOM), False, "custom")
+        return UpEstimate(compute_axis_direction(stated), True, "the file's format")
+    return UpEstimate(compute_axis_direction(UP if len(scene.table) else _CUSTOM), False, "custom")
 
 
-def up_of_splats(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "3"] | None:
+def estimate_up_from_splats(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "3"] | None:
     """Unit normal, upwards, of the ground that these rows make; None where no plane is clearly the ground."""
     surfaces = _surfaces_of(gaussians.select(rows[:: 1 + len(rows) // LOOKED_AT]))
     if surfaces is None:
@@ -259,5 +259,5 @@ def _half_sphere(count: int) -> Float64[ndarray, "{count} 3"]:
 
 
 def _snapped(direction: Float[ndarray, "3"]) -> Float64[ndarray, "3"]:
-    axis, angle = nearest_axis(direction)
-    return direction_of(axis) if angle < SNAP else np.asarray(direction, np.float64)
+    axis, angle = find_nearest_axis(direction)
+    return compute_axis_direction(axis) if angle < SNAP else np.asarray(direction, np.float64)

@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path
+from instdrive_core.files.atomic import replace_atomically
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.actor_poses import ActorPoses
 from instdrive_core.training.gaussians.model import SceneModel
@@ -78,7 +78,7 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         "tracks": [_track_facts(track) for track in trainer.model.actor_poses.tracks],
         "photo_keys": [photo.key for photo in trainer.store.facts],
     }
-    with atomic_path(path) as temporary:
+    with replace_atomically(path) as temporary:
         try:
             save_file(tensors, temporary, metadata={"instdrive": json.dumps(facts)})
         except SafetensorError as error:

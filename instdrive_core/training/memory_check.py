@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from instdrive_core.available_memory import available_memory
+from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.datasets.photos import photo_size
-from instdrive_core.errors import OptionError, gigabytes
+from instdrive_core.errors import OptionError, format_gigabytes
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
 PROGRAM_BYTES = 0.5e9
@@ -28,14 +28,14 @@ def training_bytes(sizes: list[tuple[int, int]]) -> float:
 def check_training_room(clip: Clip) -> None:
     """Raises OptionError where memory is too small for the clip's photos, with a scale or cameras that would do."""
     frames = clip.training_frames()
-    needed, available = training_bytes(_sizes(frames)), available_memory()
+    needed, available = training_bytes(_sizes(frames)), measure_available_memory()
     if needed <= available:
         return
     width, height = max(_sizes(frames), key=math.prod)
-    problem = f"{len(frames)} photos of up to {width}×{height} need at least {gigabytes(needed)} to be trained"
+    problem = f"{len(frames)} photos of up to {width}×{height} need at least {format_gigabytes(needed)} to be trained"
     ways = [way for way in (_smaller(frames, available), _fewer(clip, available)) if way]
     remedy = " or ".join(ways) or "use a machine with more memory"
-    raise OptionError(f"{clip.path}: {problem}, {gigabytes(available)} are free; {remedy}")
+    raise OptionError(f"{clip.path}: {problem}, {format_gigabytes(available)} are free; {remedy}")
 
 
 def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, int]]:

@@ -7,8 +7,8 @@ from random_scene import random_scene
 from instdrive_app.main import main
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.scene_up import up_of
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.scene.scene import scene_from_gaussians
@@ -61,8 +61,10 @@ def test_what_is_no_direction_is_refused(run, tmp_path, capsys, words):
 def test_up_is_guessed_for_what_the_edits_made_of_a_scene():
     document = Document(random_scene())
     document.apply(TurnScene.upright((0.0, -1.0, 0.0)))
-    assert up_of(document).axis == up_of(Document(baked(document))).axis == "+y", "its cameras stood upright before"
+    assert (
+        estimate_document_up(document).axis == estimate_document_up(Document(bake_document(document))).axis == "+y"
+    ), "its cameras stood upright before"
     bare = Document(scene_from_gaussians(random_scene().gaussians))
-    assert up_of(bare, "-y").confident
+    assert estimate_document_up(bare, "-y").confident
     bare.apply(TurnScene.upright((0.0, -1.0, 0.0)))
-    assert (up_of(bare, "-y").axis, up_of(bare, "-y").confident) == ("+z", False)
+    assert (estimate_document_up(bare, "-y").axis, estimate_document_up(bare, "-y").confident) == ("+z", False)

@@ -11,10 +11,10 @@ from instdrive_app.main import main
 from instdrive_core.cli.render import orbit_camera
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
-from instdrive_core.edits.queries.bake import baked, frozen_at
+from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.rasterize.pictures import depth_colors
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
 
@@ -160,7 +160,7 @@ def test_depth_runs_from_violet_to_red_and_is_black_where_nothing_is():
 
 def test_placed_scenes_look_like_moving_ones(scene):
     camera = scene.views[2].camera
-    moving, still = view_scene(scene, camera, 0.3), view_scene(frozen_at(scene, 0.3), camera, 0.3)
+    moving, still = view_scene(scene, camera, 0.3), view_scene(freeze_at_time(scene, 0.3), camera, 0.3)
     np.testing.assert_allclose(still.color, moving.color, atol=2e-3)
     np.testing.assert_allclose(still.alpha, moving.alpha, atol=2e-3)
 
@@ -168,10 +168,10 @@ def test_placed_scenes_look_like_moving_ones(scene):
 def test_exported_solid_instances_show_their_color(scene):
     alone = dataclasses.replace(scene, sky=None)
     alone.instance_ids = np.where(scene.nodes == 0, 1, scene.instance_ids).astype(np.uint32)
-    alone.table = table_from_ids(alone.instance_ids, scene.gaussians.means, scene.codewords, scene.nodes)
+    alone.table = build_instance_table(alone.instance_ids, scene.gaussians.means, scene.codewords, scene.nodes)
     document = Document(alone)
     document.apply(RecolorInstances((1,), "solid", (0.8, 0.4, 0.2)))
-    shown = view_scene(baked(document), scene.views[0].camera, 9.0)
+    shown = view_scene(bake_document(document), scene.views[0].camera, 9.0)
     covered = shown.alpha > 0.5
     assert covered.sum() > 200
     expected = shown.alpha[covered][:, None] * np.array([0.8, 0.4, 0.2])

@@ -13,7 +13,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.evaluation import protocol
 from instdrive_core.evaluation.protocol import evaluate_run, evaluate_scene
 from instdrive_core.formats.folder.scenes import write_scene_folder
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 
 FACTS = {
     "clip": "toy",
@@ -121,7 +121,7 @@ def test_controls_are_near_nothing(drive):
 def test_what_does_not_apply_is_none(drive):
     scene, count = drive.scene, len(drive.scene)
     scene.instance_ids, scene.code_bits = np.zeros(count, np.uint32), 0
-    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means)
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
     drive.truth.source = "annotations"
     figures = measured(drive)
     empty = ("codeword.", "per_view.", "scene.", "lidar.", "click.")

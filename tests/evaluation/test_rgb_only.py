@@ -15,7 +15,7 @@ from instdrive_core.evaluation.page.report import write_report
 from instdrive_core.evaluation.protocol import evaluation_of_run
 from instdrive_core.evaluation.report import summary_rows
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.training.run import RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, train_config
 
@@ -83,7 +83,7 @@ def test_the_rest_of_the_chain_works(run, tmp_path, capsys):
 def test_instances_of_unlabelled_photos_are_shown_but_not_measured(run, tmp_path):
     scene = read_scene_folder(run)
     scene.instance_ids[:] = 1 + (scene.gaussians.means[:, 0] > 0)
-    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means)
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
     write_scene_folder(tmp_path, scene)
     (tmp_path / "run.json").write_bytes((run / "run.json").read_bytes())
     evaluation = evaluation_of_run(tmp_path)

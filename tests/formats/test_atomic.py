@@ -10,7 +10,7 @@ import time
 import pytest
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file, atomic_path, write_bytes
+from instdrive_core.files.atomic import open_atomically, replace_atomically, write_bytes
 
 
 def names(folder):
@@ -19,7 +19,7 @@ def names(folder):
 
 def test_the_file_appears_whole_and_nothing_else_stays(tmp_path):
     path = tmp_path / "new" / "a.bin"
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         file.write(b"half")
         assert not path.exists()
         file.write(b" whole")
@@ -32,7 +32,7 @@ def test_an_error_keeps_the_old_file(tmp_path):
     write_bytes(path, b"old")
 
     def fail_halfway():
-        with atomic_file(path) as file:
+        with open_atomically(path) as file:
             file.write(b"new")
             raise RuntimeError("disk full")
 
@@ -68,7 +68,7 @@ def test_modes_are_those_of_ordinary_or_replaced_files(tmp_path):
 KEEP_WRITING = """
 import itertools, sys
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path, write_bytes
+from instdrive_core.files.atomic import replace_atomically, write_bytes
 for number in itertools.count():
     write_bytes(sys.argv[1], bytes([number % 256]) * 3_000_000)
     print(number, flush=True)
@@ -92,7 +92,7 @@ def test_a_killed_writer_leaves_a_whole_file(tmp_path):
 def test_a_library_that_makes_its_files_private_does_not_make_ours(tmp_path):
     plain, replaced = tmp_path / "plain", tmp_path / "replaced"
     plain.write_bytes(b"")
-    with atomic_path(replaced) as temporary:
+    with replace_atomically(replaced) as temporary:
         temporary.write_bytes(b"content")
         temporary.chmod(0o600)
     assert replaced.stat().st_mode == plain.stat().st_mode

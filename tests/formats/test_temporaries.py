@@ -9,16 +9,16 @@ import threading
 import pytest
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file, atomic_path, write_bytes
+from instdrive_core.files.atomic import open_atomically, replace_atomically, write_bytes
 from instdrive_core.files.file_lock import FileLock
-from instdrive_core.files.temporaries import temporary_beside
+from instdrive_core.files.temporaries import create_temporary
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 
 HANG = """
 import sys, time
 from pathlib import Path
-from instdrive_core.files.temporaries import temporary_beside
-with temporary_beside(Path(sys.argv[1])) as temporary:
+from instdrive_core.files.temporaries import create_temporary
+with create_temporary(Path(sys.argv[1])) as temporary:
     temporary.path.write_bytes(b"half")
     print(temporary.path.name, flush=True)
     time.sleep(3600)
@@ -61,7 +61,7 @@ def test_writers_of_one_name_do_not_meet(tmp_path):
 
     def write(letter):
         for _ in range(30):
-            with atomic_file(path) as file:
+            with open_atomically(path) as file:
                 for _ in range(20):
                     file.write(letter * 1000)
             content = path.read_bytes()
@@ -86,10 +86,10 @@ def test_a_link_in_the_way_is_neither_followed_nor_removed(tmp_path):
 
 def test_a_name_given_away_is_not_removed_from_its_next_user(tmp_path):
     path = tmp_path / "a.bin"
-    with temporary_beside(path) as first:
+    with create_temporary(path) as first:
         first.path.write_bytes(b"first")
         first.replace(path)
-        with temporary_beside(path) as second:
+        with create_temporary(path) as second:
             assert second.path == first.path
             first.close()
             assert second.path.exists()
@@ -97,7 +97,7 @@ def test_a_name_given_away_is_not_removed_from_its_next_user(tmp_path):
 
 def test_temporaries_of_changing_names_are_known_by_one(tmp_path):
     def fail():
-        with atomic_path(tmp_path / "scene.123.bin", temporary_for="scene.bin") as temporary:
+        with replace_atomically(tmp_path / "scene.123.bin", temporary_for="scene.bin") as temporary:
             assert temporary.name == ".scene.bin.0.tmp"
             raise RuntimeError
 

@@ -10,7 +10,7 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.rasterize.kernels.sky_behind import sky_behind
 from instdrive_core.rasterize.scene_view import instance_map, view_scene
-from instdrive_core.scene.gaussians import Gaussians, empty_gaussians
+from instdrive_core.scene.gaussians import Gaussians, create_empty_gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -84,7 +84,7 @@ def test_hidden_splats_are_neither_drawn_nor_picked() -> None:
 
 
 def test_an_empty_scene_is_drawn() -> None:
-    scene = scene_from_gaussians(empty_gaussians())
+    scene = scene_from_gaussians(create_empty_gaussians())
     frame = view_scene(scene, CAMERA, 0.0)
     assert not frame.color.any()
     assert not instance_map(scene, frame).any()

@@ -9,7 +9,7 @@ from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.rasterize import shown_rows
 from instdrive_core.rasterize.pixel import rows_near
 from instdrive_core.rasterize.shown_rows import Frames, largest_log_scales, place_means, shown_opacities, world_shapes
@@ -48,7 +48,7 @@ def arrays_of(document, ranges):
 def test_ranges_together_are_what_baking_gives(document):
     scene, count = document.scene, len(document.scene)
     assert scene.at(TIME)[1].all(), "no row is left out of the baked scene"
-    expected = baked(document, TIME).gaussians
+    expected = bake_document(document, TIME).gaussians
     frames, means, sizes, opacities = arrays_of(document, [(0, 150), (150, count)])
     np.testing.assert_allclose(means, expected.means, atol=1e-5)
     np.testing.assert_allclose(sizes[:, 0], expected.log_scales.max(axis=1), atol=1e-5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from instdrive_core.scene.exposure import Exposures, exposed, identity_exposure
+from instdrive_core.scene.exposure import Exposures, apply_exposure, create_identity_exposure
 
 
 @pytest.fixture
@@ -36,9 +36,9 @@ def test_an_unknown_camera_has_the_identity(exposures):
 
 def test_exposing_is_affine_and_the_identity_keeps_every_bit():
     image = np.random.default_rng(1).random((4, 5, 3)).astype(np.float32)
-    np.testing.assert_array_equal(exposed(image, identity_exposure()), image)
+    np.testing.assert_array_equal(apply_exposure(image, create_identity_exposure()), image)
     matrix = np.random.default_rng(2).normal(size=(3, 4)).astype(np.float32)
-    found = exposed(image, matrix)
+    found = apply_exposure(image, matrix)
     np.testing.assert_allclose(found[2, 3], matrix @ np.append(image[2, 3], 1), rtol=1e-5)
     assert found.dtype == np.float32
 

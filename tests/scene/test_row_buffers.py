@@ -1,10 +1,10 @@
 import numpy as np
 
-from instdrive_core.scene.row_buffers import RowBuffers, with_room
+from instdrive_core.scene.row_buffers import RowBuffers, allocate_with_spare
 
 
 def test_what_was_read_with_room_grows_in_place():
-    array = with_room((80, 3), np.float32)
+    array = allocate_with_spare((80, 3), np.float32)
     array[:] = 1
     longer = RowBuffers().extended("means", array, np.full((4, 3), 2, np.float32))
     assert longer.base is array.base
@@ -13,7 +13,7 @@ def test_what_was_read_with_room_grows_in_place():
 
 
 def test_only_one_of_two_may_write_behind_the_end():
-    array = with_room((80,), np.float32)
+    array = allocate_with_spare((80,), np.float32)
     first = RowBuffers().extended("a", array, np.ones(4, np.float32))
     second = RowBuffers().extended("a", array, np.zeros(4, np.float32))
     assert second.base is not array.base

@@ -3,7 +3,7 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.scene import node_rotations, placed, scene_from_gaussians
+from instdrive_core.scene.scene import extract_node_rotations, place_in_world, scene_from_gaussians
 
 
 def test_pose_palette_names_background_first_and_who_is_present():
@@ -17,7 +17,7 @@ def test_pose_palette_names_background_first_and_who_is_present():
 def test_placing_moves_actors_and_leaves_the_background_alone():
     scene = random_scene(actors=2)
     gaussians, (poses, _) = scene.gaussians, scene.at(0.3)
-    means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
+    means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     still = scene.nodes == 0
     assert means[still].tobytes() == gaussians.means[still].tobytes()
     for row in np.flatnonzero(~still)[::7]:
@@ -30,7 +30,7 @@ def test_placing_moves_actors_and_leaves_the_background_alone():
 def test_a_static_scene_is_not_copied_by_placing():
     scene = scene_from_gaussians(random_scene().gaussians)
     poses, _ = scene.at(0.0)
-    means, quats = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     assert means is scene.gaussians.means
     assert quats is scene.gaussians.quats
 
@@ -38,7 +38,7 @@ def test_a_static_scene_is_not_copied_by_placing():
 def test_rotations_are_orthonormal_again():
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, :3, :3] *= 1 + 1e-4
-    np.testing.assert_allclose(node_rotations(poses)[1], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(extract_node_rotations(poses)[1], np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize(

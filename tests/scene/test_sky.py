@@ -1,6 +1,6 @@
 import numpy as np
 
-from instdrive_core.scene.sky import Sky, cube_taps
+from instdrive_core.scene.sky import Sky, find_cube_taps
 
 
 def test_faces_show_along_their_axes():
@@ -12,7 +12,7 @@ def test_faces_show_along_their_axes():
 
 def test_taps_are_convex_and_reproduce_a_ramp():
     directions = np.random.default_rng(0).normal(size=(500, 3))
-    indices, weights = cube_taps(directions, 16)
+    indices, weights = find_cube_taps(directions, 16)
     assert indices.min() >= 0
     assert indices.max() < 6 * 16 * 16
     np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-5)

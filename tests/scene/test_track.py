@@ -3,7 +3,7 @@ import pytest
 from random_scene import random_track
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.track import find_points_inside
 
 
 @pytest.fixture
@@ -39,6 +39,6 @@ def test_points_inside_a_turned_box():
     local = np.array([[0.9, 1.9, 0.4], [1.1, 0, 0], [0, 0, -0.55], [0, 0, -0.45], [0, 0, 0.55]])
     world = local @ pose[:3, :3].T + pose[:3, 3]
     size = np.array([2.0, 4.0, 1.0])
-    np.testing.assert_array_equal(points_inside(world, pose, size), [True, False, False, True, False])
-    np.testing.assert_array_equal(points_inside(world, pose, size, 0.2), [True] * 5)
-    np.testing.assert_array_equal(points_inside(world, pose, size, 0.2, -0.1), [True, True, False, False, True])
+    np.testing.assert_array_equal(find_points_inside(world, pose, size), [True, False, False, True, False])
+    np.testing.assert_array_equal(find_points_inside(world, pose, size, 0.2), [True] * 5)
+    np.testing.assert_array_equal(find_points_inside(world, pose, size, 0.2, -0.1), [True, True, False, False, True])

@@ -8,7 +8,7 @@ import numpy as np
 
 from instdrive_core.datasets.clip import Clip, Frame, is_held_out
 from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.masks.ground_truth import GroundTruthInstance
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
@@ -101,7 +101,7 @@ def toy_scene(parked: Track, driving: Track, views: tuple[CameraView, ...]) -> S
     )
     faces = np.broadcast_to(COLORS[0], (6, 2, 2, 3)).copy()
     nodes = (ids == DRIVING).astype(np.uint16)
-    table = table_from_ids(ids, means, ids, nodes)
+    table = build_instance_table(ids, means, ids, nodes)
     return Scene(gaussians, ids, ids.copy(), nodes, table, (driving,), Sky(faces), views, code_bits=3)
 
 

@@ -80,7 +80,7 @@ def finished(process: subprocess.Popen) -> None:
 
 
 def started(street: Path, out: Path, resume: bool = False, lines: int = NEVER) -> subprocess.Popen:
-    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parents[1] / "support"), str(street), str(out)]
+    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parent), str(street), str(out)]
     return subprocess.Popen([*command, "resume" if resume else "new", str(lines)], stderr=subprocess.PIPE)
 
 

@@ -10,11 +10,11 @@ from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.formats.ply.inria import write_ply
-from instdrive_core.instances.codebook import quantized
+from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.build_trainer import with_first_features
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
@@ -94,7 +94,7 @@ def test_votes_name_instances_without_training(street, tmp_path):
     assert any("objects" in note for note in notes)
     scene = read_scene_folder(run)
     assert (scene.instance_ids > 0).all()
-    np.testing.assert_array_equal(scene.codewords, quantized(scene.gaussians.features))
+    np.testing.assert_array_equal(scene.codewords, quantize_features(scene.gaussians.features))
     pairs = np.unique(np.stack([scene.instance_ids, scene.codewords]), axis=1)
     assert pairs.shape[1] == len(scene.table) == len(np.unique(scene.codewords))
     for node in range(1, len(scene.actors) + 1):
@@ -190,7 +190,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
     """Its geometry and colours stay as they are, whichever origin they are stored with; a .ply brings no actors."""
     before, start = read_scene_folder(trained), trained
     if form == "ply":
-        before = frozen_at(before, 0.0)
+        before = freeze_at_time(before, 0.0)
         before.gaussians.means += np.float32(5)
         before.origin = before.origin - 5
         start = tmp_path / "elsewhere.ply"
@@ -222,7 +222,7 @@ def test_colours_are_trained_on_from_another_scene(street, trained, tmp_path):
 
 
 def test_a_scene_from_somewhere_else_is_refused(street, trained, tmp_path):
-    scene = frozen_at(read_scene_folder(trained), 0.0)
+    scene = freeze_at_time(read_scene_folder(trained), 0.0)
     scene.gaussians.means += np.float32(10_000)
     write_ply(tmp_path / "far.ply", scene)
     with pytest.raises(DataError, match=r"far.ply.*before a camera.*world coordinates"):

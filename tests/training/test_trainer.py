@@ -7,7 +7,7 @@ import pytest
 import torch
 from tiny_training import new_trainer, tiny_config
 
-from instdrive_core.instances.codebook import quantized
+from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.checkpoint import load_checkpoint, restore, save_checkpoint
 from instdrive_core.training.gaussians.view_rendering import GEOMETRY
 from instdrive_core.training.settings.config import TrainConfig, on_frozen_geometry
@@ -29,7 +29,7 @@ def test_colour_improves_and_every_object_gets_one_code(schedule):
     steps = [event for event in trainer.run() if isinstance(event, StepDone)]
     rgb = [event.psnr for event in steps if event.stage == "rgb"]
     assert rgb[-1] > rgb[0] + 2
-    codes = quantized(trainer.model.gaussians().features)
+    codes = quantize_features(trainer.model.gaussians().features)
     majority = [np.bincount(codes[which == number]).argmax() for number in (1, 2, 3)]
     assert len(set(majority)) == 3
     assert np.mean(codes == np.array(majority)[which - 1]) > 0.9
@@ -102,7 +102,7 @@ def test_frozen_geometry_learns_instances_alone():
     assert stages == {"instances"}
     for name, value in before.items():
         assert torch.equal(value, trainer.model.parameters[name]), name
-    codes = quantized(trainer.model.gaussians().features)
+    codes = quantize_features(trainer.model.gaussians().features)
     assert len({int(np.bincount(codes[which == number]).argmax()) for number in (1, 2, 3)}) == 3
 
 

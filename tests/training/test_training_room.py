@@ -6,7 +6,7 @@ import pytest
 from photo_models import COUNT, HEIGHT, WIDTH, photo_model, write_nerfstudio
 from small_clip import write_small_clip
 
-from instdrive_core.available_memory import assumed_memory
+from instdrive_core.available_memory import assume_memory
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import OptionError
@@ -23,7 +23,7 @@ from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 def test_a_smaller_scale_that_is_proposed_fits_and_a_larger_does_not(tmp_path):
     root = str(write_nerfstudio(tmp_path / "clip", photo_model()))
     available = PROGRAM_BYTES + 0.3 * (STEP_BYTES + (COUNT - 1) * KEPT_BYTES) * WIDTH * HEIGHT
-    with assumed_memory(available):
+    with assume_memory(available):
         with pytest.raises(OptionError, match=f"{COUNT - 1} photos of up to {WIDTH}×{HEIGHT} need at least") as raised:
             check_training_room(load_clip(root, ClipOptions()))
         scale = float(re.search(r"--scale (\S+) would fit", str(raised.value))[1])
@@ -38,11 +38,11 @@ def test_fewer_cameras_are_proposed_where_photos_are_many(tmp_path):
     clip = load_clip(root, ClipOptions(cameras="front_camera,back_camera"))
     sizes = [(frame.view.camera.width, frame.view.camera.height) for frame in clip.training_frames()]
     with (
-        assumed_memory(training_bytes(sizes) - 1),
+        assume_memory(training_bytes(sizes) - 1),
         pytest.raises(OptionError, match="--cameras front_camera would fit"),
     ):
         check_training_room(clip)
-    with assumed_memory(training_bytes(sizes)):
+    with assume_memory(training_bytes(sizes)):
         check_training_room(clip)
 
 

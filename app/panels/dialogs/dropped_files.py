@@ -10,7 +10,7 @@ from pathlib import Path
 
 from instdrive_app.files.file_names import name_problem
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 _TOLD = 3
 """Problems that are told of one drop; of more, their number."""
@@ -36,7 +36,7 @@ class DroppedFiles:
         """The problems as one message; empty where there are none."""
         told = list(self.problems[:_TOLD])
         if len(self.problems) > _TOLD:
-            told.append(f"So it is with {counted(len(self.problems) - _TOLD, 'other')} of what was dropped")
+            told.append(f"So it is with {format_count(len(self.problems) - _TOLD, 'other')} of what was dropped")
         return ". ".join(told)
 
 

@@ -8,7 +8,7 @@ from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_selectable, icon, scaled_size, swatch
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 TITLE = "Reassign the selected splats"
 NEW, NONE = -1, 0
@@ -37,7 +37,7 @@ class ReassignDialog:
         centered(scaled_size(380, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        dim_text(f"{counted(self._count, 'splat')} will be part of")
+        dim_text(f"{format_count(self._count, 'splat')} will be part of")
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)

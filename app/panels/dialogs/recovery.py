@@ -8,7 +8,7 @@ from instdrive_app.panels.dialogs.frame import centered
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
 from instdrive_app.panels.widgets.ui import Ui, dim_text
 from instdrive_core.project.recoverable import RecoverableSession
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 TITLE = "Recover unsaved work"
 
@@ -62,7 +62,7 @@ class RecoveryDialog:
         imgui.pop_style_color(2)
         imgui.end_disabled()
         ui.mark(f"recovery.{number}.recover")
-        changes = counted(session.edits, "change")
+        changes = format_count(session.edits, "change")
         dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
         if session.problem:
             imgui.push_style_color(imgui.Col_.text, rgba(ERROR))

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import centered, confirmed
 from instdrive_app.panels.widgets.ui import Ui, bounded_slider, dim_text, scaled_size
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.split import DEFAULT_GAP, SplitInstance
 
 TITLE = "Split by component"
@@ -69,7 +69,7 @@ class SplitDialog:
             if split is self._split:
                 self._sizes = sizes
 
-        frozen = frozen_copy(document)
+        frozen = freeze_document(document)
         ui.session.jobs.submit("Looking for parts", lambda: split.prepare(frozen), show, modal=False)
 
 

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_core.errors import gigabytes, ordinal
+from instdrive_core.errors import format_gigabytes, format_ordinal
 
 TITLE = "The scene is too large"
 
@@ -28,7 +28,7 @@ class TooLargeDialog:
         if not imgui.is_popup_open(TITLE):
             imgui.open_popup(TITLE)
         keep_every = found.keep_every or found.count
-        every = f"every {ordinal(keep_every)}"
+        every = f"every {format_ordinal(keep_every)}"
 
         def open_part() -> None:
             files.too_large = None
@@ -38,8 +38,8 @@ class TooLargeDialog:
             files.too_large = None
 
         text = (
-            f"{path.name} has {found.count:,} splats and needs {gigabytes(found.needed)} to be edited, "
-            f"{gigabytes(found.available)} are free. Open {every} splat?\n\n"
+            f"{path.name} has {found.count:,} splats and needs {format_gigabytes(found.needed)} to be edited, "
+            f"{format_gigabytes(found.available)} are free. Open {every} splat?\n\n"
             "The splats that are opened are made larger, so that they leave no gaps. The file stays as it is."
         )
         question(ui, TITLE, text, {"Cancel": leave, f"Open {every}": open_part})

@@ -14,7 +14,15 @@ from instdrive_app.panels.widgets.ui import Ui, dim_text
 from instdrive_core.edits.kinds.turn_scene import SCALE_LIMITS
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import UpEstimate
-from instdrive_core.scene.upright import AXES, UP, Axis, axis_title, direction_of, nearest_axis, upright_rotation
+from instdrive_core.scene.upright import (
+    AXES,
+    UP,
+    Axis,
+    compute_axis_direction,
+    compute_upright_rotation,
+    find_nearest_axis,
+    format_axis,
+)
 
 TITLE = "Turn upright"
 VIEW, GROUND = "view", "ground"
@@ -59,7 +67,7 @@ class TurnUprightDialog:
             imgui.text(told(up, self._scale, ui.session.document.scene))
         dim_text(guessed(estimate))
         imgui.pop_text_wrap_pos()
-        changes = self._scale != 1 or not np.array_equal(up, direction_of(UP))
+        changes = self._scale != 1 or not np.array_equal(up, compute_axis_direction(UP))
         if confirmed(ui, "Turn", False, changes):
             ui.session.turning.turn(up, self._scale)
         imgui.end_popup()
@@ -73,12 +81,12 @@ class TurnUprightDialog:
         for number, axis in enumerate(AXES):
             if number:
                 imgui.same_line(number * column + imgui.get_style().window_padding.x)
-            self._radio(ui, axis, axis_title(axis))
+            self._radio(ui, axis, format_axis(axis))
 
     def _other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
         up, angle = ui.session.turning.view_up()
-        axis, tilt = nearest_axis(up)
-        exact = f"{axis_title(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {axis_title(axis)}"
+        axis, tilt = find_nearest_axis(up)
+        exact = f"{format_axis(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {format_axis(axis)}"
         near = f" (the view is {angle:.0f}° off)" if angle >= 1 else ""
         self._radio(ui, VIEW, f"What is up in the view: {exact}{near}")
         if estimate is not None and estimate.tilt:
@@ -107,19 +115,19 @@ class TurnUprightDialog:
             return ui.session.turning.view_up()[0]
         if self._choice == GROUND and estimate is not None:
             return estimate.direction
-        return next((direction_of(axis) for axis in AXES if axis == self._choice), direction_of(UP))
+        return next((compute_axis_direction(axis) for axis in AXES if axis == self._choice), compute_axis_direction(UP))
 
 
 def told(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
     """What happens to a scene whose `up` becomes up, in a few short sentences."""
-    rotation = upright_rotation(up)
+    rotation = compute_upright_rotation(up)
     angle = float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
     if angle == 0 and scale == 1:
         return "Nothing: +Z is up already."
-    axis, tilt = nearest_axis(up)
+    axis, tilt = find_nearest_axis(up)
     parts = []
     if angle:
-        name = axis_title(axis) if tilt == 0 else f"what lies {tilt:.0f}° from {axis_title(axis)}"
+        name = format_axis(axis) if tilt == 0 else f"what lies {tilt:.0f}° from {format_axis(axis)}"
         parts.append(f"The whole scene turns by {angle:.0f}°, so that {name} points up.")
     if scale != 1:
         parts.append(f"Everything becomes {scale:g} times as large.")
@@ -139,4 +147,4 @@ def guessed(estimate: UpEstimate | None) -> str:
         return f"Guess: {estimate.words}, known from {estimate.reason}."
     if estimate.axis == UP:
         return "Nothing in the scene says that it lies on its side."
-    return f"No ground was found. In most files of other programs {axis_title(estimate.axis)} points up."
+    return f"No ground was found. In most files of other programs {format_axis(estimate.axis)} points up."

@@ -10,10 +10,10 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.widgets.gestures import Gesture
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Ui, dim_text, icon, scaled
-from instdrive_app.session.kept import Kept
+from instdrive_app.session.versioned_cache import Kept
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.kinds.absolute_adjustment import Look, look_of
+from instdrive_core.edits.kinds.absolute_adjustment import AdjustmentSummary, summarize_adjustments
 
 Ids = tuple[int, ...]
 
@@ -54,7 +54,7 @@ class AdjustSection:
 
     def __init__(self) -> None:
         self._gestures = {kind: Gesture(kind) for kind in SLIDERS}
-        self._look: Kept[Look] = Kept()
+        self._look: Kept[AdjustmentSummary] = Kept()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
@@ -106,7 +106,7 @@ class AdjustSection:
         if possible and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(f"Reset {SLIDERS[kind].title.lower()}")
 
-    def _look_of(self, document: Document, ids: Ids) -> Look:
+    def _look_of(self, document: Document, ids: Ids) -> AdjustmentSummary:
         """Looked up again only where something has changed."""
         key = (ids, document.colors.version, document.state.version, document.table_version)
-        return self._look.of(document, key, lambda: look_of(document, ids))
+        return self._look.of(document, key, lambda: summarize_adjustments(document, ids))

@@ -10,7 +10,7 @@ from instdrive_app.actions.move import SWITCHES
 from instdrive_app.panels.inspector.rows import widget_label
 from instdrive_app.panels.widgets.number_field import Entered, NumberField
 from instdrive_app.panels.widgets.ui import Ui, command_button, dim_text, scaled, scaled_size
-from instdrive_app.session.moving import Placement
+from instdrive_app.session.move_controller import Placement
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import SCALE_LIMITS
 

@@ -12,7 +12,7 @@ from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Ui, icon, scaled, scaled_size
 from instdrive_core.edits.document.document import Document
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 WALKING: dict[imgui.Key, Step] = {
     imgui.Key.up_arrow: "up",
@@ -147,7 +147,7 @@ class InstancesPanel:
             )
         if solo:
             left = len(document.visible_instances())
-            what = f"Only {counted(left, 'instance')} shown" if left else "All that is left is hidden"
+            what = f"Only {format_count(left, 'instance')} shown" if left else "All that is left is hidden"
             self._notice(ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave())
 
     def _notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:

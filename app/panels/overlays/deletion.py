@@ -13,12 +13,12 @@ from instdrive_app.commands import Command
 from instdrive_app.panels.overlays.hole_pattern import HolePattern, hole_pattern, projected
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, packed, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
-from instdrive_app.session.aftermath import Finding
+from instdrive_app.session.deletion_review import Finding
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 MAX_DOTS = 1500
 """Of more residue, dots are thinned out."""
@@ -128,7 +128,7 @@ def _draw_box(ui: Ui, found: Finding, place: Rectangle) -> None:
 def _lines(ui: Ui, found: Finding) -> list[_Line]:
     commands, lines = ui.session.commands, []
     if found.residue_count:
-        text = f"{counted(found.residue_count, 'splat')} of residue"
+        text = f"{format_count(found.residue_count, 'splat')} of residue"
         lines.append(_Line(text, f"{icon('ICON_FA_BROOM')}  Absorb floaters", commands["aftermath.absorb"]))
     if found.hole is not None:
         words = "Filling…" if ui.session.aftermath.filling else "Fill hole"

@@ -11,7 +11,7 @@ from instdrive_app.panels.overlays.world_pen import WorldPen
 from instdrive_app.panels.widgets.theme import ACCENT, TEXT, packed
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Operation
-from instdrive_app.session.moving import Moving
+from instdrive_app.session.move_controller import Moving
 from instdrive_app.session.selection_box import BOX_EDGES, Box, upright
 from instdrive_core.scene.camera import Camera
 

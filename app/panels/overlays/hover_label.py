@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, fitted_text, scaled, swatch
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 WIDEST = 320.0
 """Pixels, at scale 1, of the longest line that is shown."""
@@ -28,7 +28,7 @@ class HoverLabel:
         facts.append(f"#{instance.id}")
         if document.scene.code_bits:
             facts.append(f"code {instance.codeword}")
-        facts.append(counted(document.instance_flags(instance.id).drawn, "splat"))
+        facts.append(format_count(document.instance_flags(instance.id).drawn, "splat"))
         widest = min(scaled(WIDEST), place.width - scaled(60))
         text = fitted_text("  ·  ".join(facts), widest)
         name = fitted_text(instance.name, widest / BOLD)

@@ -11,10 +11,10 @@ from instdrive_app.render.gl.programs import set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH, ArrayTexture
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.transforms import TransformPalette
@@ -242,7 +242,7 @@ def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray
 def _geometry_texels(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
     texels = np.zeros((len(gaussians), 3, 4), np.float32)
     texels[:, 0, :3], texels[:, 0, 3] = gaussians.means, gaussians.opacities
-    texels[:, 1] = normalized(gaussians.quats)
+    texels[:, 1] = normalize_quaternions(gaussians.quats)
     texels[:, 2, :3] = gaussians.scales
     return texels
 
@@ -274,7 +274,7 @@ def _transform_texels(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
 
 def _pose_texels(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
     texels = np.zeros((len(world.poses), 4, 4), np.float32)
-    texels[:, :3, :3] = node_rotations(world.poses)
+    texels[:, :3, :3] = extract_node_rotations(world.poses)
     texels[:, :3, 3] = world.poses[:, :3, 3]
     texels[:, 3, 0] = world.present
     return texels

@@ -11,7 +11,7 @@ from instdrive_app.render.software.scene import SceneState
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
@@ -115,7 +115,7 @@ def _frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -
     nodes, moves = nodes[known], moves[known]
     matrices = state.move_matrices[np.where(moves < len(state.move_matrices), moves, 0)]
     scales = np.linalg.norm(matrices[:, :, 0], axis=1)
-    rotations = node_rotations(poses)[nodes] @ matrices[:, :, :3] / scales[:, None, None]
+    rotations = extract_node_rotations(poses)[nodes] @ matrices[:, :, :3] / scales[:, None, None]
     table[known, :_OFFSET] = rotations.reshape(-1, 9)
     offsets = poses[nodes, :3, :3] @ matrices[:, :, 3:]
     table[known, _OFFSET:_QUAT] = offsets[..., 0] + poses[nodes, :3, 3]

@@ -11,7 +11,7 @@ from instdrive_app.render.software.draw import FrameRequest, SoftwareDraw
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_app.state import EditorState, ViewMode, resolve
 from instdrive_core.edits.document.document import Document
-from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.scene.gaussians import create_empty_gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 from instdrive_core.scene.sky import Sky
 
@@ -28,7 +28,7 @@ def warm_up_beside() -> threading.Thread:
 
 def warm_up_software() -> None:
     """Draw nothing in every way that there is."""
-    scene = scene_from_gaussians(empty_gaussians())
+    scene = scene_from_gaussians(create_empty_gaussians())
     scene.sky = Sky(np.zeros((6, 2, 2, 3), np.float32))
     state, draw = SceneWatcher(Document(scene)).state(), SoftwareDraw()
     sharp = resolve(EditorState(hovered=1), _SIDE, _SIDE)

@@ -12,7 +12,7 @@ from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, ca
 from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.scene.camera import Camera
 
 _COUNT = struct.Struct("<Q")
@@ -71,7 +71,7 @@ class _Reader:
     def __init__(self, file: Path) -> None:
         self.file, self.position = file, 0
         try:
-            self.data = plain_file(file).read_bytes()
+            self.data = require_plain_file(file).read_bytes()
         except OSError as error:
             raise DataError(file, f"cannot be read ({error})", REMEDY) from error
 

@@ -13,7 +13,7 @@ from instdrive_core.datasets.colmap.model import REMEDY, ColmapImage, camera_of,
 from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.scene.camera import Camera
 
 _MOST_WORDS = 32
@@ -72,7 +72,7 @@ def _entries(file: Path, lines_each: int) -> Iterator[tuple[int, str]]:
     """Number and first line of each entry; of the others only that they exist. Blank first lines are passed over."""
     promised, found = None, 0
     try:
-        with plain_file(file).open(encoding="utf-8") as lines:
+        with require_plain_file(file).open(encoding="utf-8") as lines:
             numbered = enumerate(lines, 1)
             for number, line in numbered:
                 promise = _PROMISE.match(line)

@@ -29,8 +29,14 @@ from instdrive_core.datasets.pandaset.lidar import FARTHEST, load_sweep
 from instdrive_core.datasets.photos import load_photo, photo_size
 from instdrive_core.datasets.posed_photos import start_note
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.files.json_fields import field, number, numbers, read_json, whole_number
-from instdrive_core.files.json_value import whole_text
+from instdrive_core.files.json_fields import (
+    parse_whole_number,
+    read_json,
+    require_field,
+    require_number,
+    require_numbers,
+)
+from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera, CameraView
 
@@ -132,7 +138,7 @@ def _step_times(root: Path) -> list[float]:
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
         if file.is_file():
-            times = numbers(file, read_json(file), "the list of timestamps")
+            times = require_numbers(file, read_json(file), "the list of timestamps")
             if not times or any(later <= earlier for earlier, later in pairwise(times)):
                 raise DataError(file, "timestamps do not rise", "Get the file again")
             return [time - times[0] for time in times]
@@ -173,7 +179,8 @@ def _load_camera(folder: Path) -> _CameraFiles:
         raise DataError(poses_file, problem, "Get the file again, or remove photos without a pose")
     width, height = photo_size(photos[min(photos)]) if photos else (0, 0)
     fx, fy, cx, cy = (
-        number(intrinsics_file, field(intrinsics_file, intrinsics, key), key) for key in ("fx", "fy", "cx", "cy")
+        require_number(intrinsics_file, require_field(intrinsics_file, intrinsics, key), key)
+        for key in ("fx", "fy", "cx", "cy")
     )
     if fx <= 0 or fy <= 0:
         raise DataError(intrinsics_file, f"focal lengths are {fx}, {fy}, expected positive ones", "Get the file again")
@@ -186,16 +193,18 @@ def _load_camera(folder: Path) -> _CameraFiles:
 
 
 def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
-    position, heading = (field(file, entry, key, f"[{index}].") for key in ("position", "heading"))
+    position, heading = (require_field(file, entry, key, f"[{index}].") for key in ("position", "heading"))
     quat = [
-        number(file, field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}") for key in "wxyz"
+        require_number(file, require_field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}")
+        for key in "wxyz"
     ]
     if np.linalg.norm(quat) < 1e-6:
         raise DataError(file, f"[{index}].heading is no rotation: {quat}", "Get the file again")
     pose = np.eye(4)
     pose[:3, :3] = matrix_from_quaternion(np.array(quat))
     pose[:3, 3] = [
-        number(file, field(file, position, key, f"[{index}].position."), f"[{index}].position.{key}") for key in "xyz"
+        require_number(file, require_field(file, position, key, f"[{index}].position."), f"[{index}].position.{key}")
+        for key in "xyz"
     ]
     if np.abs(pose[:3, 3]).max() >= FARTHEST:
         problem = f"[{index}].position is {pose[:3, 3].tolist()}, farther than {FARTHEST:g} m"
@@ -248,7 +257,7 @@ def _class_names(root: Path) -> dict[int, str]:
     if not isinstance(classes, dict):
         raise DataError(file, "expected an object from class numbers to names", "Get the file again")
     try:
-        return {whole_number(key): whole_text(name) for key, name in classes.items()}
+        return {parse_whole_number(key): require_whole_text(name) for key, name in classes.items()}
     except ValueError as error:
         problem = f"expected an object from class numbers to names, but {error}"
         raise DataError(file, problem, "Get the file again") from error

@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.pandaset.lidar import FARTHEST, numbered_pickle
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_value import whole_text
+from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.scene.track import Track
 
@@ -78,14 +78,14 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
     try:
         return [
             _Cuboid(
-                whole_text(table["uuid"][row]),
-                whole_text(table["label"][row]),
+                require_whole_text(table["uuid"][row]),
+                require_whole_text(table["label"][row]),
                 index,
                 values[row, :3],
                 values[row, 3:6],
                 float(values[row, 6]),
                 int(sensors[row]),
-                whole_text(siblings[row]),
+                require_whole_text(siblings[row]),
             )
             for row in range(count)
         ]

@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import SweepPoints
 from instdrive_core.errors import DataError
-from instdrive_core.files.numpy_file import BAD_ARRAY, read_numbers
+from instdrive_core.files.numpy_file import BAD_ARRAY, read_number_array
 from instdrive_core.files.restricted_pickle import read_pickle
 
 logger = logging.getLogger(__name__)
@@ -88,7 +88,7 @@ def _load_instance_labels(root: Path, index: int, count: int) -> UInt32[ndarray,
     if not file.is_file():
         return None
     try:
-        labels = read_numbers(file, count)
+        labels = read_number_array(file, count)
     except BAD_ARRAY as error:
         raise DataError(file, f"is no readable array ({error})", "Write the synthetic clip again") from error
     if labels.shape != (count,) or labels.dtype.kind not in "iu":

@@ -12,13 +12,13 @@ from numpy import ndarray
 from instdrive_core.edits.bases.relabel import add_entries, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.document.entries import changed_entries
+from instdrive_core.edits.document.entries import add_changed_entries
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import moved
+from instdrive_core.scene.transforms import move_entry
 
 MAX_NODES = 1 << 16
 """Nodes are named with 16 bits."""
@@ -67,7 +67,7 @@ class AppendEdit(Edit):
         rows = len(document.scene) + np.arange(len(added.scene))
         self._count, self._actors_before = len(rows), document.scene.actors
         self._size_before, self._free_before = len(document.transforms), document.first_free_id
-        document.set_actors((*document.scene.actors, *(_shifted(track, self.shift) for track in added.tracks)))
+        document.set_actors((*document.scene.actors, *(_shift_track(track, self.shift) for track in added.tracks)))
         document.append_rows(added.scene)
         document.colors.assign(rows, added.colors)
         document.transforms.assign(rows, added.transforms)
@@ -87,9 +87,9 @@ class AppendEdit(Edit):
         document.first_free_id = self._free_before
 
     def _shift_rows(self, document: Document, rows: ndarray) -> None:
-        change = moved(np.c_[np.eye(3), np.array(self.shift)])
+        change = move_entry(np.c_[np.eye(3), np.array(self.shift)])
         try:
-            entries = changed_entries(document.transforms, [(RowParts.whole(rows), change)])
+            entries = add_changed_entries(document.transforms, [(RowParts.whole(rows), change)])
         except EditError:
             self._entries = ()
             self.undo(document)
@@ -97,7 +97,7 @@ class AppendEdit(Edit):
         document.transforms.assign(rows, entries)
 
 
-def unique_track_id(wanted: str, taken: set[str]) -> str:
+def make_unique_track_id(wanted: str, taken: set[str]) -> str:
     """`wanted`, or with a number where another track is called so."""
     name, number = wanted, 1
     while name in taken:
@@ -106,7 +106,7 @@ def unique_track_id(wanted: str, taken: set[str]) -> str:
     return name
 
 
-def _shifted(track: Track, shift: tuple[float, float, float]) -> Track:
+def _shift_track(track: Track, shift: tuple[float, float, float]) -> Track:
     poses = track.world_from_box.copy()
     poses[:, :3, 3] += shift
     return replace(track, world_from_box=poses)

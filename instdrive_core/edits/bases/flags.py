@@ -49,6 +49,6 @@ class FlagEdit(Edit):
             document.state.change(rows, flag, not on)
 
 
-def selectable(state: SplatState, rows: ndarray) -> ndarray:
+def keep_selectable(state: SplatState, rows: ndarray) -> ndarray:
     """Those of `rows` that are not hidden, locked or deleted."""
     return rows[(state.flags[rows] & (Flag.HIDDEN | Flag.LOCKED | Flag.DELETED)) == 0]

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Int, UInt16
 from numpy import ndarray
 
-from instdrive_core.edits.bases.late_bounds import MANY, LateBounds
-from instdrive_core.edits.bases.relabel import recount, restore_entries
+from instdrive_core.edits.bases.deferred_bounds import MANY, DeferredBounds
+from instdrive_core.edits.bases.relabel import recount_instances, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.instances.table import Instance
@@ -26,7 +26,7 @@ class PoseEdit(Edit):
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _late: LateBounds | None = field(default=None, init=False, repr=False, compare=False)
+    _late: DeferredBounds | None = field(default=None, init=False, repr=False, compare=False)
     _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def put(
@@ -50,10 +50,10 @@ class PoseEdit(Edit):
         self._tracks_before = {node: scene.actors[node - 1] for node in tracks}
         self._before = document.transforms.assign(self._rows, entries)
         document.replace_tracks(tracks)
-        self._late = LateBounds(touched, matrix) if len(touched) > MANY else None
+        self._late = DeferredBounds(touched, matrix) if len(touched) > MANY else None
         if self._late is None or not document.put_off(self, self._late):
             self._late = None
-            recount(document, touched)
+            recount_instances(document, touched)
             document.instances_changed(ids_changed=False)
 
     def undo(self, document: Document) -> None:

@@ -11,13 +11,13 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.bases.editable import check_unlocked
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import Edit, ids_in_words
-from instdrive_core.edits.queries.part_bounds import bounds_of_parts, main_nodes_of_parts
+from instdrive_core.edits.document.edit import Edit, describe_ids
+from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_main_nodes
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
-from instdrive_core.instances.table import Instance, default_name
+from instdrive_core.instances.table import Instance, make_default_name
 
 MAX_NAME_LENGTH = 200
 
@@ -63,7 +63,7 @@ class RelabelEdit(Edit):
             entry = self._table_before[number] or targets.get(number)
             if entry is not None:
                 table.set(entry)
-        recount(document, touched)
+        recount_instances(document, touched)
         return True
 
     def undo(self, document: Document) -> None:
@@ -74,7 +74,7 @@ class RelabelEdit(Edit):
         document.instances_changed(ids_changed=True)
 
 
-def recount(document: Document, ids: Iterable[int]) -> None:
+def recount_instances(document: Document, ids: Iterable[int]) -> None:
     """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
     table = document.scene.table
     known = [instance_id for instance_id in ids if instance_id in table]
@@ -83,11 +83,11 @@ def recount(document: Document, ids: Iterable[int]) -> None:
         del table.instances[known[place]]
     left = parts.without_empty()
     known = [instance_id for instance_id in known if instance_id in table]
-    nodes = main_nodes_of_parts(document, left)
+    nodes = find_main_nodes(document, left)
     counted = left
     if document.scene.actors:
         counted = left.where(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
-    bounds = bounds_of_parts(document, counted).tolist()
+    bounds = compute_part_bounds(document, counted).tolist()
     facts = zip(known, nodes.tolist(), left.sizes.tolist(), bounds, strict=True)
     for instance_id, node, count, (low, high) in facts:
         entry = table[instance_id]
@@ -102,7 +102,7 @@ def add_entries(document: Document, entries: Iterable[Instance]) -> None:
         document.scene.table.set(entry)
     document.first_free_id = max(document.first_free_id, max((entry.id for entry in entries), default=0) + 1)
     document.instances_changed(ids_changed=True)
-    recount(document, [entry.id for entry in entries])
+    recount_instances(document, [entry.id for entry in entries])
 
 
 def restore_entries(document: Document, entries: dict[int, Instance | None]) -> None:
@@ -114,7 +114,7 @@ def restore_entries(document: Document, entries: dict[int, Instance | None]) -> 
             document.scene.table.instances.pop(instance_id, None)
 
 
-def new_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
+def create_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
     """Entries with IDs that were never used, each with node, codeword, class and a name after another's (or nothing).
 
     Raises EditError where no 24-bit ID is left.
@@ -123,8 +123,8 @@ def new_instances(document: Document, like: Iterable[Instance | None]) -> list[I
     for number, source in enumerate(like, start=document.first_free_id):
         if number >= ID_LIMIT:
             raise EditError(f"no instance ID below {ID_LIMIT} is free; export the scene to number its instances afresh")
-        if source is None or source.name == default_name(source.id):
-            name = default_name(number)
+        if source is None or source.name == make_default_name(source.id):
+            name = make_default_name(number)
         else:
             name = f"{source.name[: MAX_NAME_LENGTH - 12]} ({number})"
         blank = Instance(number, name)
@@ -144,8 +144,8 @@ class RenameInstance(Edit):
     _before: Instance | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checked_ids((self.id,))
-        self.name = checked_text(self.name, "name")
+        check_ids((self.id,))
+        self.name = check_text(self.name, "name")
         if not self.name:
             raise EditError(f"instance {self.id} needs a name of at least one character")
 
@@ -156,14 +156,14 @@ class RenameInstance(Edit):
 
     def do(self, document: Document) -> bool:
         """Replace the table's entry. Raises EditError where the instance is locked."""
-        self._before = known_instance(document, self.id)
+        self._before = get_instance(document, self.id)
         check_unlocked(document, (self.id,))
-        return _replaced(document, self._before, replace(self._before, name=self.name))
+        return _replace_entry(document, self._before, replace(self._before, name=self.name))
 
     def undo(self, document: Document) -> None:
         """Put the old entry back."""
         assert self._before is not None
-        _replaced(document, document.scene.table[self.id], self._before)
+        _replace_entry(document, document.scene.table[self.id], self._before)
 
 
 @dataclass
@@ -178,18 +178,18 @@ class MergeInstances(Edit):
     _table_before: tuple[Instance, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        checked_ids((self.into,))
+        self.ids = check_ids(self.ids)
+        check_ids((self.into,))
 
     @property
     def title(self) -> str:
         """``Merge 2 instances into instance 17``."""
-        return f"Merge {ids_in_words(self.ids)} into instance {self.into}"
+        return f"Merge {describe_ids(self.ids)} into instance {self.into}"
 
     def do(self, document: Document) -> bool:
         """Write the IDs and join the table's entries."""
-        others = [known_instance(document, instance_id) for instance_id in self.ids if instance_id != self.into]
-        target = known_instance(document, self.into)
+        others = [get_instance(document, instance_id) for instance_id in self.ids if instance_id != self.into]
+        target = get_instance(document, self.into)
         strangers = [instance for instance in others if instance.node != target.node]
         if strangers:
             raise EditError(
@@ -205,7 +205,7 @@ class MergeInstances(Edit):
         document.scene.instance_ids[rows] = self.into
         for instance in others:
             del document.scene.table.instances[instance.id]
-        document.scene.table.set(_joined(target, others))
+        document.scene.table.set(_join_entries(target, others))
         document.instances_changed(ids_changed=True)
         return True
 
@@ -217,14 +217,14 @@ class MergeInstances(Edit):
         document.instances_changed(ids_changed=True)
 
 
-def known_instance(document: Document, instance_id: int) -> Instance:
+def get_instance(document: Document, instance_id: int) -> Instance:
     """The table's entry. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]
 
 
-def _replaced(document: Document, before: Instance, after: Instance) -> bool:
+def _replace_entry(document: Document, before: Instance, after: Instance) -> bool:
     if before == after:
         return False
     document.scene.table.set(after)
@@ -232,7 +232,7 @@ def _replaced(document: Document, before: Instance, after: Instance) -> bool:
     return True
 
 
-def _joined(target: Instance, others: list[Instance]) -> Instance:
+def _join_entries(target: Instance, others: list[Instance]) -> Instance:
     parts = [instance for instance in (target, *others) if instance.count]
     if not parts:
         return target
@@ -242,7 +242,7 @@ def _joined(target: Instance, others: list[Instance]) -> Instance:
     return replace(target, count=sum(instance.count for instance in parts), bounds=bounds)
 
 
-def checked_text(text: str, what: str) -> str:
+def check_text(text: str, what: str) -> str:
     """The text without blanks around it. Raises EditError where it is no printable line of reasonable length."""
     if not isinstance(text, str) or len(text) > MAX_NAME_LENGTH or not (text.isprintable()):
         raise EditError(f"{what} {text!r} is not a line of printable text of at most {MAX_NAME_LENGTH} characters")

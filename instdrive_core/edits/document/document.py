@@ -14,7 +14,7 @@ from numpy import ndarray
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.history import History
 from instdrive_core.edits.document.row_index import RowIndex
-from instdrive_core.edits.document.row_kernels import counted_flags
+from instdrive_core.edits.document.row_kernels import count_flags
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.scene.dirty_rows import DirtyRows
@@ -23,7 +23,7 @@ from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag, SplatState
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import Similarity, TransformPalette, current_means
+from instdrive_core.scene.transforms import Similarity, TransformPalette, compute_current_means
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class InstanceCounts:
     drawn: Int64[ndarray, " m"]
 
 
-class Rest(ABC):
+class DeferredWork(ABC):
     """What an edit leaves to `Document.catch_up`."""
 
     @abstractmethod
@@ -101,12 +101,12 @@ class Document:
         """Rises when splats are added, or taken away again by undo."""
         self.new_rows = DirtyRows(len(scene))
         """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
-        self.first_free_id = _first_free_id(scene)
+        self.first_free_id = _find_first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
         self.bounds_can_wait = False
         """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
         self._outermost: Edit | None = None
-        self.rest: Rest | None = None
+        self.rest: DeferredWork | None = None
         """What the last edit has put off and is not done."""
         self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
@@ -139,7 +139,7 @@ class Document:
         self._outermost = self.history.next
         return self.history.redo(self)
 
-    def put_off(self, edit: Edit, rest: Rest) -> bool:
+    def put_off(self, edit: Edit, rest: DeferredWork) -> bool:
         """Leave the rest of what an edit does to `catch_up`; returns False where that must be done at once.
 
         Only the edit that was done last may have anything left to do, and no part of another edit.
@@ -178,7 +178,7 @@ class Document:
 
     def means_of(self, rows: Int[ndarray, " k"]) -> Float32[ndarray, "k 3"]:
         """Means with their moves applied, metres, in the frames of the rows' nodes."""
-        return current_means(self.scene.gaussians, self.transforms, rows)
+        return compute_current_means(self.scene.gaussians, self.transforms, rows)
 
     def replace_tracks(self, tracks: Mapping[int, Track]) -> None:
         """Give actors other tracks; keys are nodes, from 1."""
@@ -288,7 +288,7 @@ class Document:
 
     def _counted(self) -> InstanceCounts:
         index = self._instance_index()
-        numbers = counted_flags(index.group_of_row, self.state.flags, len(index.keys))
+        numbers = count_flags(index.group_of_row, self.state.flags, len(index.keys))
 
         def with_flag(flag: Flag) -> Int64[ndarray, " m"]:
             return numbers[:, (np.arange(16) & flag) != 0].sum(axis=1)
@@ -305,6 +305,6 @@ class Document:
         return InstanceCounts(index.keys[real], **{name: column[real] for name, column in columns.items()})
 
 
-def _first_free_id(scene: Scene) -> int:
+def _find_first_free_id(scene: Scene) -> int:
     named = max((instance.id for instance in scene.table), default=0)
     return max(named, int(scene.instance_ids.max(initial=0))) + 1

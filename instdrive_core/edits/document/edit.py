@@ -43,6 +43,6 @@ class Edit(ABC):
         return {"kind": self.kind, **values}
 
 
-def ids_in_words(ids: tuple[int, ...]) -> str:
+def describe_ids(ids: tuple[int, ...]) -> str:
     """``instance 17`` or ``3 instances``, for titles."""
     return f"instance {ids[0]}" if len(ids) == 1 else f"{len(ids)} instances"

@@ -16,7 +16,7 @@ PartsChange = Callable[[Float[ndarray, "k w"], Int64[ndarray, " k"]], Float[ndar
 """What becomes of the values of k entries, each named by the part of the rows whose number it gets."""
 
 
-def changed_entries(
+def add_changed_entries(
     palette: EntryPalette, changes: Sequence[tuple[RowParts, Callable[[ndarray], ndarray]]]
 ) -> UInt16[ndarray, " m"]:
     """The entries that rows should name instead, added where they are new: one change after the other, and of each one
@@ -26,14 +26,14 @@ def changed_entries(
     """
     size = len(palette)
     try:
-        found = [palette.add_changed(parts.rows, parts.bounds, _each_once(change)) for parts, change in changes]
+        found = [palette.add_changed(parts.rows, parts.bounds, _change_each_once(change)) for parts, change in changes]
     except PaletteFullError as error:
         palette.truncate(size)
-        raise _full(error) from error
+        raise _palette_full_error(error) from error
     return np.concatenate([np.zeros(0, np.uint16), *found])
 
 
-def _each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
+def _change_each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
     def change_all(values: ndarray, _: ndarray) -> ndarray:
         known: dict[bytes, ndarray] = {}
         for entry in values:
@@ -44,7 +44,7 @@ def _each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
     return change_all
 
 
-def entries_of_parts(palette: EntryPalette, parts: RowParts, change: PartsChange) -> UInt16[ndarray, " m"]:
+def add_part_entries(palette: EntryPalette, parts: RowParts, change: PartsChange) -> UInt16[ndarray, " m"]:
     """The same for parts that change each in its own way.
 
     Raises EditError, with nothing added, where they do not all fit.
@@ -52,8 +52,8 @@ def entries_of_parts(palette: EntryPalette, parts: RowParts, change: PartsChange
     try:
         return palette.add_changed(parts.rows, parts.bounds, change)
     except PaletteFullError as error:
-        raise _full(error) from error
+        raise _palette_full_error(error) from error
 
 
-def _full(error: PaletteFullError) -> EditError:
+def _palette_full_error(error: PaletteFullError) -> EditError:
     return EditError(f"{error}; export the scene and open the export to start afresh")

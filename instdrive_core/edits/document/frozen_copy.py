@@ -12,7 +12,7 @@ from instdrive_core.instances.table import InstanceTable
 from instdrive_core.scene.selection import Flag
 
 
-def frozen_copy(document: Document) -> Document:
+def freeze_document(document: Document) -> Document:
     """A document of its own without history, colours or first tracks that shares all arrays which edits never write.
 
     It costs a few bytes per splat. Splats that are taken away by undo and replaced by others later may change in it:

@@ -11,7 +11,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.selection import Flag
 
 
-def broken_invariants(document: Document) -> list[str]:
+def find_broken_invariants(document: Document) -> list[str]:
     """A sentence for each invariant that does not hold; empty for a sound document."""
     return [*_lengths(document), *_names(document), *_palettes(document), *_states(document), *_history(document)]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def numbered(keys):
+def number_keys(keys):
     """The different keys, rising, and each row's place among them; keys are no larger than a table of them may be."""
     highest = np.uint32(0)
     for key in keys:
@@ -30,7 +30,7 @@ def numbered(keys):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def grouped(groups, count):
+def group_rows(groups, count):
     """Rows by group, rising within each, and where the groups begin."""
     bounds = np.zeros(count + 1, np.int64)
     for group in groups:
@@ -46,7 +46,7 @@ def grouped(groups, count):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def gathered(order, bounds, groups):
+def gather_groups(order, bounds, groups):
     """The rows of groups (-1 = none), one after the other, and where each begins."""
     starts = np.zeros(len(groups) + 1, np.int64)
     for k in range(len(groups)):
@@ -61,7 +61,7 @@ def gathered(order, bounds, groups):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def free_rows(rows, bounds, flags, blocked):
+def keep_free_rows(rows, bounds, flags, blocked):
     """Rows without any of the bits `blocked`, and where each part of them begins."""
     kept, starts, count = np.empty(len(rows), np.int64), np.zeros(len(bounds), np.int64), 0
     for part in range(len(bounds) - 1):
@@ -74,7 +74,7 @@ def free_rows(rows, bounds, flags, blocked):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def counted_flags(groups, flags, count):
+def count_flags(groups, flags, count):
     """How many rows of each group have each combination of the four lower bits: (count, 16)."""
     numbers = np.zeros((count, 16), np.int64)
     for row in range(len(groups)):

@@ -76,14 +76,14 @@ class RowRuns:
         return np.arange(len(self)) + np.repeat(self.starts - before, self.lengths)
 
 
-def rows_of_scene(runs: RowRuns, count: int) -> Int64[ndarray, " m"]:
+def expand_runs(runs: RowRuns, count: int) -> Int64[ndarray, " m"]:
     """All rows, rising. Raises EditError for those that a scene of `count` splats does not have."""
     if runs.end > count:
         raise EditError(f"row {runs.end - 1} is beyond the scene's {count:,} splats")
     return runs.rows
 
 
-def row_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) -> RowRuns:
+def make_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) -> RowRuns:
     """Rows given in any of the ways that edits take them: runs, their JSON, or an array of row numbers.
 
     Raises EditError where they are something else.

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from instdrive_core.edits.document.row_index import RowIndex
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap
-from instdrive_core.edits.holes.inpainting import source_cells
+from instdrive_core.edits.holes.inpainting import choose_source_cells
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import logit
@@ -39,7 +39,7 @@ UNDERGROUND = -0.12
 
 
 @dataclass(frozen=True)
-class Filling:
+class FillPlan:
     """What fills a hole."""
 
     sources: Int64[ndarray, " s"]
@@ -72,39 +72,39 @@ class Filling:
         )
 
 
-def planned_filling(
+def plan_fill(
     near: Neighborhood,
     hole: Bool[ndarray, "a b"],
     ground: GroundMap,
     known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
-) -> Filling:
+) -> FillPlan:
     """Which splats go where: only `known` cells are copied. Raises EditError where there are none."""
     grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    sources = source_cells(values, known, hole, rng)
+    sources = choose_source_cells(values, known, hole, rng)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     cells = np.argwhere(hole)
     origins = sources[tuple(cells.T)]
-    level = _road_level(ground, known)
+    level = _estimate_road_level(ground, known)
     lift = level[tuple(cells.T)] - level[tuple(origins.T)]
-    rows, targets = _splats_of(grid, near, ground, origins)
+    rows, targets = _match_splats(grid, near, ground, origins)
     shifts = np.zeros((len(rows), 3))
     shifts[:, :2] = grid.size * (cells[targets] - origins[targets]) @ grid.axes
     shifts[:, 2] = shifts[:, :2] @ np.array(grid.plane[1:]) + lift[targets]
     places = grid.on_ground(grid.centers(cells))
     places[:, 2] += ground.height[tuple(origins.T)] + lift - BED_DEPTH
     flat = np.flatnonzero(ground.ground)
-    like = flat[_nearest_rows(grid, near, flat, origins)]
+    like = flat[_find_nearest_rows(grid, near, flat, origins)]
     colors = np.clip(ground.color[tuple(origins.T)], 0, 1)
-    return Filling(
+    return FillPlan(
         near.rows[rows], shifts, places, colors, near.rows[like], BED_SPREAD * grid.size,
-        near.rows[_replaced(grid, near, hole)],
+        near.rows[_find_replaced(grid, near, hole)],
     )  # fmt: skip
 
 
-def _road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
+def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
     """Metres above the plane of the carriageway under or beside each cell: roads are cambered, kerbs do not count."""
     low = good & (np.abs(ground.height) <= ROAD_BAND)
     spread = ROAD_SMOOTHING / ground.grid.size
@@ -113,7 +113,7 @@ def _road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarra
     return sums / np.maximum(weights, 1e-6)
 
 
-def _splats_of(
+def _match_splats(
     grid: GroundGrid, near: Neighborhood, ground: GroundMap, origins: Int64[ndarray, "h 2"]
 ) -> tuple[Int64[ndarray, " s"], Int64[ndarray, " s"]]:
     """Splats of the neighbourhood whose middle lies in a source cell, and the hole's cell they are copied to."""
@@ -126,13 +126,13 @@ def _splats_of(
     return flat[np.concatenate([np.zeros(0, np.int64), *found])], targets
 
 
-def _nearest_rows(
+def _find_nearest_rows(
     grid: GroundGrid, near: Neighborhood, flat: Int64[ndarray, " f"], cells: Int64[ndarray, "h 2"]
 ) -> Int64[ndarray, " h"]:
     return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.centers(cells))[1])
 
 
-def _replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
+def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
     """What lies in the hole at ground level, and under it and right beside it below."""
     cells = grid.cells_of(near.means)
     inside = grid.inside(cells)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 
 _SIGMAS = 2.0
 """Splats count up to so many standard deviations from their middle …"""
@@ -85,7 +85,7 @@ class GroundRaster:
     """Mean of the covering splats' values; 0 where nothing lies."""
 
 
-def rasterized(
+def rasterize_ground(
     grid: GroundGrid,
     means: Float32[ndarray, "n 3"],
     quats: Float32[ndarray, "n 4"],
@@ -95,7 +95,7 @@ def rasterized(
 ) -> GroundRaster:
     """Splats (metres; opacities in 0 … 1) seen from above, all at one depth: order does not count."""
     local = ((means[:, :2] - np.array(grid.corner)) @ grid.axes.T) / grid.size
-    inverse, reach = _footprints(grid, quats, scales)
+    inverse, reach = _compute_footprints(grid, quats, scales)
     base = np.floor(local).astype(np.int64)
     through = np.ones(grid.shape[0] * grid.shape[1])
     weights, sums = np.zeros_like(through), np.zeros((len(through), values.shape[1]))
@@ -117,13 +117,13 @@ def rasterized(
     return GroundRaster((1 - through).reshape(grid.shape), mean.reshape(*grid.shape, -1))
 
 
-def _footprints(
+def _compute_footprints(
     grid: GroundGrid, quats: Float32[ndarray, "n 4"], scales: Float32[ndarray, "n 3"]
 ) -> tuple[Float64[ndarray, "n 2 2"], Float64[ndarray, " n"]]:
     """Inverse covariances of the splats seen from above, in cells, and how many cells each reaches."""
     axes = np.zeros((2, 3))
     axes[:, :2] = grid.axes / grid.size
-    spread = axes @ (matrix_from_quaternion(normalized(quats)) * scales[:, None, :].astype(np.float64))
+    spread = axes @ (matrix_from_quaternion(normalize_quaternions(quats)) * scales[:, None, :].astype(np.float64))
     covariances = spread @ spread.transpose(0, 2, 1) + _PIXEL**2 * np.eye(2)
     reach = _SIGMAS * np.sqrt(covariances[:, (0, 1), (0, 1)].max(axis=1))
     return np.linalg.inv(covariances), np.ceil(reach)

@@ -40,7 +40,7 @@ class ExemplarConfig:
 DEFAULT_CONFIG = ExemplarConfig()
 
 
-def source_cells(
+def choose_source_cells(
     values: Float64[ndarray, "a b v"],
     known: Bool[ndarray, "a b"],
     hole: Bool[ndarray, "a b"],

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from instdrive_core.edits.bases.editable import check_unlocked
-from instdrive_core.edits.bases.parameters import checked_ids
-from instdrive_core.edits.bases.relabel import checked_text, known_instance, restore_entries
+from instdrive_core.edits.bases.parameters import check_ids
+from instdrive_core.edits.bases.relabel import check_text, get_instance, restore_entries
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.instances.table import Instance
 
 
@@ -24,17 +24,17 @@ class SetClass(Edit):
     """Those of another class until then."""
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        self.class_name = checked_text(self.class_name, "class")
+        self.ids = check_ids(self.ids)
+        self.class_name = check_text(self.class_name, "class")
 
     @property
     def title(self) -> str:
         """``Set class of 3 instances to Car``."""
-        return f"Set class of {ids_in_words(self.ids)} to {self.class_name or 'unknown'}"
+        return f"Set class of {describe_ids(self.ids)} to {self.class_name or 'unknown'}"
 
     def do(self, document: Document) -> bool:
         """Replace the table's entries. Raises EditError where one of the instances is locked or unknown."""
-        entries = [known_instance(document, instance_id) for instance_id in self.ids]
+        entries = [get_instance(document, instance_id) for instance_id in self.ids]
         check_unlocked(document, self.ids)
         others = [entry for entry in entries if entry.class_name != self.class_name]
         self._before = {entry.id: entry for entry in others}

@@ -9,15 +9,15 @@ from typing import Any, ClassVar
 from jaxtyping import Int
 from numpy import ndarray
 
-from instdrive_core.edits.bases.editable import editable
+from instdrive_core.edits.bases.editable import find_editable_rows
 from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
-from instdrive_core.edits.document.row_runs import RowRuns, row_runs, rows_of_scene
+from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 
 @dataclass
@@ -28,17 +28,17 @@ class DeleteInstances(FlagEdit):
     ids: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
 
     @property
     def title(self) -> str:
         """``Delete instance 17``."""
-        return f"Delete {ids_in_words(self.ids)}"
+        return f"Delete {describe_ids(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the instances' rows."""
-        rows = editable(document, self.ids)
-        return _deletion(rows)
+        rows = find_editable_rows(document, self.ids)
+        return _plan_deletion(rows)
 
 
 @dataclass
@@ -57,7 +57,7 @@ class DeleteSelected(FlagEdit):
         rows = document.state.rows_with(Flag.SELECTED)
         if not len(rows):
             raise EditError("nothing is selected; select what to delete first")
-        return _deletion(rows)
+        return _plan_deletion(rows)
 
 
 @dataclass
@@ -69,23 +69,23 @@ class DeleteRows(FlagEdit):
     """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
 
     def __post_init__(self) -> None:
-        self.rows = row_runs(self.rows)
+        self.rows = make_runs(self.rows)
 
     @property
     def title(self) -> str:
         """``Delete 12 splats``."""
-        return f"Delete {counted(len(row_runs(self.rows)), 'splat')}"
+        return f"Delete {format_count(len(make_runs(self.rows)), 'splat')}"
 
     def to_json(self) -> dict[str, Any]:
         """The rows as runs."""
-        return {"kind": self.kind, "rows": row_runs(self.rows).to_json()}
+        return {"kind": self.kind, "rows": make_runs(self.rows).to_json()}
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the rows. Raises EditError for rows that the scene does not have."""
-        rows = rows_of_scene(row_runs(self.rows), len(document.scene))
-        return _deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
+        rows = expand_runs(make_runs(self.rows), len(document.scene))
+        return _plan_deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
 
 
-def _deletion(rows: ndarray) -> Iterator[FlagChange]:
+def _plan_deletion(rows: ndarray) -> Iterator[FlagChange]:
     yield FlagChange(rows, Flag.SELECTED, False)
     yield FlagChange(rows, Flag.DELETED, True)

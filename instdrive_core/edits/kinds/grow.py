@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, selectable
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, keep_selectable
 from instdrive_core.edits.bases.parameters import is_number
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import fingerprint
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.errors import EditError
-from instdrive_core.instances.nearness import rows_near, spacing_of
+from instdrive_core.instances.proximity import estimate_spacing, find_rows_near
 from instdrive_core.scene.selection import Flag
 
 _ENOUGH = 100
@@ -90,14 +90,14 @@ class BorderEdit(FlagEdit):
         return digest.digest()
 
     def _sides(self, document: Document) -> _Sides:
-        means, drawn = shown_means(document, self.time)
+        means, drawn = compute_shown_means(document, self.time)
         chosen = document.state.mask(Flag.SELECTED)
         selected = np.flatnonzero(drawn & chosen)
         if not len(selected):
             raise EditError("nothing is selected; select what to grow or to shrink first")
         distance = self.distance
         if distance is None:
-            spacing = spacing_of(means[selected] if len(selected) >= _ENOUGH else means[drawn])
+            spacing = estimate_spacing(means[selected] if len(selected) >= _ENOUGH else means[drawn])
             distance = spacing if math.isfinite(spacing) else _FALLBACK
         return _Sides(means, selected, np.flatnonzero(drawn & ~chosen), distance)
 
@@ -123,7 +123,7 @@ class GrowSelection(BorderEdit):
     def along_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The neighbours that can be selected."""
         means, selected, others, distance = self._sides(document)
-        return rows_near(means, selectable(document.state, others), selected, distance)
+        return find_rows_near(means, keep_selectable(document.state, others), selected, distance)
 
 
 @dataclass
@@ -144,4 +144,4 @@ class ShrinkSelection(BorderEdit):
     def along_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The selected rows near others."""
         means, selected, others, distance = self._sides(document)
-        return rows_near(means, selected, others, distance)
+        return find_rows_near(means, selected, others, distance)

@@ -9,10 +9,10 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, selectable
-from instdrive_core.edits.bases.parameters import checked_ids, is_whole
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, keep_selectable
+from instdrive_core.edits.bases.parameters import check_ids, is_whole
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.scene.selection import Flag, SplatState
@@ -37,17 +37,17 @@ class SelectInstances(FlagEdit):
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
         check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select instance 17``."""
-        return f"{VERBS[self.mode]} {ids_in_words(self.ids)}"
+        return f"{VERBS[self.mode]} {describe_ids(self.ids)}"
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the instances' rows."""
-        return selection_changes(document.state, document.rows_of(self.ids), self.mode)
+        return plan_selection_changes(document.state, document.rows_of(self.ids), self.mode)
 
 
 @dataclass
@@ -77,7 +77,7 @@ class SelectClass(FlagEdit):
         if not ids:
             known = ", ".join(sorted({instance.class_name for instance in table} - {""})) or "none"
             raise EditError(f"no instance has the class {self.class_name!r}; the scene's classes are: {known}")
-        return selection_changes(document.state, document.rows_of(ids), self.mode)
+        return plan_selection_changes(document.state, document.rows_of(ids), self.mode)
 
 
 @dataclass
@@ -104,7 +104,7 @@ class SelectCodeword(FlagEdit):
         rows = document.rows_of_codeword(self.codeword)
         if not len(rows):
             raise EditError(f"no splat of the scene has codeword {self.codeword}")
-        return selection_changes(document.state, rows, self.mode)
+        return plan_selection_changes(document.state, rows, self.mode)
 
 
 @dataclass
@@ -121,7 +121,7 @@ class SelectAll(FlagEdit):
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit wherever it may be set and is not."""
-        yield FlagChange(_free_rows(document.state), Flag.SELECTED, True)
+        yield FlagChange(_find_free_rows(document.state), Flag.SELECTED, True)
 
 
 @dataclass
@@ -138,7 +138,7 @@ class InvertSelection(FlagEdit):
 
     def changes(self, document: Document) -> Iterator[FlagChange]:
         """Swap the two sets."""
-        selected, others = document.state.rows_with(Flag.SELECTED), _free_rows(document.state)
+        selected, others = document.state.rows_with(Flag.SELECTED), _find_free_rows(document.state)
         yield FlagChange(selected, Flag.SELECTED, False)
         yield FlagChange(others, Flag.SELECTED, True)
 
@@ -160,7 +160,7 @@ class SelectNone(FlagEdit):
         yield FlagChange(document.state.rows_with(Flag.SELECTED), Flag.SELECTED, False)
 
 
-def selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
+def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
     """What a select edit that found `rows` (m,) changes, by its mode."""
     if mode == "remove":
         yield FlagChange(rows, Flag.SELECTED, False)
@@ -171,7 +171,7 @@ def selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Ite
         outside[rows] = False
         yield FlagChange(outside.nonzero()[0], Flag.SELECTED, False)
     if mode != "intersect":
-        yield FlagChange(selectable(state, rows), Flag.SELECTED, True)
+        yield FlagChange(keep_selectable(state, rows), Flag.SELECTED, True)
 
 
 def check_mode(mode: str) -> None:
@@ -180,6 +180,6 @@ def check_mode(mode: str) -> None:
         raise EditError(f"selection mode {mode!r} is not one of {', '.join(get_args(SelectMode))}")
 
 
-def _free_rows(state: SplatState) -> ndarray:
+def _find_free_rows(state: SplatState) -> ndarray:
     """Rows without any bit: not selected, and free to be."""
     return np.flatnonzero(state.flags == 0)

@@ -19,7 +19,7 @@ from instdrive_core.rasterize.kernels.view_colors import view_colors
 from instdrive_core.rasterize.render import Raster, render, render_backward
 from instdrive_core.rasterize.without_rows import without_rows
 from instdrive_core.scene.scene import Scene
-from instdrive_core.scene.track import Track, points_inside
+from instdrive_core.scene.track import Track, find_points_inside
 
 MAX_DELETIONS = 150
 """More selections than this, counted once per view, are sampled."""
@@ -172,7 +172,7 @@ def _rows_inside(world: WorldGaussians, box: Track | None, time: float) -> Int64
     near = np.flatnonzero(
         (np.abs(world.means[:, :2] - middle[:2]) <= reach).all(axis=1)
     )  # boxes are small: cheap first
-    return near[points_inside(world.means[near], pose, box.dimensions, bottom=-ROAD_CUT)]
+    return near[find_points_inside(world.means[near], pose, box.dimensions, bottom=-ROAD_CUT)]
 
 
 def _mean(values: Sequence[float | None], weights: Sequence[int]) -> float | None:

@@ -16,7 +16,7 @@ from instdrive_core.evaluation.metrics.segmentation import LabelledView, evaluat
 from instdrive_core.evaluation.metrics.world_gaussians import world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 
@@ -56,7 +56,7 @@ def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTr
     preview = view_scene(scene, camera, time)
     image, photo = preview.color, frame.load_image().astype(np.float32) / 255
     if scene.exposures is not None:
-        image = exposed(image, scene.exposures.at(frame.view.name, time))
+        image = apply_exposure(image, scene.exposures.at(frame.view.name, time))
     image = np.clip(image, 0, 1)
     valid = np.ones(image.shape[:2], bool) if frame.valid is None else frame.valid
     ignored, sky = ~valid, ground_truth.sky(frame)

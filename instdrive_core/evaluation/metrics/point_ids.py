@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 
 from instdrive_core.evaluation.metrics.world_gaussians import world_gaussians
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 from instdrive_core.scene.scene import Scene
 
 NEIGHBOURS = 32
@@ -57,7 +57,7 @@ def point_support(scene: Scene, points: Float32[ndarray, "p 3"], time: float) ->
     tree = KDTree(world.means[there])
     _, nearest = tree.query(points, k=count, workers=numba.get_num_threads())
     rows = there[nearest].astype(np.int32).reshape(len(points), count)
-    turns = matrix_from_quaternion(normalized(world.quats)).astype(np.float32)
+    turns = matrix_from_quaternion(normalize_quaternions(world.quats)).astype(np.float32)
     variances = np.exp(2 * world.log_scales) + np.float32(TOLERANCE**2)
     weights = np.empty(rows.shape, np.float32)
     _weigh(np.ascontiguousarray(points, np.float32), rows, world.means, turns, variances, world.opacities, weights)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy import ndarray
 
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.scene.scene import Scene, place_in_world
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class WorldGaussians:
 def world_gaussians(scene: Scene, time: float) -> WorldGaussians:
     """Every actor placed at `time` (seconds); actors whose track does not cover it are absent."""
     poses, present = scene.at(time)
-    means, quats = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     there = present[scene.nodes] > 0
     opacities = np.where(there, scene.gaussians.opacities, np.float32(0))
     return WorldGaussians(means, quats, scene.gaussians.log_scales, opacities)

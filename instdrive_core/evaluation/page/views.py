@@ -24,7 +24,7 @@ from instdrive_core.evaluation.page.map_colors import (
 )
 from instdrive_core.evaluation.page.pictures import as_bytes, map_picture, photo_picture
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 PICTURE_BUDGET = 4_500_000
@@ -169,4 +169,4 @@ def _exposed_image(scene: Scene, frame: Frame) -> ndarray:
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is None:
         return image
-    return exposed(image, scene.exposures.at(frame.view.name, frame.view.time))
+    return apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))

@@ -12,7 +12,7 @@ from numpy import ndarray
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, check_room
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, check_memory
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
 
@@ -23,7 +23,7 @@ EXTRA = "extra."
 """Names of columns that the program does not know begin so."""
 
 
-def digest_of(arrays: dict[str, ndarray]) -> str:
+def digest_arrays(arrays: dict[str, ndarray]) -> str:
     """What names the file: 16 digits of the SHA-256 of all arrays."""
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
@@ -45,10 +45,10 @@ def read_arrays(path: Path, scene: Path, options: ReadOptions = WHOLE) -> tuple[
         count = shapes.get("means", (0,))[0]
         rows = [name for name in shapes if count and _is_per_splat(name) and shapes[name][:1] == (count,)]
         sizes = [int(np.prod(shapes[name][1:])) * _stored_bytes(name, parts[name]) for name in rows]
-        check_room(scene, count, sum(sizes), options)
+        check_memory(scene, count, sum(sizes), options)
         if options.keep_every == 1:
             arrays = load_file(path)
-            return arrays, digest_of(arrays)
+            return arrays, digest_arrays(arrays)
         arrays, digest = {}, hashlib.sha256()
         for number, name in enumerate(sorted(parts)):
             report(number / len(parts))

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.files.json_value import whole_text
+from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.formats.folder.arrays import EXTRA
 from instdrive_core.formats.ply.columns import check_extra_column
-from instdrive_core.instances.table import Instance, InstanceTable, main_nodes, middle_bounds
+from instdrive_core.instances.table import Instance, InstanceTable, compute_middle_bounds, find_main_nodes
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
@@ -21,7 +21,7 @@ from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 
 
-def manifest_of(scene: Scene) -> dict[str, Any]:
+def build_manifest(scene: Scene) -> dict[str, Any]:
     """Table, tracks, views, exposed photos, origin, code bits, how it is drawn; poses and other arrays stand apart."""
     return {
         "origin": scene.origin.tolist(),
@@ -70,7 +70,7 @@ def _view_entry(view: CameraView) -> dict[str, Any]:
     }
 
 
-def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scene:
+def assemble_scene(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scene:
     """Put a scene together. Raises KeyError, TypeError or ValueError where manifest and arrays do not fit."""
     gaussians = Gaussians(**{name: _floats(arrays, name) for name in Gaussians.__dataclass_fields__})
     instance_ids = _integers(arrays, "instance_ids", np.uint32)
@@ -104,11 +104,11 @@ def _table(entries: list[dict[str, Any]], ids: ndarray, means: ndarray, nodes: n
     if len(ids) != len(nodes) or len(ids) != len(means):
         return table  # the scene says what is wrong
     rows = np.flatnonzero(np.isin(ids, np.unique(ids[nodes > 0])))
-    main = main_nodes(ids[rows], nodes[rows])
+    main = find_main_nodes(ids[rows], nodes[rows])
     for listed in [listed for listed in table if main.get(listed.id, 0) != listed.node]:
         node = main.get(listed.id, 0)
         own = means[(ids == listed.id) & (nodes == node)]
-        table.set(replace(listed, node=node, bounds=middle_bounds(own) if len(own) else listed.bounds))
+        table.set(replace(listed, node=node, bounds=compute_middle_bounds(own) if len(own) else listed.bounds))
     return table
 
 
@@ -118,11 +118,11 @@ def _instance(entry: dict[str, Any]) -> Instance:
         raise ValueError(f"instance {entry['id']} has an ID below 1 or bounds that are not two corners")
     return Instance(
         id=int(entry["id"]),
-        name=whole_text(entry["name"]),
+        name=require_whole_text(entry["name"]),
         node=int(entry["node"]),
         codeword=int(entry["codeword"]),
         count=int(entry["count"]),
-        class_name=whole_text(entry["class"]),
+        class_name=require_whole_text(entry["class"]),
         bounds=(low, high),
     )
 
@@ -138,8 +138,8 @@ def _tracks(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[
     ends = np.cumsum(steps)
     return tuple(
         Track(
-            id=whole_text(entry["id"]),
-            label=whole_text(entry["label"]),
+            id=require_whole_text(entry["id"]),
+            label=require_whole_text(entry["label"]),
             dimensions=_shaped(np.array(entry["dimensions"], np.float64), (3,), "dimensions"),
             times=times[end - count : end],
             world_from_box=poses[end - count : end],
@@ -165,7 +165,7 @@ def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[C
         views.append(
             CameraView(
                 camera=Camera(fx, fy, cx, cy, width, height, pose),
-                name=whole_text(entry["name"]),
+                name=require_whole_text(entry["name"]),
                 index=int(entry["index"]),
                 time=float(entry["time"]),
                 photo=str(entry["photo"]),

@@ -20,12 +20,12 @@ from safetensors import SafetensorError
 from safetensors.numpy import save_file
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path, write_bytes
-from instdrive_core.files.json_value import json_value
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.atomic import replace_atomically, write_bytes
+from instdrive_core.files.json_value import parse_json
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import WHOLE, ReadOptions
-from instdrive_core.formats.folder.arrays import EXTRA, digest_of, read_arrays
-from instdrive_core.formats.folder.manifest import manifest_of, scene_from_parts
+from instdrive_core.formats.folder.arrays import EXTRA, digest_arrays, read_arrays
+from instdrive_core.formats.folder.manifest import assemble_scene, build_manifest
 from instdrive_core.scene.scene import Scene
 
 MANIFEST = "scene.json"
@@ -48,15 +48,15 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
     arrays = {name: np.ascontiguousarray(array) for name, array in _arrays_of(scene).items()}
     if half:
         arrays = {name: _halved(name, array) for name, array in arrays.items()}
-    name = f"scene.{digest_of(arrays)}.safetensors"
+    name = f"scene.{digest_arrays(arrays)}.safetensors"
     is_new = not (folder / name).exists()
     try:
-        with atomic_path(folder / name, temporary_for="scene.safetensors") as temporary:
+        with replace_atomically(folder / name, temporary_for="scene.safetensors") as temporary:
             save_file(arrays, temporary)
     except SafetensorError as error:
         problem = f"the file cannot be written ({error})"
         raise DataError(folder / name, problem, "Free some space or choose another place") from error
-    manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **manifest_of(scene)}
+    manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **build_manifest(scene)}
     for view in manifest["views"]:
         view["photo"] = _stored_photo(view["photo"], folder)
     try:
@@ -83,7 +83,7 @@ def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options
     try:
         for view in manifest["views"]:
             view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
-        scene = scene_from_parts(manifest, arrays)
+        scene = assemble_scene(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise _damaged(folder / manifest_name, error) from error
     if options.keep_every > 1:
@@ -98,7 +98,7 @@ def _count_again(scene: Scene) -> None:
         scene.table.set(replace(instance, count=found.get(instance.id, 0)))
 
 
-def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
+def list_scene_folder_files(folder: Path) -> tuple[Path, ...]:
     """The files that `read_scene_folder` reads. Raises DataError where the folder holds no scene."""
     return folder / MANIFEST, folder / _read_manifest(folder / MANIFEST)["arrays"]
 
@@ -138,7 +138,7 @@ def _stored_photo(photo: str, folder: Path) -> str:
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json_value(plain_file(path).read_bytes())
+        manifest = parse_json(require_plain_file(path).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
         raise _damaged(path, error) from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:
@@ -160,7 +160,7 @@ def _read_parts(
         manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]
         try:
-            return manifest, *read_arrays(plain_file(path), folder, options)
+            return manifest, *read_arrays(require_plain_file(path), folder, options)
         except FileNotFoundError as error:
             if attempt == _ATTEMPTS - 1:
                 raise _damaged(path, error) from error

@@ -38,7 +38,7 @@ def write_objects_json(path: Path, scene: Scene, objects: Sequence[SceneObject],
         "time": time,
         "origin": _numbers(scene.origin),
         "objects": [_object(entry) for entry in objects],
-        "tracks": [track_fields(actor) for actor in scene.actors],
+        "tracks": [describe_track(actor) for actor in scene.actors],
     }
     write_bytes(path, (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
@@ -72,7 +72,7 @@ def _box(box: OrientedBox) -> dict[str, Any]:
     return {"center": _numbers(box.center), "size": _numbers(box.size), "yaw": round(box.yaw, 6)}
 
 
-def track_fields(track: Track) -> dict[str, Any]:
+def describe_track(track: Track) -> dict[str, Any]:
     """A track as JSON values."""
     width, length, height = track.dimensions.tolist()
     return {

@@ -50,7 +50,7 @@ def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
     return rest // 3, features
 
 
-def column_views(gaussians: Gaussians) -> dict[str, ndarray]:
+def view_columns(gaussians: Gaussians) -> dict[str, ndarray]:
     """Each INRIA property as a view (n,) of the Gaussians' arrays, in the order INRIA writes them (without normals)."""
     views = {name: gaussians.means[:, axis] for axis, name in enumerate("xyz")}
     views |= {f"f_dc_{channel}": gaussians.sh_dc[:, channel] for channel in range(3)}
@@ -62,7 +62,7 @@ def column_views(gaussians: Gaussians) -> dict[str, ndarray]:
     return views
 
 
-def feature_views(gaussians: Gaussians) -> dict[str, ndarray]:
+def view_features(gaussians: Gaussians) -> dict[str, ndarray]:
     """``feature_0 …`` as views (n,)."""
     return {f"feature_{index}": gaussians.features[:, index] for index in range(gaussians.features.shape[1])}
 

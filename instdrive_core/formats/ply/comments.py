@@ -15,9 +15,9 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_value import json_value, whole_text
+from instdrive_core.files.json_value import parse_json, require_whole_text
 from instdrive_core.instances.codebook import MAX_BITS
-from instdrive_core.instances.table import default_name
+from instdrive_core.instances.table import make_default_name
 from instdrive_core.scene.scene import Scene
 
 _ANTIALIASED = "SplatRenderMode: mip"
@@ -37,32 +37,32 @@ class Annotations:
     classes: dict[int, str] = field(default_factory=dict)
 
 
-def comments_for(scene: Scene) -> list[str]:
+def build_comments(scene: Scene) -> list[str]:
     """Comment lines; none for a plain scene without instances, codewords or origin, so that it stays a plain .ply."""
     lines = [_ANTIALIASED] if scene.antialiased else []
     if scene.code_bits or len(scene.table) or scene.origin.any():
         lines.append(_SCENE + _line({"code_bits": scene.code_bits, "origin": scene.origin.tolist()}))
     for instance in scene.table:
         entry = {"id": instance.id, "name": instance.name, "class": instance.class_name}
-        if instance.name != default_name(instance.id) or instance.class_name:
+        if instance.name != make_default_name(instance.id) or instance.class_name:
             lines.append(_INSTANCE + _line(entry))
     return lines
 
 
-def parsed_comments(comments: tuple[str, ...], path: Path) -> Annotations:
-    """Read the lines written by `comments_for`; others are passed over. Raises DataError where one is damaged."""
+def parse_comments(comments: tuple[str, ...], path: Path) -> Annotations:
+    """Read the lines written by `build_comments`; others are passed over. Raises DataError where one is damaged."""
     annotations = Annotations()
     known = {_normal(text): antialiased for text, antialiased in _DRAWN_AS.items()}
     for comment in comments:
         annotations.antialiased = known.get(_normal(comment), annotations.antialiased)
         try:
             if comment.startswith(_SCENE):
-                _read_scene(json_value(comment.removeprefix(_SCENE)), annotations)
+                _read_scene(parse_json(comment.removeprefix(_SCENE)), annotations)
             elif comment.startswith(_INSTANCE):
-                entry = json_value(comment.removeprefix(_INSTANCE))
+                entry = parse_json(comment.removeprefix(_INSTANCE))
                 instance_id = int(entry["id"])
-                annotations.names[instance_id] = whole_text(entry["name"])
-                annotations.classes[instance_id] = whole_text(entry.get("class", ""))
+                annotations.names[instance_id] = require_whole_text(entry["name"])
+                annotations.classes[instance_id] = require_whole_text(entry.get("class", ""))
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             problem = f"the header comment {comment[:80]!r} is damaged ({type(error).__name__}: {error})"
             raise DataError(path, problem, "Remove that line from the header or export the file again") from error

@@ -8,17 +8,17 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.files.ply_header import read_header
-from instdrive_core.formats.ply.inria import chunks_of, columns_to_write
+from instdrive_core.formats.ply.inria import collect_columns, read_chunks
 from instdrive_core.progress import report
 from instdrive_core.scene.scene import Scene
 
 
-def changed_value(path: Path, scene: Scene) -> str:
+def find_changed_value(path: Path, scene: Scene) -> str:
     """The first value by which a file written by `write_ply` differs from the scene; empty where none does.
 
     Raises DataError where the file cannot be read.
     """
-    columns = columns_to_write(scene)
+    columns = collect_columns(scene)
     with path.open("rb") as file:
         header = read_header(file, path, path.stat().st_size)
         if header.count != len(scene):
@@ -26,7 +26,7 @@ def changed_value(path: Path, scene: Scene) -> str:
         if header.dtype.names != tuple(columns):
             return f"the columns are {', '.join(header.dtype.names or ())}, not {', '.join(columns)}"
         start = 0
-        for chunk in chunks_of(file, header, path):
+        for chunk in read_chunks(file, header, path):
             for name, column in columns.items():
                 found, wanted = chunk[name], column[start : start + len(chunk)]
                 if found.tobytes() != wanted.tobytes():

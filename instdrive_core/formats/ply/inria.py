@@ -15,25 +15,25 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file
+from instdrive_core.files.atomic import open_atomically
 from instdrive_core.files.ply_header import REMEDY, PlyHeader, read_header
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
+from instdrive_core.formats.export_checks import check_static
 from instdrive_core.formats.ply.columns import (
     ID_LIMITS,
     NORMALS,
     TYPE_NAMES,
     check_columns,
     check_whole_numbers,
-    column_views,
-    feature_views,
+    view_columns,
+    view_features,
 )
-from instdrive_core.formats.ply.comments import comments_for, parsed_comments
+from instdrive_core.formats.ply.comments import build_comments, parse_comments
 from instdrive_core.formats.ply.compressed import read_compressed_ply
 from instdrive_core.formats.ply.compressed_layout import PACKED
-from instdrive_core.formats.writable import check_static
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.progress import report
-from instdrive_core.scene.gaussians import Gaussians, empty_gaussians
+from instdrive_core.scene.gaussians import Gaussians, create_empty_gaussians
 from instdrive_core.scene.scene import Scene
 
 CHUNK_ROWS = 1024
@@ -53,14 +53,14 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
             return read_compressed_ply(path, options)
         rest, features = check_columns(names, path)
         extra_bytes = sum(header.dtype[name].itemsize for name in _unknown(names, rest, features))
-        gaussians = unfilled(path, header.count, rest, features, options, extra=extra_bytes)
+        gaussians = allocate_gaussians(path, header.count, rest, features, options, extra=extra_bytes)
         count = len(gaussians)
         ids = {name: np.zeros(count, np.uint32) for name in ID_LIMITS}
-        known = column_views(gaussians) | feature_views(gaussians) | ids
+        known = view_columns(gaussians) | view_features(gaussians) | ids
         extra = {name: np.empty(count, header.dtype[name].newbyteorder("=")) for name in names if name not in known}
         targets = known | extra
         start = 0
-        for chunk in chunks_of(file, header, path):
+        for chunk in read_chunks(file, header, path):
             source, target = options.places(start, start + len(chunk))
             for name in names:
                 if name in ids:
@@ -77,9 +77,9 @@ def write_ply(path: str | Path, scene: Scene) -> None:
     Raises DataError where the scene has moving actors: place them first (`edits.bake.frozen_at`).
     """
     check_static(path, scene, ".ply")
-    columns = columns_to_write(scene)
+    columns = collect_columns(scene)
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         file.write(_header(scene, dtype))
         for start in range(0, len(scene), CHUNK_ROWS):
             chunk = np.empty(min(CHUNK_ROWS, len(scene) - start), dtype)
@@ -89,21 +89,21 @@ def write_ply(path: str | Path, scene: Scene) -> None:
             report(start / len(scene))
 
 
-def columns_to_write(scene: Scene) -> dict[str, ndarray]:
+def collect_columns(scene: Scene) -> dict[str, ndarray]:
     """The columns (n,) of a scene's file, in their order there."""
-    inria = column_views(scene.gaussians)
+    inria = view_columns(scene.gaussians)
     zeros = np.broadcast_to(np.float32(0), len(scene))
     normals = {name: scene.extra.get(name, zeros) for name in NORMALS}
     columns = {name: inria.pop(name) for name in "xyz"} | normals | inria
     if len(scene.table) or scene.code_bits:
         columns |= {"instance_id": scene.instance_ids, "codeword": scene.codewords}
-    return columns | feature_views(scene.gaussians) | scene.extra
+    return columns | view_features(scene.gaussians) | scene.extra
 
 
 def _header(scene: Scene, dtype: np.dtype) -> bytes:
     assert dtype.fields is not None
     lines = ["ply", "format binary_little_endian 1.0"]
-    lines += [f"comment {comment}" for comment in comments_for(scene)]
+    lines += [f"comment {comment}" for comment in build_comments(scene)]
     lines.append(f"element vertex {len(scene)}")
     lines += [f"property {TYPE_NAMES[kind.str[1:]]} {name}" for name, (kind, *_) in dtype.fields.items()]
     return "\n".join([*lines, "end_header", ""]).encode()
@@ -111,11 +111,11 @@ def _header(scene: Scene, dtype: np.dtype) -> bytes:
 
 def _unknown(names: tuple[str, ...], rest: int, features: int) -> set[str]:
     """Columns that are kept as they are."""
-    one = empty_gaussians(rest, features)
-    return set(names) - column_views(one).keys() - feature_views(one).keys() - ID_LIMITS.keys()
+    one = create_empty_gaussians(rest, features)
+    return set(names) - view_columns(one).keys() - view_features(one).keys() - ID_LIMITS.keys()
 
 
-def chunks_of(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
+def read_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
     """The vertices as structured arrays of up to `CHUNK_ROWS` rows. Raises DataError where the file ends too early."""
     if header.is_ascii:
         yield from _ascii_chunks(file, header, path)
@@ -191,9 +191,9 @@ def _scene(
     # INRIA writes zero normals that nobody reads; only real ones are worth their memory.
     if not any(extra[name].any() for name in NORMALS if name in extra):
         extra = {name: column for name, column in extra.items() if name not in NORMALS}
-    notes = parsed_comments(header.comments, path)
+    notes = parse_comments(header.comments, path)
     instance_ids, codewords = ids["instance_id"], ids["codeword"]
-    table = table_from_ids(instance_ids, gaussians.means, codewords, None, notes.names, notes.classes)
+    table = build_instance_table(instance_ids, gaussians.means, codewords, None, notes.names, notes.classes)
     return Scene(
         gaussians=gaussians,
         instance_ids=instance_ids,

@@ -16,12 +16,19 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.allocation import BESIDE_BYTES, TO_READ, WHOLE, ReadOptions, check_room, row_bytes
+from instdrive_core.formats.allocation import (
+    BESIDE_BYTES,
+    MEMORY_TO_READ,
+    WHOLE,
+    ReadOptions,
+    check_memory,
+    count_row_bytes,
+)
 from instdrive_core.formats.plausible_count import check_plausible_count
-from instdrive_core.formats.sog.meta import SogMeta, parsed_meta
+from instdrive_core.formats.sog.meta import SogMeta, parse_sog_meta
 from instdrive_core.formats.sog.scenes import META, PASSING, read_gaussians, read_meta
-from instdrive_core.formats.sog.store import REMEDY, FolderStore, checked_name
-from instdrive_core.scene.gaussians import Gaussians, concatenated
+from instdrive_core.formats.sog.store import REMEDY, FolderStore, check_member_name
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
 LOD_META = "lod-meta.json"
@@ -111,7 +118,7 @@ def _thinned(chunk: Gaussians, options: ReadOptions) -> Gaussians:
 
 
 def _source(folder: Path, name: Any) -> tuple[Path, str]:
-    parts = PurePosixPath(checked_name(name, folder))
+    parts = PurePosixPath(check_member_name(name, folder))
     if not (folder / parts).is_file():
         raise DataError(folder, f"the file {name!r} is missing", REMEDY)
     return folder / parts.parent, parts.name
@@ -120,7 +127,7 @@ def _source(folder: Path, name: Any) -> tuple[Path, str]:
 def _metas_of(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
     if len(set(sources)) < len(sources):
         raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
-    return [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
+    return [parse_sog_meta(FolderStore(place).json(name), place) for place, name in sources]
 
 
 def _opened(
@@ -137,9 +144,9 @@ def _opened(
     rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
     largest = max((meta.count for meta in metas), default=0)
     # Chunks are read whole, and joined by a copy.
-    passing = largest * (TO_READ * row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
+    passing = largest * (MEMORY_TO_READ * count_row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
     count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
-    check_room(folder, count, 2 * row_bytes(rest, 0), options, passing)
+    check_memory(folder, count, 2 * count_row_bytes(rest, 0), options, passing)
     count = size = 0
     for (place, _), meta in zip(sources, metas, strict=True):
         store = FolderStore(place)
@@ -194,5 +201,5 @@ def _joined(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
     for part in parts:
         missing = rest - part.sh_rest.shape[1]
         part.sh_rest = np.pad(part.sh_rest, ((0, 0), (0, missing), (0, 0)))
-    joined = concatenated(parts) if len(parts) > 1 else parts[0]
+    joined = concatenate_gaussians(parts) if len(parts) > 1 else parts[0]
     return replace(scene_from_gaussians(joined), antialiased=all(meta.antialiased for meta in metas))

@@ -25,7 +25,7 @@ PALETTE_LIMIT = 1 << 16
 
 
 @dataclass(frozen=True)
-class Palette:
+class SogPalette:
     """SH above the constant: each splat names one of `count` entries."""
 
     count: int | None
@@ -49,14 +49,14 @@ class SogMeta:
     sh_dc: Float32[ndarray, "3 256"]
     opacity_logits: Float32[ndarray, "256"]
     antialiased: bool
-    palette: Palette | None
+    palette: SogPalette | None
     means_files: tuple[Any, Any]
     quats_file: Any
     scales_file: Any
     sh0_file: Any
 
 
-def parsed_meta(content: dict[str, Any], path: Path) -> SogMeta:
+def parse_sog_meta(content: dict[str, Any], path: Path) -> SogMeta:
     """Raises DataError where a field is missing or wrong."""
     version = content.get("version", 1)
     if version not in (1, 2):
@@ -90,7 +90,7 @@ def parsed_meta(content: dict[str, Any], path: Path) -> SogMeta:
     )
 
 
-def _palette(content: dict[str, Any], version: int, path: Path) -> Palette | None:
+def _palette(content: dict[str, Any], version: int, path: Path) -> SogPalette | None:
     if content.get("shN") is None:
         return None
     entry = _object(content, "shN", path)
@@ -98,13 +98,13 @@ def _palette(content: dict[str, Any], version: int, path: Path) -> Palette | Non
     if version == 1:
         low, high = (_numbers([entry.get(end)], f"shN.{end}", 1, path)[0] for end in ("mins", "maxs"))
         values = np.linspace(low, high, 256).astype(np.float32)
-        return Palette(None, None, values, centroids, labels)
+        return SogPalette(None, None, values, centroids, labels)
     count, bands = (_whole(entry.get(name), f"shN.{name}", path) for name in ("count", "bands"))
     if not 1 <= bands <= 3:
         raise DataError(path, f"'shN.bands' is {bands}, not 1 to 3", REMEDY)
     if not 1 <= count <= PALETTE_LIMIT:
         raise DataError(path, f"'shN.count' is {count}, not 1 to {PALETTE_LIMIT}", REMEDY)
-    return Palette(count, REST_COUNTS[bands], _codebook(entry, "shN", path), centroids, labels)
+    return SogPalette(count, REST_COUNTS[bands], _codebook(entry, "shN", path), centroids, labels)
 
 
 def _codebook(entry: dict[str, Any], name: str, path: Path) -> Float32[ndarray, "256"]:

@@ -22,11 +22,11 @@ from jaxtyping import Float32, Int64, UInt8
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
 from instdrive_core.formats.plausible_count import check_plausible_count
-from instdrive_core.formats.sog.meta import PALETTE_LIMIT, Palette, SogMeta, parsed_meta
-from instdrive_core.formats.sog.store import REMEDY, Store, opened_archive
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.formats.sog.meta import PALETTE_LIMIT, SogMeta, SogPalette, parse_sog_meta
+from instdrive_core.formats.sog.store import REMEDY, Store, open_sog_archive
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
@@ -45,13 +45,13 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .sog archive. Raises DataError where anything about it is wrong, also where names lead out of it."""
-    with opened_archive(Path(path)) as store:
+    with open_sog_archive(Path(path)) as store:
         return read_meta(store, META, options)
 
 
 def read_meta(store: Store, name: str, options: ReadOptions = WHOLE) -> Scene:
     """The scene of one meta.json, whose images lie where it does. Raises DataError."""
-    meta = parsed_meta(store.json(name), store.path)
+    meta = parse_sog_meta(store.json(name), store.path)
     return replace(scene_from_gaussians(read_gaussians(store, meta, options)), antialiased=meta.antialiased)
 
 
@@ -60,7 +60,7 @@ def read_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) ->
     check_plausible_count(store.path, meta.count, store.size)
     entries = None if meta.palette is None else _palette_entries(meta.palette, store)
     rest = 0 if entries is None else entries.shape[1]
-    gaussians = unfilled(store.path, meta.count, rest, 0, options, passing=PASSING)
+    gaussians = allocate_gaussians(store.path, meta.count, rest, 0, options, passing=PASSING)
     if meta.palette is not None and entries is not None:
         labels = _labels(meta, meta.palette, store, len(entries), options)
         np.take(entries, labels, axis=0, out=gaussians.sh_rest)
@@ -105,10 +105,12 @@ def _decoded_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) ->
     np.put_along_axis(units, _OTHERS[largest[:, 0]], stored, axis=1)
     rest = np.sqrt(np.maximum(0.0, 1.0 - np.sum(stored**2, axis=1, keepdims=True)))
     np.put_along_axis(units, largest, rest, axis=1)
-    return normalized(units).astype(np.float32)
+    return normalize_quaternions(units).astype(np.float32)
 
 
-def _labels(meta: SogMeta, palette: Palette, store: Store, entries: int, options: ReadOptions) -> Int64[ndarray, " m"]:
+def _labels(
+    meta: SogMeta, palette: SogPalette, store: Store, entries: int, options: ReadOptions
+) -> Int64[ndarray, " m"]:
     """Which entry of the palette each splat has."""
     pixels = _splat_pixels(store, palette.labels, meta.count, options)
     labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
@@ -119,7 +121,7 @@ def _labels(meta: SogMeta, palette: Palette, store: Store, entries: int, options
     return labels
 
 
-def _palette_entries(palette: Palette, store: Store) -> Float32[ndarray, "p k 3"]:
+def _palette_entries(palette: SogPalette, store: Store) -> Float32[ndarray, "p k 3"]:
     image = store.pixels(palette.centroids, 1, PALETTE_LIMIT * REST_COUNTS[-1])
     height, width = image.shape[:2]
     rest, count = palette.rest or width // PALETTE_COLUMNS, palette.count or height * PALETTE_COLUMNS

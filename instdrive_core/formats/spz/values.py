@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 
 MAX_FRACTIONAL_BITS = 12
 """A step of 0.24 mm, which leaves ±2048 m."""
@@ -23,7 +23,7 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Quaternion components (xyzw) that are stored, by the one that is not."""
 
 
-def fractional_bits_for(extent: float) -> int | None:
+def choose_fractional_bits(extent: float) -> int | None:
     """The most fractional bits that hold coordinates up to `extent` (metres) in 24 bits; None where none do."""
     fitting = (bits for bits in range(MAX_FRACTIONAL_BITS, -1, -1) if extent * 2**bits <= 2**23 - 1)
     return next(fitting, None)
@@ -56,12 +56,12 @@ def decode_first_three(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 4"]:
     """Unit quaternions wxyz of versions 1 and 2: x, y, z in 8 bits, w ≥ 0 follows."""
     vector = data / 127.5 - 1.0
     w = np.sqrt(np.maximum(0.0, 1.0 - np.sum(vector**2, axis=1, keepdims=True)))
-    return normalized(np.concatenate([w, vector], axis=1))
+    return normalize_quaternions(np.concatenate([w, vector], axis=1))
 
 
 def encode_first_three(quats: Float[ndarray, "n 4"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_first_three` for quaternions wxyz of any length above 0."""
-    units = normalized(quats.astype(np.float64))
+    units = normalize_quaternions(quats.astype(np.float64))
     return _bytes(127.5 * np.where(units[:, :1] < 0, -1, 1) * units[:, 1:] + 127.5)
 
 
@@ -75,12 +75,12 @@ def decode_smallest_three(data: UInt8[ndarray, "n 4"]) -> Float[ndarray, "n 4"]:
     np.put_along_axis(units, _OTHERS[largest[:, 0]], stored, axis=1)
     rest = np.sqrt(np.maximum(0.0, 1.0 - np.sum(stored**2, axis=1, keepdims=True)))
     np.put_along_axis(units, largest, rest, axis=1)
-    return normalized(units[:, [3, 0, 1, 2]])
+    return normalize_quaternions(units[:, [3, 0, 1, 2]])
 
 
 def encode_smallest_three(quats: Float[ndarray, "n 4"]) -> UInt8[ndarray, "n 4"]:
     """Inverse of `decode_smallest_three` for quaternions wxyz of any length above 0."""
-    units = normalized(quats.astype(np.float64))[:, [1, 2, 3, 0]]
+    units = normalize_quaternions(quats.astype(np.float64))[:, [1, 2, 3, 0]]
     largest = np.argmax(np.abs(units), axis=1)[:, None]
     stored = np.take_along_axis(units, _OTHERS[largest[:, 0]], axis=1)
     negative = (stored < 0) ^ (np.take_along_axis(units, largest, axis=1) < 0)

@@ -20,7 +20,7 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file, write_bytes
+from instdrive_core.files.atomic import open_atomically, write_bytes
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.export.id_maps import IdMap
 from instdrive_core.scene.scene import Scene
@@ -82,5 +82,5 @@ def packed_ids(ids: UInt32[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
 
 def save_png(path: Path, pixels: ndarray) -> None:
     """Write a PNG atomically; folders are made. Raises DataError where it cannot be written."""
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         Image.fromarray(pixels).save(file, format="PNG")

@@ -15,8 +15,8 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.numpy_file import BAD_ARRAY, array_header
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.numpy_file import BAD_ARRAY, read_array_header
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.masks.image.painting import Painting
 from instdrive_core.masks.imported.checks import REMEDY, check_count, check_size
 from instdrive_core.masks.label_map_folder import nearest
@@ -32,7 +32,7 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     """The masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     painting = Painting(height, width)
     try:
-        with zipfile.ZipFile(plain_file(file)) as archive:
+        with zipfile.ZipFile(require_plain_file(file)) as archive:
             name = _array_in(file, archive)
             with archive.open(f"{name}.npy") as stream:
                 for number, mask in enumerate(_masks(file, name, stream, (width, height))):
@@ -57,7 +57,7 @@ def _array_in(file: Path, archive: zipfile.ZipFile) -> str:
 
 def _masks(file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]) -> Iterator[Bool[ndarray, "h w"]]:
     """One mask after the other."""
-    shape, fortran_order, dtype = array_header(stream)
+    shape, fortran_order, dtype = read_array_header(stream)
     what = f"the field '{name}'"
     if dtype.hasobject:
         raise DataError(file, f"{what} holds Python objects, which are never loaded", _REMEDY)

@@ -16,7 +16,7 @@ from numpy import ndarray
 from pycocotools import mask as coco
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_fields import field, read_json
+from instdrive_core.files.json_fields import read_json, require_field
 from instdrive_core.masks.image.painting import Painting
 from instdrive_core.masks.imported.checks import REMEDY, check_count, check_size
 from instdrive_core.masks.label_map_folder import nearest
@@ -31,14 +31,14 @@ def read_imported_rle(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     content = read_json(file)
     where = ""
     if isinstance(content, dict):
-        content, where = field(file, content, "annotations"), "annotations"
+        content, where = require_field(file, content, "annotations"), "annotations"
     if not isinstance(content, list):
         raise DataError(file, f"holds {type(content).__name__}, expected a list of masks", REMEDY)
     check_count(file, f"the field '{where}'" if where else "the list", len(content))
     painting = Painting(height, width)
     for number, entry in enumerate(content):
         name = f"{where}[{number}].segmentation"
-        mask = _decoded(file, name, field(file, entry, "segmentation", f"{where}[{number}]."), (width, height))
+        mask = _decoded(file, name, require_field(file, entry, "segmentation", f"{where}[{number}]."), (width, height))
         if not mask.any():
             raise DataError(file, f"the field '{name}' is an empty mask", "Leave empty masks out")
         painting.add(nearest(mask, width, height))
@@ -49,7 +49,7 @@ def _decoded(file: Path, name: str, segmentation: Any, photo_size: tuple[int, in
     if not isinstance(segmentation, dict):
         problem = f"the field '{name}' is no object with 'size' and 'counts' but {type(segmentation).__name__}"
         raise DataError(file, problem, "Polygons are not read: write run lengths")
-    size, counts = (field(file, segmentation, key, f"{name}.") for key in ("size", "counts"))
+    size, counts = (require_field(file, segmentation, key, f"{name}.") for key in ("size", "counts"))
     if not isinstance(size, list) or len(size) != 2 or not all(type(side) is int for side in size):
         raise DataError(file, f"the field '{name}.size' is {size!r}, expected [height, width]", REMEDY)
     height, width = size

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.scene import extract_node_rotations
 
 _CHUNK = 1 << 8
 """Rows whose directions and basis values a thread computes at once: attributes are interleaved, these lie in columns,
@@ -51,7 +51,7 @@ def harmonics_view(
     if nodes is None or poses is None or len(poses) < 2 or not nodes.any():
         nodes, rotations = np.zeros(0, np.uint16), np.eye(3)[None]
     else:
-        rotations = node_rotations(np.asarray(poses, np.float64))
+        rotations = extract_node_rotations(np.asarray(poses, np.float64))
         rotations[0] = np.eye(3)
     row_nodes = np.require(nodes, np.uint16, ["C", "W"])
     return HarmonicsView(kernel_array(means), kernel_array(camera_position), row_nodes, kernel_array(rotations))

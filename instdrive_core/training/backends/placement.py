@@ -15,7 +15,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.maths.rotations import multiplied, quaternion_from_matrix
+from instdrive_core.maths.rotations import multiply_quaternions, quaternion_from_matrix
 from instdrive_core.rasterize.kernels.layout import kernel_array
 
 _CHUNK = 1 << 10
@@ -81,7 +81,7 @@ def _through_turns(
     matrices: Float64[ndarray, "m 3 3"], turns: Float64[ndarray, "m 4"], grad_turns: Float64[ndarray, "m 4"]
 ) -> Float64[ndarray, "m 3 3"]:
     """Gradients by the rotation matrices from those by their quaternions; see the top of the file."""
-    x, y, z = np.moveaxis(0.5 * multiplied(turns * _CONJUGATE, grad_turns)[:, 1:], -1, 0)
+    x, y, z = np.moveaxis(0.5 * multiply_quaternions(turns * _CONJUGATE, grad_turns)[:, 1:], -1, 0)
     zero = np.zeros_like(x)
     crossed = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
     return 0.5 * matrices @ crossed

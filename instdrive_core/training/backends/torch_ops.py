@@ -15,7 +15,7 @@ from torch.autograd.function import once_differentiable
 
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.scene import extract_node_rotations
 
 _SHOWS = 1 / 1024
 """Pixels that let less light through than this show no sky, as in `rasterize.sky_behind`."""
@@ -100,7 +100,7 @@ def sh_colors(
         with torch.no_grad():
             directions = means - on_device(camera_position.astype(np.float32), means.device)
             if nodes is not None and poses is not None and len(poses) > 1:
-                turns = on_device(node_rotations(poses).astype(np.float32), means.device)
+                turns = on_device(extract_node_rotations(poses).astype(np.float32), means.device)
                 which = on_device(nodes.astype(np.int64), means.device)
                 directions = (turns[which] * directions[:, :, None]).sum(dim=1)  # Rᵀ d
             length = directions.square().sum(dim=1, keepdim=True).clamp_min(1e-12).sqrt()

@@ -14,7 +14,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.track import Track
 from instdrive_core.training.settings.config import InitConfig
 from instdrive_core.training.views.lidar_depth import nearest_per_pixel, pixels_of_points
@@ -148,8 +148,8 @@ def _split(cloud: _SweepColors, time: float, tracks: list[Track]) -> tuple[dict[
     tracks = [track for track in tracks if track.covers(time)]
     poses = np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4)
     dimensions = np.array([track.dimensions for track in tracks]).reshape(-1, 3)
-    background = cloud.seen & (box_of_points(cloud.points, poses, dimensions, BOX_MARGIN) < 0)
-    holder = box_of_points(cloud.points, poses, dimensions, BOX_MARGIN, BOX_BOTTOM)
+    background = cloud.seen & (find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN) < 0)
+    holder = find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN, BOX_BOTTOM)
     actors = {}
     for number in np.unique(holder[holder >= 0]):
         points, pose = cloud.take(np.flatnonzero(holder == number)), poses[number]

@@ -15,7 +15,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS, dc_from_color
-from instdrive_core.scene.gaussians import Gaussians, concatenated
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.first_points import ColoredPoints, first_points, joined, some
 from instdrive_core.training.gaussians.sparse_start import points_without_lidar
@@ -87,7 +87,7 @@ def initial_scene(
         actors.append(track)
         parts.append(_gaussians_from_points(on_track, None, config.opacity, sh_degree))
         nodes.append(np.full(len(on_track), len(actors), np.uint16))
-    return InitialScene(concatenated(parts), np.concatenate(nodes), tuple(actors))
+    return InitialScene(concatenate_gaussians(parts), np.concatenate(nodes), tuple(actors))
 
 
 def scene_radius(views: ViewStore) -> float:

@@ -18,7 +18,7 @@ from instdrive_core.rasterize.kernels.blend_weights import (
     compacted,
     transposed,
 )
-from instdrive_core.scene.scene import placed
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.backends.row_gather import gathered
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.rows_in_view import rows_in_view
@@ -81,7 +81,7 @@ def gaussians_in_view(
     )
     chosen = torch.from_numpy(rows)
     means, quats, log_scales = (gathered(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales"))
-    means, quats = placed(means, quats, model.nodes[rows], poses.matrices)
+    means, quats = place_in_world(means, quats, model.nodes[rows], poses.matrices)
     return rows, (means, quats, log_scales, sigmoid(p["opacity_logits"][rows]))
 
 

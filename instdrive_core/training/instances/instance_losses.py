@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.instances.codebook import code_vectors, quantized
+from instdrive_core.instances.codebook import decode_codewords, quantize_features
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def contrastive_loss(
 
 def voted_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
     """The most frequent codeword inside each mask (ties: the smaller number)."""
-    codes = quantized(features).astype(np.int64)
+    codes = quantize_features(features).astype(np.int64)
     keys = segments.segment.numpy() * (1 << 32) + codes
     pairs, counts = np.unique(keys, return_counts=True)
     owner = pairs >> 32
@@ -70,7 +70,7 @@ def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Ten
     """Mean squared distance to the codeword that wins the vote inside each pixel's mask; the target has no gradient."""
     values = features.detach().numpy()
     winners = voted_codewords(values, segments)
-    targets = torch.from_numpy(code_vectors(winners.astype(np.uint32), values.shape[1]))
+    targets = torch.from_numpy(decode_codewords(winners.astype(np.uint32), values.shape[1]))
     return (features - targets[segments.segment]).square().sum(dim=1).mean()
 
 

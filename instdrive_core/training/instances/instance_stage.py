@@ -9,7 +9,7 @@ from typing import Protocol
 from jaxtyping import Float32, UInt32
 from numpy import ndarray
 
-from instdrive_core.instances.codebook import quantized
+from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView, cached_view
 from instdrive_core.training.instances.instance_losses import stratified_pixels
@@ -52,7 +52,7 @@ class InstanceLearner(Protocol):
 
 def learned_codewords(features: Float32[ndarray, "n d"]) -> LearnedInstances:
     """The paper's reading of trained features: the nearest codeword of each Gaussian."""
-    return LearnedInstances(quantized(features), features, features.shape[1])
+    return LearnedInstances(quantize_features(features), features, features.shape[1])
 
 
 def cached_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> list[CachedView]:

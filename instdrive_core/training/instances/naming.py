@@ -10,8 +10,8 @@ from jaxtyping import Float32, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep
-from instdrive_core.instances.neighbors import grown_forest
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.instances.neighbors import build_forest
+from instdrive_core.scene.box_search import find_box_of_points
 
 _POINTS_PER_SWEEP = 10_000
 _MAX_DISTANCE = 0.3
@@ -56,7 +56,7 @@ def _classes_by_lidar(
     points, labels = _labelled_points(clip)
     if not len(background) or not len(points):
         return {}
-    forest = grown_forest(means[background], np.zeros(len(background), np.int64))
+    forest = build_forest(means[background], np.zeros(len(background), np.int64))
     one_tree, reach = np.zeros(len(points), np.int64), np.full(len(points), _MAX_DISTANCE)
     nearest = forest.nearest(points, one_tree, 1, reach)[1][:, 0]
     near = nearest >= 0
@@ -97,12 +97,12 @@ def _classes_by_parked_boxes(
     poses = np.stack([track.world_from_box[len(track.times) // 2] for track in parked])
     dimensions = np.stack([track.dimensions for track in parked])
     # Most Gaussians lie in no box at all: one quick pass leaves few for the boxes one by one, which may overlap.
-    boxed = np.flatnonzero((nodes == 0) & (box_of_points(means, poses, dimensions, *_BOX_MARGINS) >= 0))
+    boxed = np.flatnonzero((nodes == 0) & (find_box_of_points(means, poses, dimensions, *_BOX_MARGINS) >= 0))
     near, ids = means[boxed], instance_ids[boxed]
     classes: dict[int, str] = {}
     for number, track in enumerate(parked):
         alone = slice(number, number + 1)
-        inside = box_of_points(near, poses[alone], dimensions[alone], *_BOX_MARGINS) >= 0
+        inside = find_box_of_points(near, poses[alone], dimensions[alone], *_BOX_MARGINS) >= 0
         counts = np.bincount(ids[inside], minlength=len(sizes))
         for instance_id in np.flatnonzero(counts * 2 > sizes).tolist():
             if instance_id:

@@ -10,8 +10,8 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.instances.components import split_components
-from instdrive_core.instances.numbering import numbered_by_size
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.id_assignment import number_by_size
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -40,7 +40,7 @@ def finished_scene(
         instance_ids=ids,
         codewords=codewords,
         nodes=model.nodes,
-        table=table_from_ids(ids, gaussians.means, codewords, model.nodes, names, classes),
+        table=build_instance_table(ids, gaussians.means, codewords, model.nodes, names, classes),
         actors=actors,
         sky=Sky(model.shared["sky"].detach().cpu().numpy().clip(0, 1)),
         views=tuple(frame.view for frame in clip.frames),
@@ -54,7 +54,7 @@ def _instance_ids(
     gaussians: Gaussians, nodes: UInt16[ndarray, " n"], learned: LearnedInstances, config: TrainConfig
 ) -> UInt32[ndarray, " n"]:
     if learned.whole:
-        return numbered_by_size(learned.codewords.astype(np.int64))
+        return number_by_size(learned.codewords.astype(np.int64))
     kinds = learned.codewords
     if config.instances.whole_actors:
         kinds = unified_actor_codewords(kinds, nodes, gaussians.opacities)

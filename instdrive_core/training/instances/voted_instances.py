@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.instances.codebook import code_vectors
-from instdrive_core.instances.interiors import filled_bodies, nearest_filled
-from instdrive_core.instances.separated_codes import separated_codewords
+from instdrive_core.instances.codebook import decode_codewords
+from instdrive_core.instances.interiors import fill_compact_objects, fill_from_nearest
+from instdrive_core.instances.separated_codes import generate_separated_codewords
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.affinity_graph import merged_groups
@@ -40,14 +40,14 @@ def voted_instances(
     voting = np.flatnonzero(groups >= 0)
     fixed = model.nodes[voting] > 0
     groups[voting] = voted_groups(observed.of_rows(voting), groups[voting], fixed, config.graph)
-    groups = nearest_filled(groups, means, model.nodes)
+    groups = fill_from_nearest(groups, means, model.nodes)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
-    groups = filled_bodies(groups, means, opacities, model.nodes == 0, vote_shares(observed, groups))
+    groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, vote_shares(observed, groups))
     _, groups = np.unique(groups, return_inverse=True)
-    codes, bits = separated_codewords(int(groups.max()) + 1)
+    codes, bits = generate_separated_codewords(int(groups.max()) + 1)
     on_note(f"{len(observed.view_of_mask):,} masks show {len(codes)} objects: codewords of {bits} bits")
     codewords = codes[groups]
-    return LearnedInstances(codewords, _FEATURE * code_vectors(codewords, bits), bits, whole=True)
+    return LearnedInstances(codewords, _FEATURE * decode_codewords(codewords, bits), bits, whole=True)
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:

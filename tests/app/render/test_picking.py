@@ -22,12 +22,12 @@ from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.activations import logit
 from instdrive_core.rasterize.preview import PickRule
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.gaussians import concatenated
+from instdrive_core.scene.gaussians import concatenate_gaussians
 from instdrive_core.scene.scene import Scene
 
 SIZE = (480, 270)
@@ -58,10 +58,10 @@ def with_floater(opacity, size):
         np.zeros((1, 3, 3)),
         np.zeros((1, 0)),
     )
-    gaussians = concatenated([street.gaussians, floater])
+    gaussians = concatenate_gaussians([street.gaussians, floater])
     ids = np.append(street.instance_ids, np.uint32(FLOATER))
     nodes, codes = np.append(street.nodes, np.uint16(0)), np.append(street.codewords, np.uint32(0))
-    table = table_from_ids(ids, gaussians.means, codes, nodes)
+    table = build_instance_table(ids, gaussians.means, codes, nodes)
     scene = Scene(gaussians, ids, codes, nodes, table, street.actors, street.sky, street.views, code_bits=8)
     return Document(scene), where
 
@@ -149,7 +149,7 @@ def test_clicks_follow_every_edit_as_if_asked_for_the_first_time_and_as_baked(st
         state.time = 0.5 * (state.time == 0)
         found = answers(picker, street)
         assert found == answers(Picker(), street)
-        bare = answers(Picker(), Document(baked(street, state.time)))
+        bare = answers(Picker(), Document(bake_document(street, state.time)))
         assert [below[:1] for below in found] == [below[:1] for below in bare]
         seen.append(found)
     assert sum(before != after for before, after in pairwise(seen)) >= len(EDITS) - 1, "edits are seen by clicks"
@@ -205,7 +205,7 @@ def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
     assert below.hidden
     assert tool.click(Click(x, y), snapshot) == BLUE_CAR
     assert tool.click(Click(x, y), snapshot) == below.hidden[0]
-    alone = Document(baked(street, 0.0))
+    alone = Document(bake_document(street, 0.0))
     alone.apply(HideInstances((BLUE_CAR,)))
     assert below.hidden[0] == Picker().instances_at(alone, snapshot, x, y)[0], "the one that would be seen without it"
     session.lock((BLUE_CAR,))

@@ -19,7 +19,8 @@ from instdrive_core.edits.queries.region import rows_in_region
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.instances import nearness, neighbors
 from instdrive_core.maths import sorting
-from instdrive_core.rasterize import pixel, project, shown_rows
+from instdrive_core.rasterize import pixel, shown_rows
+from instdrive_core.rasterize.kernels import project
 from instdrive_core.scene import screen_region
 
 modules = (sorting, pixel, project, shown_rows, nearness, neighbors, screen_region)

@@ -8,7 +8,7 @@ from session_driver import finish
 from instdrive_app.actions import register_commands
 from instdrive_app.panels.overlays.hole_pattern import hole_pattern, projected
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.scene.camera import Camera, look_at
@@ -126,7 +126,7 @@ def test_a_hole_without_ground_around_is_explained(session):
 
 
 def test_the_pattern_covers_the_hole():
-    hole = deletion_report(Document(parked_street().scene), (CAR,), 0.0).hole
+    hole = report_deletion(Document(parked_street().scene), (CAR,), 0.0).hole
     pattern = hole_pattern(hole)
     first, second = (pattern.stripes[:, k] - pattern.stripes[:, 0] for k in (1, 3))
     areas = np.linalg.norm(np.cross(first, second), axis=1)
@@ -145,7 +145,7 @@ def test_the_pattern_covers_the_hole():
 
 
 def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeypatch):
-    monkeypatch.setattr("instdrive_app.session.aftermath.MOST_INSTANCES", 1)
+    monkeypatch.setattr("instdrive_app.session.deletion_review.MOST_INSTANCES", 1)
     session.delete((CAR,))
     finish(session)
     assert session.aftermath.finding is not None

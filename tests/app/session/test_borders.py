@@ -5,7 +5,7 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.session import borders
+from instdrive_app.session import selection_border
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
@@ -15,7 +15,7 @@ from instdrive_core.scene.selection import Flag
 
 @pytest.fixture
 def session(monkeypatch):
-    monkeypatch.setattr(borders, "AT_ONCE", 0)
+    monkeypatch.setattr(selection_border, "AT_ONCE", 0)
     session = EditorSession()
     session.show(Document(procedural_street(spacing=0.4)))
     yield session

@@ -141,7 +141,7 @@ def test_a_bad_file_is_told_and_the_old_one_stays(session, tmp_path, monkeypatch
     export(session, path)
     before = path.read_bytes()
     session.delete((FIRST_CAR,))
-    monkeypatch.setattr(read_back, "difference", lambda *_: "x of splat 3 is 1 m, not 2 m")
+    monkeypatch.setattr(read_back, "find_loss", lambda *_: "x of splat 3 is 1 m, not 2 m")
     told = export(session, path)
     assert told.level is Level.ERROR
     assert "x of splat 3 is 1 m, not 2 m" in told.text

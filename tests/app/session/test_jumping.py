@@ -1,7 +1,7 @@
 import pytest
 from procedural_street import FIRST_CAR, procedural_street
 
-from instdrive_app.session import jumping
+from instdrive_app.session import history_controller
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.invariants import fingerprint
@@ -20,7 +20,7 @@ def session():
 
 
 def test_a_long_jump_goes_on_in_the_frames_that_follow(session, monkeypatch):
-    monkeypatch.setattr(jumping, "SLICE_SECONDS", 0.0)
+    monkeypatch.setattr(history_controller, "SLICE_SECONDS", 0.0)
     document, after = session.document, fingerprint(session.document)
     session.jump(0)
     cursors = [document.history.cursor]
@@ -35,7 +35,7 @@ def test_a_long_jump_goes_on_in_the_frames_that_follow(session, monkeypatch):
 
 
 def test_nothing_is_edited_on_the_way_and_undo_ends_it(session, monkeypatch):
-    monkeypatch.setattr(jumping, "SLICE_SECONDS", 0.0)
+    monkeypatch.setattr(history_controller, "SLICE_SECONDS", 0.0)
     session.jump(0)
     assert not session.apply(lambda: pytest.fail("an edit was made"))
     assert "wait" in session.messages.log[-1].text
@@ -45,7 +45,7 @@ def test_nothing_is_edited_on_the_way_and_undo_ends_it(session, monkeypatch):
 
 
 def test_a_short_jump_is_over_at_once(session, monkeypatch):
-    monkeypatch.setattr(jumping, "SLICE_SECONDS", 0.0)
+    monkeypatch.setattr(history_controller, "SLICE_SECONDS", 0.0)
     session.jump(STEPS - 3)
     assert not session.jumping.under_way
     session.jump(99)

@@ -2,7 +2,7 @@
 
 from procedural_street import procedural_street
 
-from instdrive_app.session.kept import Kept
+from instdrive_app.session.versioned_cache import Kept
 from instdrive_core.edits.document.document import Document
 
 

@@ -12,8 +12,8 @@ from instdrive_app.session.selection_box import BOX_EDGES
 from instdrive_app.state import Intrinsics
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows
 from instdrive_core.edits.kinds.visibility import LockInstances
-from instdrive_core.edits.queries.bake import baked, frozen_at
-from instdrive_core.edits.queries.placement import bottom_of, center_of
+from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
+from instdrive_core.edits.queries.placement import compute_bottom, compute_center
 from instdrive_core.instances.table import Instance
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import matrix_from_quaternion
@@ -38,7 +38,7 @@ def yaw(degrees):
 
 
 def middle(session, instance=FIRST_CAR):
-    return center_of(session.document, (instance,), session.state.time)
+    return compute_center(session.document, (instance,), session.state.time)
 
 
 # Drags
@@ -172,7 +172,7 @@ def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street)
     along[:3, :3] = yaw(110) @ pose[:3, :3]
     along[:3, 3] = 1.4 * yaw(110) @ (pose[:3, 3] - pivot) + pivot + [4, 2, 0]
     camera_along = replace(camera, world_from_camera=along)
-    after = baked(street)
+    after = bake_document(street)
     np.testing.assert_allclose(preview_of(after, camera_along), before, atol=5e-3)
     unturned = np.abs(preview_of(after, camera_along, rest[rows]) - before).max()
     assert unturned > 0.1, "the view-dependent colour has to turn"
@@ -205,7 +205,7 @@ def test_a_typed_height_is_not_drawn_to_the_ground_but_a_typed_place_is(session,
     assert moving.center()[2] == pytest.approx(z + 3, abs=1e-9)
     present = moving.placement()
     moving.place(present, type(present)((x + 1, *present.position[1:]), present.yaw, present.scale))
-    assert bottom_of(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
+    assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
 
 
 def test_put_on_the_ground_and_along_the_lane_by_metres(session, street):
@@ -213,7 +213,7 @@ def test_put_on_the_ground_and_along_the_lane_by_metres(session, street):
     session.moving.drag_to(np.array([0.0, 0.0, 4.0]), NO_TURN, 1.0)
     session.moving.end_drag()
     assert session.commands.run("move.put_on_ground")
-    assert bottom_of(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
+    assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
     start, steps = middle(session), street.history.cursor
     for metres in (1.0, 5.0):
         session.moving.shift_along_lane(metres, "typed")
@@ -313,7 +313,7 @@ def test_what_a_gizmo_did_is_read_from_its_matrix():
 
 
 def test_a_copy_stands_beside_its_original_selected_and_in_hand(session, street):
-    before, steps = frozen_at(baked(street), 0.0), street.history.cursor
+    before, steps = freeze_at_time(bake_document(street), 0.0), street.history.cursor
     assert session.commands.run("move.duplicate")
     (copy,) = session.selected
     assert copy not in before.table

@@ -14,9 +14,9 @@ from instdrive_app.messages import Messages
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.progress import part_of_work, report
+from instdrive_core.progress import report, report_span
 
 
 def test_opening_looks_through_the_first_dataset_camera(session, street):
@@ -145,7 +145,7 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
 
 
 def test_opening_and_exporting_run_beside_the_window_and_failures_become_messages(session, tmp_path):
-    save_scene(tmp_path / "other.ply", frozen_at(procedural_street(0.4), 0.0))
+    save_scene(tmp_path / "other.ply", freeze_at_time(procedural_street(0.4), 0.0))
     session.files.open(tmp_path / "other.ply")
     assert session.jobs.blocking
     session.delete((FIRST_CAR,))
@@ -173,7 +173,7 @@ def test_a_job_tells_how_far_it_is_and_can_be_cancelled(session):
     reached = threading.Event()
 
     def work():
-        with part_of_work(0.0, 0.5):
+        with report_span(0.0, 0.5):
             report(1.0)
         reached.set()
         while True:

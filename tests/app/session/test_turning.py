@@ -13,10 +13,10 @@ from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.turn_scene import TurnScene
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.scene.camera import look_at
 from instdrive_core.scene.scene import scene_from_gaussians
-from instdrive_core.scene.upright import AXES, axis_title, direction_of
+from instdrive_core.scene.upright import AXES, compute_axis_direction, format_axis
 
 DOWN = np.array([0.0, -1.0, 0.0])
 ASKEW = np.array([0.1, -0.9, 0.3])
@@ -32,11 +32,13 @@ def test_a_foreign_street_that_lies_is_told_of_and_turned_by_nobody(session, axi
     scene = procedural_street()
     bare = scene_from_gaussians(scene.gaussians.select(scene.nodes == 0))
     document = Document(bare)
-    document.apply(TurnScene.upright(tuple((direction_of(axis) * [-1, -1, 1]).tolist())))  # takes +z to the axis
-    session.show(Document(baked(document)))
+    document.apply(
+        TurnScene.upright(tuple((compute_axis_direction(axis) * [-1, -1, 1]).tolist()))
+    )  # takes +z to the axis
+    session.show(Document(bake_document(document)))
     finish(session)
     (said,) = [text for text in told_texts(session) if "Turn upright…" in text]
-    assert f"{axis_title(axis)} is up, by the ground" in said
+    assert f"{format_axis(axis)} is up, by the ground" in said
     assert session.document.history.cursor == 0
 
 
@@ -111,7 +113,7 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
     upright = Document(scene)
     fallen = Document(scene)
     fallen.apply(TurnScene.upright((0.0, 1.0, 0.0)))
-    raised = Document(baked(fallen))
+    raised = Document(bake_document(fallen))
     found = {}
     for name, document in (("upright", upright), ("raised", raised)):
         session.show(document)
@@ -154,7 +156,7 @@ def test_copies_of_the_turned_lie_as_the_turned(session):
 
 def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     scene = session.document.scene
-    assert told(direction_of("+z"), 1.0, scene) == "Nothing: +Z is up already."
+    assert told(compute_axis_direction("+z"), 1.0, scene) == "Nothing: +Z is up already."
     assert told(DOWN, 1.0, scene).startswith("The whole scene turns by 90°, so that −Y points up.")
     assert "what lies 19° from −Y" in told(ASKEW, 0.01, scene)
     assert "0.01 times as large" in told(ASKEW, 0.01, scene)

@@ -17,7 +17,7 @@ from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.scene.selection import Flag
 
 SIZE = (480, 270)
@@ -42,7 +42,7 @@ def snapshot(session):
 def tools(session, snapshot):
     """The tools, with every splat standing for the pixel that its centre is in, nearest last written."""
     document = session.document
-    means, drawn = shown_means(document, snapshot.time)
+    means, drawn = compute_shown_means(document, snapshot.time)
     pixels, depth = snapshot.camera.project(means)
     columns, rows = np.floor(pixels).astype(int).T
     seen = drawn & (depth > 0.1) & (columns >= 0) & (columns < SIZE[0]) & (rows >= 0) & (rows < SIZE[1])
@@ -62,7 +62,7 @@ def selected_rows(session):
 
 
 def car_box(session, snapshot, car=FIRST_CAR + 1):
-    means, _ = shown_means(session.document, snapshot.time)
+    means, _ = compute_shown_means(session.document, snapshot.time)
     pixels, _ = snapshot.camera.project(means[session.document.scene.instance_ids == car])
     return tuple(pixels.min(axis=0) - 1), tuple(pixels.max(axis=0) + 1)
 
@@ -122,7 +122,7 @@ def test_splats_through_everything_or_visible_ones_only(session, tools, snapshot
     everything = set(selected_rows(session))
     assert visible < everything
     low, high = car_box(session, snapshot)
-    means, _ = shown_means(session.document, snapshot.time)
+    means, _ = compute_shown_means(session.document, snapshot.time)
     pixels, _ = snapshot.camera.project(means[list(everything)])
     assert (pixels >= np.floor(low) - 1).all()
     assert (pixels <= np.ceil(high) + 1).all()

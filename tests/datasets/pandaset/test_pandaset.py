@@ -31,7 +31,7 @@ from small_clip import (
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.track import find_points_inside
 
 ALL = "front_camera,back_camera"
 
@@ -363,7 +363,7 @@ def test_the_real_clip(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions())
     assert len(clip.frames) == 180
     assert len(clip.training_frames()) == 162
-    assert [sweep.index for sweep in clip.sweeps] == list(range(30, 56, 2))
+    assert [sweep.index for sweep in clip.sweeps] == list(range(30, 56))
     assert {sweep.index for sweep in clip.sweeps} - {sweep.index for sweep in clip.training_sweeps()} == {34, 44, 54}
     assert clip.frames[0].view.camera.width == 480
     assert clip.frames[0].view.time == pytest.approx(3.0, abs=0.01)
@@ -378,7 +378,7 @@ def test_boxes_of_the_real_clip_hold_the_points_of_their_class(pandaset_clip):
     inside = np.zeros(len(sweep.points), bool)
     for track in clip.tracks:
         if track.label == "Car":
-            inside |= points_inside(sweep.points, track.pose_at(clip.sweeps[0].time), track.dimensions, 0.1)
+            inside |= find_points_inside(sweep.points, track.pose_at(clip.sweeps[0].time), track.dimensions, 0.1)
     assert inside[(sweep.classes == 13) & (sweep.sensor == 0)].mean() > 0.8
     assert inside[sweep.classes == 41].mean() < 0.01
 

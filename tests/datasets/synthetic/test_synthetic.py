@@ -23,7 +23,7 @@ from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.track import find_points_inside
 
 CONFIG = StreetConfig(seed=3, steps=3, width=192, height=108, lidar_azimuths=500)
 STANDARD = StreetConfig(seed=7)
@@ -313,7 +313,7 @@ def test_vehicles_keep_clear_of_each_other(street: Street) -> None:
         for actor, pose in zip(vehicles, poses, strict=True):
             outline = corners * actor.dimensions @ pose[:3, :3].T + pose[:3, 3]
             others = [(other, box) for other, box in zip(vehicles, poses, strict=True) if other is not actor]
-            assert not any(points_inside(outline, box, other.dimensions).any() for other, box in others)
+            assert not any(find_points_inside(outline, box, other.dimensions).any() for other, box in others)
 
 
 def test_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:

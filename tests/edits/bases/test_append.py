@@ -10,7 +10,7 @@ from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.kinds.move import MoveInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
 from instdrive_core.scene.row_buffers import RowBuffers
@@ -40,7 +40,7 @@ def test_a_duplicate_is_coloured_and_moved_as_its_original():
     table = document.scene.table
     assert (table[9].name, table[9].count, table[9].codeword) == ("a b\\n (9)", len(rows), table[2].codeword)
     np.testing.assert_allclose(document.means_of(copies), document.means_of(rows) + np.float32([0, 5, 0]), atol=1e-5)
-    result = baked(document).gaussians
+    result = bake_document(document).gaussians
     np.testing.assert_array_equal(result.sh_dc[copies], result.sh_dc[rows])
     np.testing.assert_allclose(result.sh_rest[copies], result.sh_rest[rows], atol=1e-7)
     np.testing.assert_array_equal(result.quats[copies], result.quats[rows])

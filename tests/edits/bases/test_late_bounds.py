@@ -8,7 +8,7 @@ from benchmarks.random_edits import document_digest
 from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_core.edits.bases import poses
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
@@ -133,5 +133,5 @@ def test_a_part_of_another_edit_and_a_document_without_frames_do_not_wait():
 def test_a_frozen_copy_is_exact():
     document = fresh()
     document.apply(move())
-    assert list(frozen_copy(document).scene.table) == list(document.scene.table)
+    assert list(freeze_document(document).scene.table) == list(document.scene.table)
     assert document.rest is None

@@ -9,17 +9,17 @@ from parked_street import CAR, CAR_CENTER, CAR_SIZE, KERB, parked_street
 from random_scene import assert_same_scene
 
 from instdrive_core.edits.bases.relabel import MergeInstances
-from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint, frozen_copy
-from instdrive_core.edits.holes.inpainting import source_cells
+from instdrive_core.edits.document.frozen_copy import fingerprint, freeze_document
+from instdrive_core.edits.holes.inpainting import choose_source_cells
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -34,7 +34,7 @@ def emptied(street):
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
     document.apply(AbsorbFloaters(CAR))
-    return document, deletion_report(document, (CAR,), 0.0)
+    return document, report_deletion(document, (CAR,), 0.0)
 
 
 def psnr(scene, truth, mask, camera):
@@ -66,9 +66,9 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     camera = Camera(260.0, 260.0, 160.0, 100.0, 320, 200, look_at(np.array(eye), CAR_CENTER - [0, 0, 0.7]))
     mask = place_of_car(camera)
     assert mask.sum() > 500
-    before = psnr(baked(document), street.empty, mask, camera)
+    before = psnr(bake_document(document), street.empty, mask, camera)
     document.apply(report.filling())
-    after = psnr(baked(document), street.empty, mask, camera)
+    after = psnr(bake_document(document), street.empty, mask, camera)
     assert after > 30, (before, after)
     assert before < 15, (before, after)
 
@@ -87,7 +87,7 @@ def test_copies_lie_on_the_ground_in_its_colours(street):
     if pavement.any():
         assert abs(np.median(heights[pavement]) - KERB) < 0.05
     np.testing.assert_allclose(np.median(colors[road], axis=0), [0.33, 0.33, 0.35], atol=0.04)
-    left = deletion_report(document, (CAR,), 0.0).hole_area
+    left = report_deletion(document, (CAR,), 0.0).hole_area
     assert left < 0.05 * report.hole_area, "nothing much is left to be filled"
 
 
@@ -99,7 +99,7 @@ def test_copies_are_marked_also_in_files(street, tmp_path):
     assert not column[:count].any()
     assert column[count:].all()
     for name in ("filled.ply", "filled"):
-        save_scene(tmp_path / name, baked(document))
+        save_scene(tmp_path / name, bake_document(document))
         again = open_scene(tmp_path / name)
         assert again.extra["synthetic"].sum() == len(column) - count
     fill = next(entry for entry in again.table if entry.class_name == "synthetic")
@@ -186,19 +186,19 @@ def test_pieces_continue_what_runs_along_the_lane():
     hole = np.zeros((60, 30), bool)
     hole[25:35, 8:20] = True
     known = ~hole
-    sources = source_cells(np.where(hole[..., None], 0.5, values), known, hole, np.random.default_rng(0))
+    sources = choose_source_cells(np.where(hole[..., None], 0.5, values), known, hole, np.random.default_rng(0))
     assert (sources[~hole] == -1).all()
     cells = sources[hole]
     assert known[tuple(cells.T)].all()
     np.testing.assert_array_equal(values[tuple(cells.T)], values[hole])
-    assert source_cells(values, np.zeros_like(known), hole, np.random.default_rng(0)) is None
+    assert choose_source_cells(values, np.zeros_like(known), hole, np.random.default_rng(0)) is None
 
 
 def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monkeypatch):
     document, report = emptied(street)
     expected, _ = emptied(street)
     expected.apply(report.filling())
-    frozen, edit = frozen_copy(document), report.filling()
+    frozen, edit = freeze_document(document), report.filling()
     document.apply(SelectInstances((1,)))
     edit.prepare(frozen)
     with monkeypatch.context() as patch:
@@ -209,7 +209,7 @@ def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monke
     np.testing.assert_array_equal(document.scene.gaussians.means, expected.scene.gaussians.means)
     late, _ = emptied(street)
     edit = report.filling()
-    edit.prepare(frozen_copy(late))
+    edit.prepare(freeze_document(late))
     late.apply(DeleteInstances((8,)))
     late.apply(edit)
     fresh, _ = emptied(street)
@@ -221,7 +221,7 @@ def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monke
 def test_a_frozen_copy_does_not_follow_the_document(street):
     document, _ = emptied(street)
     document.apply(MoveInstances((8,), (1.0, 0.0, 0.0)))
-    frozen, before = frozen_copy(document), fingerprint(document)
+    frozen, before = freeze_document(document), fingerprint(document)
     assert fingerprint(frozen) == before
     means = frozen.means_of(frozen.rows_of((8,))).copy()
     document.apply(MoveInstances((8,), (0.0, 1.0, 0.0)))

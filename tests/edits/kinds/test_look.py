@@ -6,16 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scene import assert_same_scene, random_scene
 
-from instdrive_core.edits.bases.adjustments import RANGES, adjustment, hue_of
+from instdrive_core.edits.bases.adjustments import RANGES, compute_adjustment, compute_hue
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.kinds.absolute_adjustment import ORDER, SetAdjustment, look_of
+from instdrive_core.edits.kinds.absolute_adjustment import ORDER, SetAdjustment, summarize_adjustments
 from instdrive_core.edits.kinds.color import RecolorInstances, ResetColors
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.visibility import LockInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.errors import EditError
 from instdrive_core.maths.spherical_harmonics import color_from_dc
@@ -26,7 +26,9 @@ steps_of_sliders = st.sampled_from(sorted(RANGES)).flatmap(
 
 
 def amounts(document, *ids):
-    return {kind: values[0] for kind, values in look_of(document, ids).amounts.items() if len(values) == 1}
+    return {
+        kind: values[0] for kind, values in summarize_adjustments(document, ids).amounts.items() if len(values) == 1
+    }
 
 
 @settings(deadline=None, max_examples=40)
@@ -38,7 +40,7 @@ def test_only_the_last_amount_of_each_kind_counts(steps):
     last = dict(steps)
     for kind, amount in sorted(last.items()):
         other.apply(SetAdjustment((2,), kind, amount))
-    assert_same_scene(baked(one), baked(other))
+    assert_same_scene(bake_document(one), bake_document(other))
     for kind, (_, _, neutral) in RANGES.items():
         assert amounts(one, 2)[kind] == pytest.approx(last.get(kind, neutral), abs=1e-5)
     for kind in RANGES:
@@ -59,7 +61,7 @@ def test_the_map_is_the_base_then_the_adjustments_in_order():
         document.apply(SetAdjustment((2,), kind, amount))
     expected = base
     for kind in ORDER:
-        step = adjustment(kind, chosen[kind], mean)
+        step = compute_adjustment(kind, chosen[kind], mean)
         expected, mean = step[:, :3] @ expected, step[:, :3] @ mean + step[:, 3]
         expected[:, 3] += step[:, 3]
     found = document.colors.matrices[document.colors.indices[rows[0]]]
@@ -68,12 +70,12 @@ def test_the_map_is_the_base_then_the_adjustments_in_order():
 
 def test_undo_finds_the_slider_where_it_was_and_a_zero_can_be_left():
     document = Document(random_scene(count=60))
-    before = baked(document)
+    before = bake_document(document)
     document.apply(SetAdjustment((2,), "saturation", 0.0))
     document.apply(SetAdjustment((2,), "brightness", 0.0))
     document.apply(SetAdjustment((2,), "brightness", 1.0))
     document.apply(SetAdjustment((2,), "saturation", 1.0))
-    assert_same_scene(baked(document), before)
+    assert_same_scene(bake_document(document), before)
     document.undo()
     document.undo()
     assert (amounts(document, 2)["saturation"], amounts(document, 2)["brightness"]) == (0.0, 0.0)
@@ -93,9 +95,9 @@ def test_copies_and_pieces_keep_their_amounts_and_differing_ones_are_told():
     assert piece != copy
     for instance in (2, copy, piece):
         assert amounts(document, instance)["hue"] == 90.0
-    assert look_of(document, (1, 2)).amounts["hue"] == (0.0, 90.0)
+    assert summarize_adjustments(document, (1, 2)).amounts["hue"] == (0.0, 90.0)
     document.apply(SetAdjustment((1, 2), "hue", 30.0))
-    assert look_of(document, (1, 2)).amounts["hue"] == (30.0,)
+    assert summarize_adjustments(document, (1, 2)).amounts["hue"] == (30.0,)
 
 
 def test_a_recolour_and_a_relative_adjustment_become_the_base():
@@ -103,28 +105,28 @@ def test_a_recolour_and_a_relative_adjustment_become_the_base():
     document.apply(SetAdjustment((2,), "opacity", 0.5))
     document.apply(SetAdjustment((2,), "hue", 90.0))
     document.apply(AdjustInstances((2,), "brightness", 0.5))
-    shown = baked(document)
+    shown = bake_document(document)
     assert amounts(document, 2)["hue"] == 0.0
     document.apply(SetAdjustment((2,), "hue", 20.0))
     document.apply(SetAdjustment((2,), "hue", 0.0))
-    assert_same_scene(baked(document), shown)
+    assert_same_scene(bake_document(document), shown)
     document.apply(RecolorInstances((2,), "solid", (0.2, 0.4, 0.6)))
-    look = look_of(document, (2,))
+    look = summarize_adjustments(document, (2,))
     assert look.recolored
     assert look.amounts["opacity"] == (0.5,), "the opacity stays"
 
 
 def test_reset_brings_the_trained_bits_back_and_is_replayable():
-    document, original = Document(random_scene(count=60)), baked(Document(random_scene(count=60)))
+    document, original = Document(random_scene(count=60)), bake_document(Document(random_scene(count=60)))
     document.apply(RecolorInstances((1, 2), "tint", (0.7, 0.4, 0.2)))
     document.apply(SetAdjustment((2,), "opacity", 0.25))
     document.apply(ResetColors((1, 2)))
-    assert_same_scene(baked(document), original)
-    assert not look_of(document, (1, 2)).recolored
+    assert_same_scene(bake_document(document), original)
+    assert not summarize_adjustments(document, (1, 2)).recolored
     replayed = Document(random_scene(count=60))
     for edit in edits_from_lines(edits_to_lines(document.history.edits)):
         replayed.apply(edit)
-    assert_same_scene(baked(replayed), original)
+    assert_same_scene(bake_document(replayed), original)
     steps = document.history.cursor
     document.apply(ResetColors((1, 2)))
     assert document.history.cursor == steps, "nothing to reset is no step"
@@ -138,8 +140,8 @@ def test_hue_mode_turns_the_mean_to_the_colour_and_keeps_greys():
     document.scene.gaussians.sh_dc[rows] = np.array([1.2, -0.4, -0.8], np.float32)
     document.scene.gaussians.sh_dc[rows[0]] = -0.5
     document.apply(RecolorInstances((2,), "hue", (0.1, 0.2, 0.9)))
-    colors = color_from_dc(baked(document).gaussians.sh_dc[rows])
-    assert hue_of(colors[1]) == pytest.approx(hue_of((0.1, 0.2, 0.9)), abs=0.5)
+    colors = color_from_dc(bake_document(document).gaussians.sh_dc[rows])
+    assert compute_hue(colors[1]) == pytest.approx(compute_hue((0.1, 0.2, 0.9)), abs=0.5)
     np.testing.assert_allclose(colors[0], color_from_dc(np.full(3, -0.5)), atol=1e-6)
 
 

@@ -9,7 +9,7 @@ from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.edits.kinds.visibility import LockInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import EditError
 
 
@@ -21,13 +21,13 @@ def state(document):
 
 def test_moves_of_parked_and_driving_things_are_taken_back_to_the_bit():
     document = Document(random_scene())
-    first, trained = state(document), baked(document)
+    first, trained = state(document), bake_document(document)
     document.apply(MoveInstances((2,), (1.0, 2.0, 0.0), (0.9, 0.1, 0.2, 0.3), 1.5))
     document.apply(MoveInstances((2, 7), (0.0, 1.0, 0.5), scale=0.7, time=0.1))
     moved = state(document)
     document.apply(ResetMoves((2, 7)))
     assert state(document) == first
-    assert_same_scene(baked(document), trained)
+    assert_same_scene(bake_document(document), trained)
     document.undo()
     assert state(document) == moved
     document.redo()

@@ -12,7 +12,7 @@ from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass, SelectInstances, SelectNone
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.errors import EditError
 from instdrive_core.scene.gaussians import Gaussians
@@ -201,14 +201,14 @@ def test_neighbours_are_those_of_the_moment_and_of_the_moved_place():
     document = Document(scene)
     document.apply(MoveInstances((1,), (50.0, 0.0, 0.0)))
     document.apply(SelectInstances((1,)))
-    means, drawn = shown_means(document, 0.2)
+    means, drawn = compute_shown_means(document, 0.2)
     inside = np.isin(scene.instance_ids, [1])
     apart = np.linalg.norm(means[:, None] - means[None, inside], axis=2).min(axis=1)
     assert apart[~inside].min() > 20
     document.apply(GrowSelection(10.0, 0.2))
     assert selected(document) == np.flatnonzero(inside).tolist()
     document.apply(SelectInstances((7,)))
-    means, drawn = shown_means(document, 0.2)
+    means, drawn = compute_shown_means(document, 0.2)
     inside = scene.instance_ids == 7
     apart = np.linalg.norm(means[:, None] - means[None, inside], axis=2).min(axis=1)
     document.apply(GrowSelection(0.8, 0.2))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, PAVEMENT, parked_street
 
-from instdrive_core.edits.deletion_report import deletion_report, deletion_report_of_rows
+from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.remainder import amid_gone, remainder_of
+from instdrive_core.edits.queries.partial_deletion import divide_instance, is_near_deleted
 
 CUTS = {
     "front half": lambda offsets: offsets[:, 1] > 0,
@@ -46,7 +46,7 @@ def delete(document, rows):
 
 def test_a_part_that_is_left_is_kept(document, cut):
     taken, left = cut
-    remainder = remainder_of(document, CAR, taken)
+    remainder = divide_instance(document, CAR, taken)
     np.testing.assert_array_equal(remainder.gone, taken)
     np.testing.assert_array_equal(remainder.kept, left)
     assert not len(remainder.missed)
@@ -55,7 +55,7 @@ def test_a_part_that_is_left_is_kept(document, cut):
 def test_the_part_that_is_left_is_no_residue(document, street, cut):
     taken, left = cut
     delete(document, taken)
-    report = deletion_report_of_rows(document, taken, 0.0)
+    report = report_row_deletion(document, taken, 0.0)
     assert np.isin(left, report.residue).sum() <= 2
     assert report.carriers.keys() <= {CAR, PAVEMENT}
     assert np.isin(report.residue, [*street.strays, *left]).all()
@@ -67,12 +67,12 @@ def test_strays_go_with_the_half_that_they_are_in(document, street):
     rows = document.rows_of((CAR,))
     taken = rows[document.means_of(rows)[:, 1] > CAR_CENTER[1]]
     delete(document, taken)
-    residue = deletion_report_of_rows(document, taken, 0.0).residue
+    residue = report_row_deletion(document, taken, 0.0).residue
     assert np.isin(street.strays[offsets > 0.3], residue).all()
     assert not np.isin(street.strays[offsets < -0.3], residue).any()
-    remainder = remainder_of(document, CAR, taken)
+    remainder = divide_instance(document, CAR, taken)
     np.testing.assert_array_equal(
-        amid_gone(document, street.strays, remainder)[np.abs(offsets) > 0.5], (offsets > 0)[np.abs(offsets) > 0.5]
+        is_near_deleted(document, street.strays, remainder)[np.abs(offsets) > 0.5], (offsets > 0)[np.abs(offsets) > 0.5]
     )
 
 
@@ -81,7 +81,7 @@ def test_single_splats_that_were_missed_are_found(document, half):
     rows = document.rows_of((CAR,))
     meant = document.means_of(rows)[:, 1] > CAR_CENTER[1] if half else np.ones(len(rows), bool)
     missed = meant & (np.arange(len(rows)) % 20 == 0)
-    found = remainder_of(document, CAR, rows[meant & ~missed])
+    found = divide_instance(document, CAR, rows[meant & ~missed])
     assert np.isin(found.missed, rows[missed]).all(), "nothing of the other half"
     assert len(found.missed) > 0.5 * np.count_nonzero(missed), "at the cut they belong to what is left"
 
@@ -91,7 +91,7 @@ def test_a_piece_is_kept_where_it_is_large_enough_to_be_meant(document):
     distance = np.linalg.norm(document.means_of(rows) - document.means_of(rows[:1]), axis=1)
     nearest = rows[np.argsort(distance)]
     for size, kept in ((3, 0), (150, 150)):
-        remainder = remainder_of(document, CAR, np.sort(nearest[size:]))
+        remainder = divide_instance(document, CAR, np.sort(nearest[size:]))
         assert len(remainder.kept) == kept
         assert len(remainder.missed) == size - kept
 
@@ -100,22 +100,22 @@ def test_deleted_bit_by_bit_it_is_gone_as_a_whole(document, street):
     rows = document.rows_of((CAR,))
     front = document.means_of(rows)[:, 1] > CAR_CENTER[1]
     delete(document, rows[front])
-    before = deletion_report_of_rows(document, rows[~front], 0.0)
+    before = report_row_deletion(document, rows[~front], 0.0)
     delete(document, rows[~front])
-    after = deletion_report_of_rows(document, rows[~front], 0.0)
-    whole = deletion_report(document, (CAR,), 0.0)
+    after = report_row_deletion(document, rows[~front], 0.0)
+    whole = report_deletion(document, (CAR,), 0.0)
     for report in (before, after):
         assert report.name == "Car 7"
         np.testing.assert_array_equal(report.residue, street.strays)
         np.testing.assert_array_equal(report.hole.cells, whole.hole.cells)
     document.apply(after.absorption())
-    assert not len(deletion_report(document, (CAR,), 0.0).residue)
+    assert not len(report_deletion(document, (CAR,), 0.0).residue)
 
 
 def test_nothing_left_and_nothing_taken(document):
     rows = document.rows_of((CAR,))
-    everything = remainder_of(document, CAR, rows)
+    everything = divide_instance(document, CAR, rows)
     assert (len(everything.gone), len(everything.kept), len(everything.missed)) == (len(rows), 0, 0)
-    assert amid_gone(document, rows[:3], everything).all()
-    nothing = remainder_of(document, CAR, rows[:0])
+    assert is_near_deleted(document, rows[:3], everything).all()
+    nothing = divide_instance(document, CAR, rows[:0])
     assert (len(nothing.gone), len(nothing.kept), len(nothing.missed)) == (0, len(rows), 0)

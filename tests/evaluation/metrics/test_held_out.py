@@ -12,7 +12,7 @@ from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_vie
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.evaluation.protocol import evaluate_scene
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import Exposures, exposed
+from instdrive_core.scene.exposure import Exposures, apply_exposure
 from instdrive_core.scene.scene import Scene
 
 
@@ -49,13 +49,13 @@ def test_a_held_out_photo_is_exposed_between_its_cameras_neighbours(drive):
     exposures = exposures_of_training(drive)
     assert frame.key not in exposures.keys
     scene = replace(drive.scene, exposures=exposures)
-    darkened = repainted(frame, lambda photo: exposed(photo, darkening(frame.view.time)))
+    darkened = repainted(frame, lambda photo: apply_exposure(photo, darkening(frame.view.time)))
     plain, with_exposures = seen(drive, drive.scene, darkened), seen(drive, scene, darkened)
     assert with_exposures.psnr > plain.psnr + 1
     assert with_exposures.ssim > plain.ssim
     assert with_exposures.psnr_actors > plain.psnr_actors + 0.5
     image = view_scene(drive.scene, frame.view.camera, frame.view.time).color
-    image = np.clip(exposed(image, darkening(frame.view.time)), 0, 1)
+    image = np.clip(apply_exposure(image, darkening(frame.view.time)), 0, 1)
     expected = psnr(image, darkened.load_image().astype(np.float32) / 255, frame.valid)
     assert with_exposures.psnr == pytest.approx(expected, abs=1e-3)
 

@@ -9,7 +9,7 @@ from evaluation_scene import DRIVING, PARKED, ROAD
 from instdrive_core.evaluation.metrics.point_ids import TOLERANCE, PointSupport, point_ids, point_support
 from instdrive_core.evaluation.metrics.world_gaussians import world_gaussians
 from instdrive_core.maths.activations import logit
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 
@@ -40,7 +40,7 @@ def test_weights_as_written_down():
     points = rng.normal(size=(7, 3)).astype(np.float32)
     support = point_support(scene, points, 0.0)
     world = world_gaussians(scene, 0.0)
-    turns = matrix_from_quaternion(normalized(quats.astype(np.float64)))
+    turns = matrix_from_quaternion(normalize_quaternions(quats.astype(np.float64)))
     for p, point in enumerate(points):
         assert sorted(support.rows[p].tolist()) == list(range(20)), "there are no more than 20"
         for k, row in enumerate(support.rows[p]):

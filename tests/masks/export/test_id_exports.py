@@ -12,7 +12,7 @@ from instdrive_app.main import main
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.instances.colormap import ids_from_colors
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.masks.export.coco_panoptic import segments_of, write_coco_panoptic
 from instdrive_core.masks.export.id_maps import chosen_views, id_maps
 from instdrive_core.masks.export.id_pictures import write_id_pictures
@@ -25,7 +25,7 @@ def scene():
     scene = random_scene(count=300, actors=2)
     scene.gaussians.log_scales[:] = np.log(0.5)
     scene.gaussians.opacity_logits[:] = 4
-    scene.table = table_from_ids(
+    scene.table = build_instance_table(
         scene.instance_ids,
         scene.gaussians.means,
         scene.codewords,
@@ -97,7 +97,7 @@ def test_png_pictures_hold_exact_ids(scene, tmp_path):
 
 def test_ids_above_16_bits_are_packed(scene, tmp_path):
     scene.instance_ids[scene.instance_ids == 1] = 0xFEDCBA
-    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means)
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
     views = chosen_views(scene)[:1]
     write_id_pictures(tmp_path, scene, id_maps(scene, views))
     labels = picture(tmp_path / "labels" / "front_camera" / "00.png").astype(np.uint32)

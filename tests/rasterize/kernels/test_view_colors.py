@@ -7,7 +7,7 @@ import pytest
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
-from instdrive_core.maths.spherical_harmonics import view_colors as plain_view_colors
+from instdrive_core.maths.spherical_harmonics import evaluate_view_colors as plain_view_colors
 from instdrive_core.rasterize.kernels.view_colors import harmonics_view, view_colors, view_colors_backward
 
 POSITION = np.array([0.4, -1.0, 2.0])

@@ -24,7 +24,7 @@ from instdrive_app.shell.virtual_display import virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode
-from instdrive_core.scene.lint import Finding
+from instdrive_core.scene.lint import Defect
 
 DIALOGS = (
     "open",
@@ -119,14 +119,14 @@ class Tour:
     def _dialogs(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
         session.findings = (
-            Finding(
+            Defect(
                 "not_finite",
                 "3 splats hold values that are not finite (means of 2, log_scales of 3)",
                 3,
                 np.arange(3),
                 "Best deleted: most viewers draw nothing or fail where one is in view",
             ),
-            Finding("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
+            Defect("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
         )
         for name in filter(lambda name: self._wanted(f"dialog {name}"), DIALOGS):
             session.asked_about, session.renamed = ids[:1], ids[0] if name == "rename" else 0

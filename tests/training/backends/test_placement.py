@@ -8,8 +8,13 @@ import torch
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, multiplied, normalized, quaternion_from_matrix
-from instdrive_core.scene.scene import placed
+from instdrive_core.maths.rotations import (
+    matrix_from_quaternion,
+    multiply_quaternions,
+    normalize_quaternions,
+    quaternion_from_matrix,
+)
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.backends.placement import place
 
 NODES = np.repeat(np.arange(6), [700, 900, 0, 1, 800, 40]).astype(np.uint16)
@@ -39,9 +44,9 @@ def test_values_are_those_of_the_scene() -> None:
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotations, shifts
     found_means, found_quats = (t.detach().numpy() for t in place(means, quats, NODES, *tensors(rotations, shifts)))
-    expected_means, expected_quats = placed(means.detach().numpy(), quats.detach().numpy(), NODES, poses)
+    expected_means, expected_quats = place_in_world(means.detach().numpy(), quats.detach().numpy(), NODES, poses)
     np.testing.assert_allclose(found_means, expected_means, atol=1e-5)
-    np.testing.assert_allclose(normalized(found_quats), normalized(expected_quats), atol=1e-5)
+    np.testing.assert_allclose(normalize_quaternions(found_quats), normalize_quaternions(expected_quats), atol=1e-5)
     first = np.searchsorted(NODES, 1)
     np.testing.assert_array_equal(found_means[:first], means.detach().numpy()[:first])
     np.testing.assert_array_equal(found_quats[:first], quats.detach().numpy()[:first])
@@ -64,12 +69,12 @@ def test_gradients_of_rows_are_those_of_plain_torch() -> None:
     expected_means = np.einsum("nij,ni->nj", rotations[NODES], weights[0].numpy())
     conjugates = quaternion_from_matrix(rotations)[NODES] * [1, -1, -1, -1]
     np.testing.assert_allclose(by_means, expected_means, atol=1e-5)
-    np.testing.assert_allclose(by_quats, multiplied(conjugates, weights[1].numpy()), atol=1e-5)
+    np.testing.assert_allclose(by_quats, multiply_quaternions(conjugates, weights[1].numpy()), atol=1e-5)
 
 
 def placed_in_double(means: ndarray, quats: ndarray, rotations: ndarray, shifts: ndarray) -> tuple[ndarray, ndarray]:
     moved = np.einsum("nij,nj->ni", rotations[NODES], means) + shifts[NODES]
-    return moved, multiplied(quaternion_from_matrix(rotations)[NODES], quats)
+    return moved, multiply_quaternions(quaternion_from_matrix(rotations)[NODES], quats)
 
 
 @pytest.mark.parametrize("parts", [(1, 0), (0, 1), (1, 1)], ids=["means", "quats", "both"])

@@ -12,10 +12,10 @@ import pytest
 import torch
 from skimage.metrics import structural_similarity
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized, quaternion_from_matrix
-from instdrive_core.maths.spherical_harmonics import REST_COUNTS, rest_basis, view_colors
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions, quaternion_from_matrix
+from instdrive_core.maths.spherical_harmonics import REST_COUNTS, evaluate_rest_basis, evaluate_view_colors
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.scene.scene import placed
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.backends import torch_ops
 
@@ -60,9 +60,11 @@ class TestPlace:
     def test_places_as_the_scene_does(self) -> None:
         means, quats = torch_ops.place(self.means, self.quats, self.nodes, self.rotations, self.shifts)
         arrays = self.means.detach().numpy(), self.quats.detach().numpy()
-        wanted_means, wanted_quats = placed(*arrays, self.nodes, self.poses)
+        wanted_means, wanted_quats = place_in_world(*arrays, self.nodes, self.poses)
         np.testing.assert_allclose(means.detach().numpy(), wanted_means, atol=2e-6)
-        np.testing.assert_allclose(normalized(quats.detach().numpy()), normalized(wanted_quats), atol=2e-6)
+        np.testing.assert_allclose(
+            normalize_quaternions(quats.detach().numpy()), normalize_quaternions(wanted_quats), atol=2e-6
+        )
 
     def test_gradients_are_those_of_finite_differences(self) -> None:
         inputs = [self.means, self.quats, self.rotations, self.shifts]
@@ -107,13 +109,15 @@ class TestHarmonics:
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         leaves = leaf(means), leaf(sh_dc), leaf(sh_rest)
         colors = torch_ops.sh_colors(*leaves, POSITION)
-        wanted = view_colors(sh_dc, sh_rest, directions)
+        wanted = evaluate_view_colors(sh_dc, sh_rest, directions)
         np.testing.assert_allclose(colors.detach().numpy(), wanted, atol=1e-5)
         assert (wanted == 0).any()  # clamped channels are in the test
 
         own_directions = np.einsum("nji,nj->ni", poses[nodes, :3, :3], directions)
         colors = torch_ops.sh_colors(*leaves, POSITION, nodes, poses)
-        np.testing.assert_allclose(colors.detach().numpy(), view_colors(sh_dc, sh_rest, own_directions), atol=1e-5)
+        np.testing.assert_allclose(
+            colors.detach().numpy(), evaluate_view_colors(sh_dc, sh_rest, own_directions), atol=1e-5
+        )
         colors.sum().backward()
         assert leaves[0].grad is None
         assert leaves[1].grad is not None
@@ -124,7 +128,7 @@ class TestHarmonics:
         directions = np.random.default_rng(0).normal(size=(30, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         found = torch_ops.rest_basis(torch.from_numpy(directions), count).numpy()
-        np.testing.assert_allclose(found, rest_basis(directions, count), atol=1e-12)
+        np.testing.assert_allclose(found, evaluate_rest_basis(directions, count), atol=1e-12)
 
 
 class TestSky:

@@ -9,7 +9,7 @@ from drive import SIZE, drive
 
 from instdrive_core.errors import DataError
 from instdrive_core.maths.spherical_harmonics import color_from_dc
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.track import find_points_inside
 from instdrive_core.training.gaussians.initialize import initial_scene, mean_sky_color, scene_radius
 from instdrive_core.training.instances.naming import display_names, instance_classes
 from instdrive_core.training.settings.config import InitConfig
@@ -33,7 +33,7 @@ def test_moving_objects_leave_the_background_and_gather_in_their_box():
     moving = clip.tracks[0]
     background = start.gaussians.means[start.nodes == 0]
     for sweep in clip.training_sweeps():
-        inside = points_inside(background, moving.pose_at(sweep.time), SIZE, margin=-0.1, bottom=-0.1)
+        inside = find_points_inside(background, moving.pose_at(sweep.time), SIZE, margin=-0.1, bottom=-0.1)
         at_that_time = np.isin(background[:, 0], sweep.load().points[3000:3400, 0])
         assert not np.any(inside & at_that_time)
 
@@ -84,7 +84,7 @@ def test_without_moving_actors_their_points_stay_in_the_background():
     assert static.actors == ()
     assert not static.nodes.any()
     moving, step = clip.tracks[0], clip.training_sweeps()[1]
-    inside = points_inside(static.gaussians.means, moving.pose_at(step.time), SIZE, bottom=-0.1)
+    inside = find_points_inside(static.gaussians.means, moving.pose_at(step.time), SIZE, bottom=-0.1)
     assert inside.sum() > 200
     with_actors = initial_scene(clip, views_of(clip), many, 0, 0)
     assert (with_actors.nodes == 0).sum() < len(static.nodes)
@@ -249,7 +249,7 @@ def test_instances_are_named_by_track_parked_box_and_lidar():
     clip = drive()
     start = initial_scene(clip, views_of(clip), CONFIG, 0, 0)
     means, nodes = start.gaussians.means, start.nodes
-    parked = points_inside(means, clip.tracks[1].world_from_box[0], SIZE, 0.05, bottom=-0.02) & (nodes == 0)
+    parked = find_points_inside(means, clip.tracks[1].world_from_box[0], SIZE, 0.05, bottom=-0.02) & (nodes == 0)
     ids = np.where(nodes == 1, 3, np.where(parked, 2, 1)).astype(np.uint32)
     classes = instance_classes(clip, ids, means, nodes, ["Pickup Truck"])
     assert classes == {1: "Road", 2: "Car", 3: "Pickup Truck"}

@@ -10,7 +10,7 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.project import project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.scene.scene import placed
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.gaussians.rows_in_view import rows_in_view
 
 
@@ -36,7 +36,7 @@ def any_camera(rng, reach):
 
 
 def drawn_rows(means, quats, log_scales, logits, nodes, poses, present, camera, raster=DEFAULT_SETTINGS):
-    world, turned = placed(means, quats, nodes, poses)
+    world, turned = place_in_world(means, quats, nodes, poses)
     opacities = np.where(present[nodes], sigmoid(logits), np.float32(0))
     return np.sort(project(world, turned, log_scales, opacities, camera, raster).rows)
 

@@ -25,7 +25,7 @@ from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.kinds.visibility import HideInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 
@@ -128,7 +128,7 @@ def test_an_edit_shows_what_baking_it_would(gl, renderer, street, edits):
     after = look(renderer, snapshot)
     assert any((a != b).mean() > 1e-3 for a, b in zip(after, before, strict=True)), "the edit is seen"
     if not street.state.mask(Flag.HIDDEN).any():  # hiding is a way of looking, not part of what is exported
-        assert_same_look(after, drawn_afresh(gl, Document(baked(street, snapshot.time)), snapshot))
+        assert_same_look(after, drawn_afresh(gl, Document(bake_document(street, snapshot.time)), snapshot))
     for one, fresh in zip(after, drawn_afresh(gl, street, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh, err_msg="what was uploaded step by step is what is there")
     for _ in edits:
@@ -149,7 +149,7 @@ def test_edited_tracks_hold_at_every_time(gl, renderer, street):
     for time in (0.0, 1.25, 3.0, 0.0):
         state.time = time
         snapshot = resolve(state, *SIZE)
-        assert_same_look(look(renderer, snapshot), drawn_afresh(gl, Document(baked(street, time)), snapshot))
+        assert_same_look(look(renderer, snapshot), drawn_afresh(gl, Document(bake_document(street, time)), snapshot))
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.6])

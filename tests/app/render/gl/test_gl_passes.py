@@ -14,9 +14,9 @@ from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids, ids_from_colors
-from instdrive_core.maths.spherical_harmonics import view_colors
+from instdrive_core.maths.spherical_harmonics import evaluate_view_colors
 from instdrive_core.rasterize.preview import PickRule, preview
 
 SIZE = (300, 180)
@@ -39,11 +39,11 @@ def state_at(document, index, **changes):
 
 def cpu_frame(document, snapshot, rule=NEAREST_SOLID):
     """The edited document, baked at the moment, drawn by the CPU rasterizer."""
-    scene = baked(document, snapshot.time)
+    scene = bake_document(document, snapshot.time)
     gaussians = scene.gaussians
     directions = gaussians.means - snapshot.camera.position.astype(np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    colors = view_colors(gaussians.sh_dc, gaussians.sh_rest, directions)
+    colors = evaluate_view_colors(gaussians.sh_dc, gaussians.sh_rest, directions)
     shape = (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities)
     return preview(*shape, colors, snapshot.camera, rule=rule)
 

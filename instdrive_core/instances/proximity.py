@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int64
 from numpy import ndarray
 
-from instdrive_core.instances.neighbors import grown_forest
+from instdrive_core.instances.neighbors import build_forest
 
 _RING = 6
 """Neighbours of a point in an even covering of a surface."""
@@ -17,7 +17,7 @@ _ASKED = 1_000
 """Points whose neighbours are looked for."""
 
 
-def rows_near(
+def find_rows_near(
     points: Float32[ndarray, "n 3"], asked: Int64[ndarray, " a"], others: Int64[ndarray, " b"], distance: float
 ) -> Int64[ndarray, " k"]:
     """Those of the rows `asked` whose point is at most `distance` from the point of any of the rows `others`.
@@ -29,13 +29,13 @@ def rows_near(
     others = _in_box(points, others, *_grown_bounds(points, asked, distance))
     if not len(asked) or not len(others):
         return np.zeros(0, np.int64)
-    forest = grown_forest(points[others], np.zeros(len(others), np.int64))
+    forest = build_forest(points[others], np.zeros(len(others), np.int64))
     reach = np.full(len(asked), float(distance))
     distances, _ = forest.nearest(points[asked], np.zeros(len(asked), np.int64), 1, reach)
     return asked[np.isfinite(distances[:, 0])]
 
 
-def spacing_of(points: Float32[ndarray, "n 3"]) -> float:
+def estimate_spacing(points: Float32[ndarray, "n 3"]) -> float:
     """How far points that cover surfaces lie apart: to the last of the six around one, in the median.
 
     Of many points some are looked at: every m-th ones lie √m times as far apart on a surface. Not finite points are
@@ -46,7 +46,7 @@ def spacing_of(points: Float32[ndarray, "n 3"]) -> float:
     sample = points[::step]
     if len(sample) <= _RING:
         return np.inf
-    forest = grown_forest(sample, np.zeros(len(sample), np.int64))
+    forest = build_forest(sample, np.zeros(len(sample), np.int64))
     queries = sample[:: -(-len(sample) // _ASKED)]
     reach = np.full(len(queries), np.inf)
     distances, _ = forest.nearest(queries, np.zeros(len(queries), np.int64), _RING + 1, reach)

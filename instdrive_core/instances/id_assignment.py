@@ -7,7 +7,7 @@ from jaxtyping import Int, UInt32
 from numpy import ndarray
 
 
-def numbered_by_size(groups: Int[ndarray, " n"]) -> UInt32[ndarray, " n"]:
+def number_by_size(groups: Int[ndarray, " n"]) -> UInt32[ndarray, " n"]:
     """Groups (negative = none) as 1, 2, … from most to fewest Gaussians, ties by the lower number; none becomes 0."""
     different, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
     real = different >= 0

@@ -9,13 +9,13 @@ from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import baked, recounted
+from instdrive_core.edits.queries.bake import bake_document, recount_table
 from instdrive_core.errors import EditError
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 
 
-def selected_rows(document: Document) -> Int[ndarray, " k"]:
+def find_selected_rows(document: Document) -> Int[ndarray, " k"]:
     """The selected splats that are left. Raises EditError where nothing is selected."""
     rows = document.state.rows_with(Flag.SELECTED)
     rows = rows[~document.state.mask(Flag.DELETED)[rows]]
@@ -24,20 +24,20 @@ def selected_rows(document: Document) -> Int[ndarray, " k"]:
     return rows
 
 
-def baked_part(document: Document, rows: Int[ndarray, " k"], time: float | None = None) -> Scene:
-    """Some splats (rising) as a scene: edited as by `bake.baked`, with no sky and the tracks of these splats only.
+def bake_part(document: Document, rows: Int[ndarray, " k"], time: float | None = None) -> Scene:
+    """Some splats (rising) as a scene: edited as by `bake.bake_document`, with no sky and the tracks of these splats only.
 
     With a `time` (seconds) actors stand where they are then, and are left out where they are not there.
     """
-    part = replace(baked(document, time, rows), sky=None)
+    part = replace(bake_document(document, time, rows), sky=None)
     kept = np.unique(part.nodes[part.nodes > 0])
     new_nodes = np.zeros(len(part.actors) + 1, np.uint16)
     new_nodes[kept] = np.arange(1, len(kept) + 1)
     actors = tuple(part.actors[node - 1] for node in kept.tolist())
-    return recounted(replace(part, nodes=new_nodes[part.nodes], actors=actors))
+    return recount_table(replace(part, nodes=new_nodes[part.nodes], actors=actors))
 
 
-def actor_alone(document: Document, node: int) -> Scene:
+def bake_actor(document: Document, node: int) -> Scene:
     """What is left of one actor, in its box's frame (x right, y forward, z up, metres, origin in the box's centre).
 
     A static scene of background splats: with the track's pose of a time, it stands where the actor stands then.
@@ -49,20 +49,20 @@ def actor_alone(document: Document, node: int) -> Scene:
     rows = np.flatnonzero((scene.nodes == node) & ~document.state.mask(Flag.DELETED))
     if not len(rows):
         raise EditError(f"nothing is left of actor {node}, the {scene.actors[node - 1].label}")
-    part = baked(document, None, rows)
+    part = bake_document(document, None, rows)
     nodes = np.zeros(len(part), np.uint16)
-    return recounted(
+    return recount_table(
         replace(part, nodes=nodes, actors=(), sky=None, views=(), exposures=None, origin=np.zeros(3)),
     )
 
 
-def actors_with_splats(document: Document) -> tuple[int, ...]:
+def find_remaining_actors(document: Document) -> tuple[int, ...]:
     """Nodes of the actors of which anything is left, from 1."""
     left = document.scene.nodes[~document.state.mask(Flag.DELETED)]
     return tuple(np.unique(left[left > 0]).tolist())
 
 
-def selected_actors(document: Document) -> tuple[int, ...]:
+def find_selected_actors(document: Document) -> tuple[int, ...]:
     """Nodes of the actors with any selected splat, from 1."""
     nodes = document.scene.nodes[document.state.rows_with(Flag.SELECTED)]
     return tuple(np.unique(nodes[nodes > 0]).tolist())

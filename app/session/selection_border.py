@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from instdrive_app.jobs import Job
 from instdrive_app.session.context import SessionContext
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.grow import BorderEdit, GrowSelection, ShrinkSelection
 from instdrive_core.scene.selection import Flag
 
@@ -48,7 +48,7 @@ class Borders:
         if len(document.state.rows_with(Flag.SELECTED)) <= AT_ONCE:
             self._finish(edit)
             return
-        frozen = frozen_copy(document)
+        frozen = freeze_document(document)
 
         def done(_: None) -> None:
             if self._document() is document and edit.is_prepared_for(document):

@@ -12,12 +12,12 @@ from instdrive_app.session.context import SessionContext
 from instdrive_app.session.navigation import Navigation
 from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
-from instdrive_core.edits.queries.scene_up import up_of
-from instdrive_core.scene.transforms import composed, inverted
+from instdrive_core.edits.queries.scene_up import estimate_document_up
+from instdrive_core.scene.transforms import compose_transforms, invert_transform
 from instdrive_core.scene.up_estimate import UpEstimate
-from instdrive_core.scene.upright import UP, Axis, direction_of, nearest_axis
+from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis
 
 VIEW_SNAP = 10.0
 """Degrees from an axis below which the view's up means the axis: the view can hardly be tilted nearer than that."""
@@ -51,20 +51,20 @@ class Turning:
         self.estimate = None
         if document is None:
             return
-        frozen, orientation = frozen_copy(document), document.orientation
+        frozen, orientation = freeze_document(document), document.orientation
 
         def done(found: UpEstimate) -> None:
             if self._document() is document and document.orientation is orientation:
                 self.estimate = found
                 then(found)
 
-        self._jobs.submit_aside("Looking for the way up", lambda: up_of(frozen, stated), done)
+        self._jobs.submit_aside("Looking for the way up", lambda: estimate_document_up(frozen, stated), done)
 
     def view_up(self) -> tuple[Float64[ndarray, "3"], float]:
         """What is up in the view, exactly an axis where one is near, and by how many degrees it then was off."""
         up = -self._state.viewpoint.world_from_camera[:3, 1]
-        axis, angle = nearest_axis(up)
-        return (direction_of(axis), angle) if angle <= VIEW_SNAP else (up, 0.0)
+        axis, angle = find_nearest_axis(up)
+        return (compute_axis_direction(axis), angle) if angle <= VIEW_SNAP else (up, 0.0)
 
     def turn(self, up: Float64[ndarray, "3"], scale: float = 1.0) -> None:
         """Turn the scene so that `up` points up, and scale it; what takes longer than a frame is done aside before."""
@@ -77,7 +77,7 @@ class Turning:
         if edit.is_quick:
             self._apply(lambda: edit)
             return
-        frozen = frozen_copy(document)
+        frozen = freeze_document(document)
 
         def done(_: None) -> None:
             if self._document() is document:
@@ -91,7 +91,7 @@ class Turning:
         if document is None or document is not seen or document.orientation is before:
             return
         self._seen = (document, document.orientation)
-        self._navigation.go_along(composed(document.orientation, inverted(before)))
+        self._navigation.go_along(compose_transforms(document.orientation, invert_transform(before)))
         self._turned()
 
     def _tell(self, found: UpEstimate) -> None:

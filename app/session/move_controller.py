@@ -16,18 +16,18 @@ from instdrive_app.session.context import SessionContext
 from instdrive_app.session.selection_box import Box, SelectionBoxes
 from instdrive_core.edits.bases.append import AppendEdit
 from instdrive_core.edits.bases.parameters import Vector
-from instdrive_core.edits.bases.relabel import new_instances
+from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import SCALE_LIMITS, MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.edits.kinds.select import SelectInstances, SelectMode
-from instdrive_core.edits.queries.placement import lane_at
+from instdrive_core.edits.queries.placement import find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import quaternion_from_matrix
-from instdrive_core.scene.transforms import scale_of
+from instdrive_core.scene.transforms import extract_scale
 
 COPY_GAP = 0.5
 """Metres between a thing and its copy."""
@@ -118,7 +118,7 @@ class Moving:
         key = (ref(document), ids, time, place.tobytes(), document.track_version)
         if self._lane is None or self._lane[0] != key:
             try:
-                self._lane = (key, lane_at(document, ids, place, time))
+                self._lane = (key, find_lane(document, ids, place, time))
             except EditError:
                 self._lane = (key, None)
         return self._lane[1]
@@ -130,7 +130,7 @@ class Moving:
         matrix = document.transforms.move_of(int(document.transforms.indices[document.rows_of((first.id,))[0]]))
         turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
-        return Placement(_vector(self.center()), yaw, scale_of(matrix))
+        return Placement(_vector(self.center()), yaw, extract_scale(matrix))
 
     def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
         """Move from a placement to another one; on the ground, where that is asked for and no height was."""
@@ -155,7 +155,7 @@ class Moving:
         document, ids, time, ground = self._opened, self.ids, self._state.time, self.options.on_ground
 
         def edit() -> MoveInstances:
-            shift = _vector(lane_at(document, ids, self.center(), time) * metres)
+            shift = _vector(find_lane(document, ids, self.center(), time) * metres)
             return MoveInstances(ids, shift, time=time, on_ground=ground)
 
         self._apply(edit, gesture=gesture)
@@ -185,7 +185,7 @@ class Moving:
         document = self._opened
 
         def both() -> CompoundEdit:
-            added = tuple(entry.id for entry in new_instances(document, [None] * instances))
+            added = tuple(entry.id for entry in create_instances(document, [None] * instances))
             return CompoundEdit((edit, SelectInstances(added, mode)), edit.title)
 
         return self._apply(both)

@@ -36,30 +36,32 @@ class Remainder:
     """Left in small scraps amid what is gone."""
 
 
-def remainder_of(document: Document, instance_id: int, deleted: Int64[ndarray, " d"]) -> Remainder:
+def divide_instance(document: Document, instance_id: int, deleted: Int64[ndarray, " d"]) -> Remainder:
     """Divide an instance of which these rows are deleted, or are about to be. Raises EditError for an unknown ID."""
     members = document.rows_of((instance_id,))
     left = (document.state.flags[members] & Flag.DELETED) == 0
     left &= ~np.isin(members, deleted)
     missed = np.zeros(len(members), bool)
     if left.any() and not left.all():
-        missed[left] = _missed(document.means_of(members).astype(np.float64), left)
+        missed[left] = _find_missed(document.means_of(members).astype(np.float64), left)
     return Remainder(members[~left], members[left & ~missed], members[missed])
 
 
-def amid_gone(document: Document, rows: Int64[ndarray, " n"], remainder: Remainder) -> Bool[ndarray, " n"]:
+def is_near_deleted(document: Document, rows: Int64[ndarray, " n"], remainder: Remainder) -> Bool[ndarray, " n"]:
     """Which rows stand where most of the instance is gone, not where it was kept."""
     if not len(remainder.kept) or not len(rows):
         return np.ones(len(rows), bool)
     known = np.concatenate([remainder.gone, remainder.kept])
-    found = _nearest(document.means_of(known).astype(np.float64), document.means_of(rows).astype(np.float64), _LINKS)
+    found = _find_nearest(
+        document.means_of(known).astype(np.float64), document.means_of(rows).astype(np.float64), _LINKS
+    )
     return (found < len(remainder.gone)).mean(axis=1) > 0.5
 
 
-def _missed(means: Float64[ndarray, "n 3"], left: Bool[ndarray, " n"]) -> Bool[ndarray, " k"]:
+def _find_missed(means: Float64[ndarray, "n 3"], left: Bool[ndarray, " n"]) -> Bool[ndarray, " k"]:
     """Which of the splats that are left belong to scraps that were missed."""
     rows = np.flatnonzero(left)
-    found = _nearest(means, means[rows], _WITNESSES + 1)[:, 1:]
+    found = _find_nearest(means, means[rows], _WITNESSES + 1)[:, 1:]
     place = np.full(len(left), -1)
     place[rows] = np.arange(len(rows))
     one, other = np.repeat(np.arange(len(rows)), min(_LINKS, found.shape[1])), place[found[:, :_LINKS]].ravel()
@@ -72,7 +74,7 @@ def _missed(means: Float64[ndarray, "n 3"], left: Bool[ndarray, " n"]) -> Bool[n
     return (small & (gone >= _GONE_SHARE * outside) & (gone > 0))[scrap]
 
 
-def _nearest(points: Float64[ndarray, "n 3"], asked: Float64[ndarray, "m 3"], count: int) -> Int64[ndarray, "m k"]:
+def _find_nearest(points: Float64[ndarray, "n 3"], asked: Float64[ndarray, "m 3"], count: int) -> Int64[ndarray, "m k"]:
     """The `count` nearest points, nearest first; all of them where there are fewer."""
     _, found = KDTree(points).query(asked, k=min(count, len(points)))
     return np.asarray(found, np.int64).reshape(len(asked), -1)

@@ -7,7 +7,7 @@ from jaxtyping import Int, Shaped
 from numpy import ndarray
 
 from instdrive_core.scene.dirty_rows import DirtyReader, DirtyRows
-from instdrive_core.scene.row_writes import exchanged
+from instdrive_core.scene.row_writes import exchange_values
 
 
 class PerSplatArray:
@@ -36,7 +36,7 @@ class PerSplatArray:
         return self._dirty.reader()
 
     def _exchange(self, rows: Int[ndarray, " m"], values: Shaped[ndarray, " m"]) -> Shaped[ndarray, " m"]:
-        before, low, high = exchanged(self._rows, rows, np.asarray(values, self._rows.dtype))
+        before, low, high = exchange_values(self._rows, rows, np.asarray(values, self._rows.dtype))
         if len(rows):
             self._touch(int(low), int(high))
         return before
@@ -46,7 +46,7 @@ class PerSplatArray:
         self._dirty.touch(start, stop)
 
 
-def read_only(array: ndarray) -> ndarray:
+def create_read_only_view(array: ndarray) -> ndarray:
     """A view that cannot be written."""
     view = array.view()
     view.flags.writeable = False

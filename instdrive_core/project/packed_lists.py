@@ -1,6 +1,6 @@
 """Long lists of whole numbers in an edit's JSON (the rows that a lasso caught) are kept apart, as arrays.
 
-An edit is JSON first and last: `packed` puts ``{"$array": NAME}`` where `Edit.to_json` has a long list, `unpacked` puts
+An edit is JSON first and last: `pack_lists` puts ``{"$array": NAME}`` where `Edit.to_json` has a long list, `unpack_lists` puts
 the same list back, so that no edit knows of it. Rows are never made a list on the way out: half a million of them would
 hold up every other thread.
 """
@@ -24,7 +24,7 @@ _KEY = "$array"
 Numbers = Int64[ndarray, "n"] | Int64[ndarray, "n k"]
 
 
-def packed(value: Any, keep: Callable[[Numbers], Any]) -> Any:
+def pack_lists(value: Any, keep: Callable[[Numbers], Any]) -> Any:
     """An edit as JSON, with long lists, of numbers or of equally long rows of numbers, replaced.
 
     Args:
@@ -34,25 +34,25 @@ def packed(value: Any, keep: Callable[[Numbers], Any]) -> Any:
     if isinstance(value, Edit):
         value = value.parameters()
     if isinstance(value, dict):
-        return {key: packed(part, keep) for key, part in value.items()}
+        return {key: pack_lists(part, keep) for key, part in value.items()}
     if isinstance(value, RowRuns):
         is_long = len(value.starts) >= LONG
         return {_KEY: keep(np.stack([value.starts, value.lengths], axis=1))} if is_long else value.to_json()
     if not isinstance(value, list | tuple):
         return value
     numbers = _numbers(value) if len(value) >= LONG else None
-    return [packed(part, keep) for part in value] if numbers is None else {_KEY: keep(numbers)}
+    return [pack_lists(part, keep) for part in value] if numbers is None else {_KEY: keep(numbers)}
 
 
-def unpacked(entry: Any, find: Callable[[Any], Numbers]) -> Any:
-    """The inverse of `packed`; `find` returns the array that was kept under a name."""
+def unpack_lists(entry: Any, find: Callable[[Any], Numbers]) -> Any:
+    """The inverse of `pack_lists`; `find` returns the array that was kept under a name."""
     if isinstance(entry, list):
-        return [unpacked(value, find) for value in entry]
+        return [unpack_lists(value, find) for value in entry]
     if not isinstance(entry, dict):
         return entry
     if entry.keys() == {_KEY}:
         return find(entry[_KEY]).tolist()
-    return {key: unpacked(value, find) for key, value in entry.items()}
+    return {key: unpack_lists(value, find) for key, value in entry.items()}
 
 
 def _numbers(values: list[Any] | tuple[Any, ...]) -> Numbers | None:

@@ -8,16 +8,16 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.relabel import recount
-from instdrive_core.edits.document.document import Document, Rest
+from instdrive_core.edits.bases.relabel import recount_instances
+from instdrive_core.edits.document.document import DeferredWork, Document
+from instdrive_core.scene.pose_transforms import transform_boxes
 from instdrive_core.scene.transforms import Similarity
-from instdrive_core.scene.turned import turned_boxes
 
 MANY = 500
 """Instances; of fewer the bounds are counted sooner than a frame is over."""
 
 
-class LateBounds(Rest):
+class DeferredBounds(DeferredWork):
     """Instances whose bounds in the table are those of before a move."""
 
     def __init__(self, ids: Sequence[int], matrix: Similarity | None) -> None:
@@ -35,7 +35,7 @@ class LateBounds(Rest):
         if rows is not None:
             sizes = np.cumsum([table[instance_id].count for instance_id in ids])
             ids = ids[: int(np.searchsorted(sizes, rows)) + 1]
-        recount(document, ids)
+        recount_instances(document, ids)
         self._done += len(ids)
         if self._done < len(self._ids):
             return False
@@ -46,4 +46,4 @@ class LateBounds(Rest):
         """About where a box around instances was moved, of which the table was asked when the move was done."""
         if self._matrix is None or not set(ids) <= set(self._ids):
             return box
-        return turned_boxes(box[None], self._matrix)[0]
+        return transform_boxes(box[None], self._matrix)[0]

@@ -11,10 +11,10 @@ from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
 from instdrive_core import progress
-from instdrive_core.edits.deletion_report import DeletionReport, deletion_report, deletion_report_of_rows
+from instdrive_core.edits.deletion_report import DeletionReport, report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.errors import EditError
@@ -85,12 +85,12 @@ class Aftermath:
         if len(ids) > MOST_INSTANCES:
             self._finding = None
             return
-        self._look(lambda frozen: deletion_report(frozen, ids, time))
+        self._look(lambda frozen: report_deletion(frozen, ids, time))
 
     def deleted_rows(self, rows: Int64[ndarray, " m"]) -> None:
         """Look at what deleting some splats left; the deletion is the last step of the history."""
         time = self._state.time
-        self._look(lambda frozen: deletion_report_of_rows(frozen, rows, time))
+        self._look(lambda frozen: report_row_deletion(frozen, rows, time))
 
     def absorb(self) -> None:
         """Delete the residue, too."""
@@ -104,7 +104,7 @@ class Aftermath:
         edit = found.report.filling() if found is not None and found.hole is not None else None
         if self._filling or found is None or edit is None or document is None:
             return
-        frozen = frozen_copy(document)
+        frozen = freeze_document(document)
         self._filling = True
 
         def done(_: object) -> None:
@@ -129,7 +129,7 @@ class Aftermath:
         document = self._document()
         if document is None:
             return
-        deletion, frozen = document.history.done[-1], frozen_copy(document)
+        deletion, frozen = document.history.done[-1], freeze_document(document)
 
         def look() -> Finding:
             report = work(frozen)
