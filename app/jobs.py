@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from instdrive_app.memory import give_back
+from instdrive_app.memory import release_freed_memory
 from instdrive_app.messages import user_message
 from instdrive_core.errors import EditError, InstDriveError
 from instdrive_core.progress import CancelledError, report_to
@@ -37,7 +37,7 @@ class Job:
     over: bool = False
     """Whether its end, whatever it was, has been told."""
 
-    def progressed(self, share: float) -> None:
+    def report_share(self, share: float) -> None:
         """Told by the work, in its own thread. Raises CancelledError where the user wants it to stop."""
         self.share = share
         if self.stop.is_set():
@@ -110,10 +110,10 @@ class Jobs:
     def _start(self, pool: ThreadPoolExecutor, job: Job, work: Callable[[], Any]) -> None:
         def listened() -> Any:
             try:
-                with report_to(job.progressed):
+                with report_to(job.report_share):
                     return work()
             finally:
-                give_back()
+                release_freed_memory()
 
         job.future = pool.submit(copy_context().run, listened)
         job.future.add_done_callback(lambda _: self._wake())

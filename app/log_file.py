@@ -15,7 +15,7 @@ MAX_BYTES, KEPT = 1_000_000, 4
 _FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 
-def log_path() -> Path:
+def get_log_path() -> Path:
     """The newest log."""
     return find_state_folder() / "logs" / "editor.log"
 
@@ -25,7 +25,7 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
 
     Returns None, with a warning on stderr, where the file cannot be written: the editor works without.
     """
-    path = path or log_path()
+    path = path or get_log_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # File names need not be text: a failure that names one is logged all the same.

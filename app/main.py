@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Command:
+class CliCommand:
     """Where a command lives, and the first line of its docstring, repeated so that help imports nothing."""
 
     target: str
@@ -20,29 +20,31 @@ class Command:
 
 
 COMMANDS = {
-    "demo": Command("instdrive_app.cli.demo:demo", "Train a synthetic drive, evaluate it, and open the editor on it."),
-    "edit": Command("instdrive_app.cli.edit:edit", "Open a scene in the editor window."),
-    "synth": Command(
+    "demo": CliCommand(
+        "instdrive_app.cli.demo:demo", "Train a synthetic drive, evaluate it, and open the editor on it."
+    ),
+    "edit": CliCommand("instdrive_app.cli.edit:edit", "Open a scene in the editor window."),
+    "synth": CliCommand(
         "instdrive_core.cli.synth:synth",
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
     ),
-    "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
-    "train": Command("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
-    "eval": Command("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
-    "compare": Command("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
-    "apply": Command("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
-    "convert": Command(
+    "masks": CliCommand("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
+    "train": CliCommand("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
+    "eval": CliCommand("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
+    "compare": CliCommand("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
+    "apply": CliCommand("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
+    "convert": CliCommand(
         "instdrive_core.cli.convert:convert", "Convert a scene into the format that the new name ends in."
     ),
-    "objects": Command(
+    "objects": CliCommand(
         "instdrive_core.cli.objects:objects", "Write boxes or hulls of a scene's instances as .json or .glb."
     ),
-    "id-masks": Command(
+    "id-masks": CliCommand(
         "instdrive_core.cli.id_masks:id_masks", "Write instance masks as the cameras of a scene's photos see them."
     ),
-    "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
-    "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
-    "doctor": Command(
+    "render": CliCommand("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
+    "info": CliCommand("instdrive_core.cli.info:info", "Print what a scene file holds."),
+    "doctor": CliCommand(
         "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
     ),
 }

@@ -26,11 +26,11 @@ class MemoryGauge:
         """Bytes."""
         now = time.monotonic()
         if now >= self._next:
-            self._bytes, self._next = resident_bytes(), now + LOOK_SECONDS
+            self._bytes, self._next = read_resident_bytes(), now + LOOK_SECONDS
         return self._bytes
 
 
-def resident_bytes() -> int | None:
+def read_resident_bytes() -> int | None:
     """What of this process is in memory now, in bytes; None where the system does not say."""
     try:
         return int(STATM.read_text().split()[1]) * PAGE_BYTES
@@ -38,7 +38,7 @@ def resident_bytes() -> int | None:
         return None
 
 
-def give_back() -> None:
+def release_freed_memory() -> None:
     """Let the system have the freed memory that the C library keeps: after hours of large jobs on several threads that
     would be as much as the scene itself. Does nothing where the C library has no such call (all but Linux with glibc).
     """

@@ -29,10 +29,10 @@ class Click:
     @property
     def mode(self) -> SelectMode:
         """What the keys ask for: Shift adds, Ctrl removes, both keep of the selection what is meant."""
-        return selection_mode(self.shift, self.ctrl)
+        return choose_selection_mode(self.shift, self.ctrl)
 
 
-def selection_mode(shift: bool, ctrl: bool) -> SelectMode:
+def choose_selection_mode(shift: bool, ctrl: bool) -> SelectMode:
     """The mode of selecting that these keys stand for."""
     if shift and ctrl:
         return "intersect"

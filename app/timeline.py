@@ -33,15 +33,15 @@ class Timeline:
         """The last moment."""
         return self.steps[-1] if self.steps else 0.0
 
-    def step_of(self, time: float) -> int:
+    def find_step(self, time: float) -> int:
         """The number of the step nearest to `time`."""
         return int(np.argmin(np.abs(np.array(self.steps) - time))) if self.steps else 0
 
-    def stepped(self, time: float, count: int) -> float:
+    def step_time(self, time: float, count: int) -> float:
         """The moment `count` steps on, around the ends."""
-        return self.steps[(self.step_of(time) + count) % len(self.steps)]
+        return self.steps[(self.find_step(time) + count) % len(self.steps)]
 
-    def nearest_view(self, name: str, time: float) -> int:
+    def find_nearest_view(self, name: str, time: float) -> int:
         """Index of the view of camera `name` nearest in time. Raises ValueError for an unknown name."""
         candidates = [(abs(view.time - time), index) for index, view in enumerate(self._views) if view.name == name]
         if not candidates:

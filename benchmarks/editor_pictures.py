@@ -19,11 +19,11 @@ from tyro.conf import Positional, arg
 
 from benchmarks.own_state import own_state
 from benchmarks.picture_layout import beside, save_jpeg
-from instdrive_app.demo.showpiece import best_view, ranked_things
+from instdrive_app.demo.showpiece import choose_view, rank_objects
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode, resolve
@@ -48,7 +48,7 @@ class Tour:
             yield
         yield from self._calm()
         self._window.ui.script_pointer = (-1.0, -1.0)  # wherever the mouse is, nothing is pointed at
-        session.navigation.look_through(best_view(self._renderer, session))
+        session.navigation.look_through(choose_view(self._renderer, session))
         yield from self._calm()
         first, second = self._things()
         for name, state in (
@@ -74,7 +74,7 @@ class Tour:
     def _deleting(self, instance: int) -> Iterator[None]:
         self._session.state.tool = "pick"
         self._session.delete((instance,))
-        yield from self._until(lambda: self._session.aftermath.finding is not None)
+        yield from self._until(lambda: self._session.aftermath.findings is not None)
 
     def _recoloring(self, instance: int) -> Iterator[None]:
         session = self._session
@@ -112,7 +112,7 @@ class Tour:
         assert document is not None
         lens = self._session.state.viewpoint.lens
         ids = self._renderer.instance_ids(resolve(self._session.state, 480, round(480 * lens.height / lens.width)))
-        first, second, *_ = ranked_things(document.scene, np.asarray(ids))
+        first, second, *_ = rank_objects(document.scene, np.asarray(ids))
         return first, second
 
     def _until(self, reached: Callable[[], bool]) -> Iterator[None]:
@@ -138,7 +138,7 @@ def main(
         out: Folder of the pictures.
     """
     run = run.absolute()
-    with own_state(), nullcontext() if has_display() else virtual_display(SIZE):
+    with own_state(), nullcontext() if has_display() else open_virtual_display(SIZE):
         session = EditorSession()
         session.files.open(run)
         window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))

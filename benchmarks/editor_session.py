@@ -87,7 +87,7 @@ class DrivenEditor:
         for number in range(count + 2):
             view = camera.look(start, 0.1 * math.sin(number), 0.0)
             snapshot = resolve(self.session.state, *self.size)
-            snapshot = type(snapshot)(**{**vars(snapshot), "camera": view.fitted(*self.size)})
+            snapshot = type(snapshot)(**{**vars(snapshot), "camera": view.fit_camera(*self.size)})
             began = time.perf_counter()
             self.view.renderer.render(snapshot)
             seconds.append(time.perf_counter() - began)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 
 PATIENCE = 60.0
 _TICKS = os.sysconf("SC_CLK_TCK")
@@ -35,7 +35,7 @@ def window_figures(scene: Path, folder: Path, idle_seconds: float = 8.0) -> tupl
 
     Raises DisplayError where no window can be opened.
     """
-    with nullcontext() if has_display() else virtual_display(), _running(scene, folder) as (process, report):
+    with nullcontext() if has_display() else open_virtual_display(), _running(scene, folder) as (process, report):
         window = _wait(lambda: bool(_last(report)), process)
         _wait(lambda: bool(_last(report).get("open") and _last(report).get("settled")), process)
         time.sleep(2.0)

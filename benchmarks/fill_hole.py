@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 from scipy.ndimage import gaussian_filter
 
-from instdrive_app.files.sample import sample_scene
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
 from instdrive_core.datasets.synthetic.world.layout import build_street
@@ -125,7 +125,7 @@ def errors(scene: Scene, part: Uncovered) -> tuple[float, float]:
 
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
-    path = options.scene or sample_scene()
+    path = options.scene or find_sample_scene()
     scene, street = open_scene(path), build_street(StreetConfig(seed=options.seed))
     before, after, cars = [], [], 0
     for instance in list(scene.table):

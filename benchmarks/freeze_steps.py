@@ -57,7 +57,7 @@ class Desk:
 
     def run(self, command: str) -> None:
         """Run a command of the menus."""
-        self.session.commands.run(command)
+        self.session.actions.run(command)
 
     def middle(self, mark: str) -> tuple[float, float]:
         """Where a widget is."""

@@ -25,7 +25,7 @@ from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_core.errors import InstDriveError
@@ -125,7 +125,7 @@ class Observer:
 def main(options: Options) -> dict[str, float]:
     """Everything the JSON line says."""
     chosen = tuple(step for step in STEPS if not options.only or any(word in step.name for word in options.only))
-    with own_state() as folder, nullcontext() if has_display() else virtual_display(SIZE):
+    with own_state() as folder, nullcontext() if has_display() else open_virtual_display(SIZE):
         write_street(folder, INSERTED)[0].rename(folder / "inserted.ply")
         path, _ = write_street(folder, options.splats, options.block * BLOCK)
         session = EditorSession()

@@ -99,12 +99,12 @@ def resident_megabytes() -> float:
 def run_editing(options: Editing) -> dict[str, object]:
     """Rounds of what a user does; each ends where it began, so that what stays is a leak."""
     from benchmarks.editor_session import driven_editor
-    from instdrive_app.files.sample import sample_scene
+    from instdrive_app.files.sample import find_sample_scene
     from instdrive_app.render.offscreen import offscreen_context
 
     gauge, rounds = Gauge(options.minutes), 0
     with own_state() as folder, offscreen_context() as context, driven_editor(context, SIZE) as editor:
-        scene = options.scene or sample_scene()
+        scene = options.scene or find_sample_scene()
         editor.open(scene)
         rng = np.random.default_rng(0)
         while not gauge.over:

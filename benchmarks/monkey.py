@@ -23,13 +23,13 @@ import tyro
 
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
-from instdrive_app.files.sample import sample_scene
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.messages import Level
 from instdrive_app.render.gl.gl_objects import live_objects
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, What
 from instdrive_app.shell.display import DisplayError
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_core.edits.document.invariants import find_broken_invariants, fingerprint
@@ -137,8 +137,8 @@ class Monkey:
             visible = document.visible_instances()
             count = min(len(visible), self._random.choice((1, 1, 2, 5)))
             self._session.select(tuple(self._random.sample(visible, count)))
-        commands = [command for command in self._session.commands if command.id not in NEVER]
-        self._session.commands.run(self._random.choice(commands).id)
+        commands = [command for command in self._session.actions if command.id not in NEVER]
+        self._session.actions.run(self._random.choice(commands).id)
         yield from self._frames(2)
 
     def _click_widget(self) -> Iterator[None]:
@@ -191,7 +191,7 @@ class Monkey:
         yield from self._frames(1)
 
     def _key(self) -> Iterator[None]:
-        chords = [shortcut for command in self._session.commands for shortcut in command.shortcuts]
+        chords = [shortcut for command in self._session.actions for shortcut in command.shortcuts]
         chord = self._random.choice([*chords, "Escape", "Return", "Tab", "w", "a", "s", "d"])
         if chord in ("Ctrl+Q", "Ctrl+O"):
             return
@@ -272,8 +272,8 @@ class Monkey:
 
 def play(options: Options) -> dict[str, object]:
     """Run the monkey; returns what the JSON line says."""
-    source, failure = options.scene or sample_scene(), None
-    with own_state() as folder, chdir(folder), virtual_display(SIZE):
+    source, failure = options.scene or find_sample_scene(), None
+    with own_state() as folder, chdir(folder), open_virtual_display(SIZE):
         scene = folder / source.name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
         session = EditorSession()

@@ -8,7 +8,7 @@ from random_scene import random_scene
 
 from instdrive_core.datasets.colmap import binary as colmap_binary
 from instdrive_core.datasets.colmap import text as colmap_text
-from instdrive_core.datasets.photos import photo_size
+from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_fields import read_json
@@ -62,7 +62,7 @@ def test_arrays_of_a_scene_folder(tmp_path: Path, make) -> None:
         ("points.ply", read_point_ply),
         ("00.pkl", read_pickle),
         ("00.pkl.gz", read_pickle),
-        ("00.jpg", photo_size),
+        ("00.jpg", read_photo_size),
         ("masks.npz", lambda path: read_imported_npz(path, 4, 3)),
         ("labels.png", lambda path: read_imported_label_map(path, 4, 3)),
         ("sky.png", read_sky),

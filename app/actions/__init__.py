@@ -1,4 +1,4 @@
-"""Every command of the editor: one file per menu or topic, each with ``commands(session) -> list[Command]``.
+"""Every command of the editor: one file per menu or topic, each with ``list_actions(session) -> list[Command]``.
 
 A new command goes into the file of its topic; a new topic is a file and a place in `TOPICS`, whose order is that of
 the menus and of the items in them.
@@ -7,14 +7,14 @@ the menus and of the items in them.
 from __future__ import annotations
 
 from instdrive_app.actions import (
-    aftermath,
+    deletion_review,
     edit,
     file,
     help,
+    labels,
     move,
     panels,
     reference,
-    repair,
     select,
     time_steps,
     tools,
@@ -22,11 +22,11 @@ from instdrive_app.actions import (
 )
 from instdrive_app.session.editor_session import EditorSession
 
-TOPICS = (file, edit, select, repair, tools, move, view, aftermath, reference, time_steps, panels, help)
+TOPICS = (file, edit, select, labels, tools, move, view, deletion_review, reference, time_steps, panels, help)
 
 
-def register_commands(session: EditorSession) -> None:
-    """Fill `session.commands`."""
+def register_actions(session: EditorSession) -> None:
+    """Fill `session.actions`."""
     for topic in TOPICS:
         for command in topic.list_actions(session):
-            session.commands.add(command)
+            session.actions.add(command)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from instdrive_app.session.editor_session import EditorSession
 
 
-def editable(session: EditorSession) -> bool:
+def is_editable(session: EditorSession) -> bool:
     """Whether a document is open and no modal work is under way."""
     return session.document is not None and not session.jobs.blocking
 

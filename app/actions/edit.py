@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import asking, is_editable
 from instdrive_app.session.editor_session import EditorSession
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Edit menu."""
     return [*_history(session), *_changes(session), *_showing(session), *_odd_splats(session)]
 
 
-def _history(session: EditorSession) -> list[Command]:
+def _history(session: EditorSession) -> list[Action]:
     def reaches(back: bool) -> bool:
         if session.document is None:
             return False
@@ -20,7 +20,7 @@ def _history(session: EditorSession) -> list[Command]:
         return history.cursor > 0 if back else history.cursor < len(history.edits)
 
     return [
-        Command(
+        Action(
             "edit.undo",
             "Undo",
             session.undo,
@@ -29,7 +29,7 @@ def _history(session: EditorSession) -> list[Command]:
             enabled=lambda: reaches(back=True),
             icon="ICON_FA_ROTATE_LEFT",
         ),
-        Command(
+        Action(
             "edit.redo",
             "Redo",
             session.redo,
@@ -41,9 +41,9 @@ def _history(session: EditorSession) -> list[Command]:
     ]
 
 
-def _changes(session: EditorSession) -> list[Command]:
+def _changes(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "edit.delete",
             "Delete",
             session.delete_selection,
@@ -54,7 +54,7 @@ def _changes(session: EditorSession) -> list[Command]:
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "edit.recolor",
             "Recolour",
             lambda: session.recolor(session.selected, session.recolor_mode, session.recolor_color),
@@ -64,7 +64,7 @@ def _changes(session: EditorSession) -> list[Command]:
             icon="ICON_FA_PAINTBRUSH",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.reset_colors",
             "Reset colours",
             lambda: session.reset_colors(session.selected),
@@ -74,7 +74,7 @@ def _changes(session: EditorSession) -> list[Command]:
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.rename",
             "Rename…",
             lambda: session.ask_name(session.selected[0]),
@@ -87,10 +87,10 @@ def _changes(session: EditorSession) -> list[Command]:
     ]
 
 
-def _showing(session: EditorSession) -> list[Command]:
+def _showing(session: EditorSession) -> list[Action]:
     """What is shown, and what may be edited."""
     return [
-        Command(
+        Action(
             "edit.hide",
             "Hide",
             lambda: session.hide(session.selected),
@@ -101,7 +101,7 @@ def _showing(session: EditorSession) -> list[Command]:
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "edit.lock",
             "Lock",
             lambda: session.lock(session.selected),
@@ -111,7 +111,7 @@ def _showing(session: EditorSession) -> list[Command]:
             icon="ICON_FA_LOCK",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.unlock_all",
             "Unlock all",
             lambda: session.lock(session.locked, locked=False),
@@ -121,7 +121,7 @@ def _showing(session: EditorSession) -> list[Command]:
             icon="ICON_FA_LOCK_OPEN",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.solo",
             "Show only the selection",
             lambda: session.solo.toggle(session.selected or session.solo.ids),
@@ -132,27 +132,27 @@ def _showing(session: EditorSession) -> list[Command]:
             icon="ICON_FA_BULLSEYE",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.show_all",
             "Show all",
             session.show_all,
             "Edit",
             ("Alt+H",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_EYE",
             undoable=True,
         ),
     ]
 
 
-def _odd_splats(session: EditorSession) -> list[Command]:
+def _odd_splats(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "edit.odd_splats",
             "Odd splats…",
             asking(session, "findings"),
             "Edit",
-            enabled=lambda: editable(session) and bool(session.findings),
+            enabled=lambda: is_editable(session) and bool(session.findings),
             icon="ICON_FA_BROOM",
             separator=True,
             undoable=True,

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command, MenuItem
-from instdrive_app.files.sample import has_sample_scene, sample_scene
+from instdrive_app.action import Action, MenuItem
+from instdrive_app.actions.conditions import asking, is_editable
+from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The File menu."""
     return [*_opening(session), *_saving(session), *_exporting(session), *_leaving(session)]
 
 
-def _opening(session: EditorSession) -> list[Command]:
+def _opening(session: EditorSession) -> list[Action]:
     def opening(path: Path) -> Callable[[], None]:
         return lambda: session.leave(lambda: session.files.open(path))
 
@@ -24,8 +24,8 @@ def _opening(session: EditorSession) -> list[Command]:
         return [(path.name, opening(path)) for path in session.files.recents.paths]
 
     return [
-        Command("file.open", "Open…", asking(session, "open"), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"),
-        Command(
+        Action("file.open", "Open…", asking(session, "open"), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"),
+        Action(
             "file.recent",
             "Open recent",
             asking(session, "open"),
@@ -34,28 +34,28 @@ def _opening(session: EditorSession) -> list[Command]:
             icon="ICON_FA_CLOCK_ROTATE_LEFT",
             items=recent,
         ),
-        Command(
+        Action(
             "file.sample",
             "Open the sample scene",
-            lambda: opening(sample_scene())(),
+            lambda: opening(find_sample_scene())(),
             "File",
             enabled=has_sample_scene,
             icon="ICON_FA_CITY",
         ),
-        Command(
+        Action(
             "file.insert",
             "Insert scene…",
             asking(session, "insert"),
             "File",
             ("Ctrl+Shift+I",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_FILE_IMPORT",
             undoable=True,
         ),
     ]
 
 
-def _saving(session: EditorSession) -> list[Command]:
+def _saving(session: EditorSession) -> list[Action]:
     def save() -> None:
         if session.files.project is None:
             session.dialog = "save"
@@ -63,10 +63,10 @@ def _saving(session: EditorSession) -> list[Command]:
             session.save()
 
     def can_save() -> bool:
-        return editable(session) and session.files.path is not None
+        return is_editable(session) and session.files.path is not None
 
     return [
-        Command(
+        Action(
             "file.save",
             "Save project",
             save,
@@ -77,7 +77,7 @@ def _saving(session: EditorSession) -> list[Command]:
             undoable=False,
             separator=True,
         ),
-        Command(
+        Action(
             "file.save_as",
             "Save project as…",
             asking(session, "save"),
@@ -90,34 +90,34 @@ def _saving(session: EditorSession) -> list[Command]:
     ]
 
 
-def _exporting(session: EditorSession) -> list[Command]:
+def _exporting(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "file.export",
             "Export…",
             asking(session, "export"),
             "File",
             ("Ctrl+E",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_FILE_EXPORT",
             undoable=False,
         ),
-        Command(
+        Action(
             "file.export_selection",
             "Export selection…",
             asking(session, "export_selection"),
             "File",
             ("Ctrl+Shift+E",),
-            enabled=lambda: editable(session) and session.has_selection,
+            enabled=lambda: is_editable(session) and session.has_selection,
             icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
             undoable=False,
         ),
     ]
 
 
-def _leaving(session: EditorSession) -> list[Command]:
+def _leaving(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "file.quit",
             "Quit",
             lambda: session.leave(session.quit),

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from instdrive_app.action import Action
 from instdrive_app.actions.conditions import asking
-from instdrive_app.commands import Command
 from instdrive_app.session.editor_session import EditorSession
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Help menu."""
     return [
-        Command(
+        Action(
             "help.palette", "Find a command…", asking(session, "palette"), "Help", ("Ctrl+P",), icon="ICON_FA_TERMINAL"
         ),
-        Command(
+        Action(
             "help.shortcuts",
             "Keys and mouse",
             asking(session, "shortcuts"),
@@ -21,7 +21,7 @@ def commands(session: EditorSession) -> list[Command]:
             ("F1",),
             icon="ICON_FA_KEYBOARD",
         ),
-        Command(
+        Action(
             "help.log",
             "Log file and version…",
             asking(session, "about"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import asking, is_editable
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.move_controller import MoveOptions
 
@@ -13,19 +13,19 @@ SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 """Commands that bind moves."""
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Move menu."""
     return [*_moves(session), *_bindings(session)]
 
 
-def _moves(session: EditorSession) -> list[Command]:
+def _moves(session: EditorSession) -> list[Action]:
     moving = session.moving
 
     def selected() -> bool:
         return bool(session.selected)
 
     return [
-        Command(
+        Action(
             "move.duplicate",
             "Duplicate",
             moving.duplicate,
@@ -35,7 +35,7 @@ def _moves(session: EditorSession) -> list[Command]:
             icon="ICON_FA_CLONE",
             undoable=True,
         ),
-        Command(
+        Action(
             "move.put_on_ground",
             "Put on the ground",
             moving.put_on_ground,
@@ -45,7 +45,7 @@ def _moves(session: EditorSession) -> list[Command]:
             icon="ICON_FA_ARROWS_DOWN_TO_LINE",
             undoable=True,
         ),
-        Command(
+        Action(
             "move.reset",
             "Reset the move",
             moving.reset,
@@ -54,12 +54,12 @@ def _moves(session: EditorSession) -> list[Command]:
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
-        Command(
+        Action(
             "move.turn_upright",
             "Turn upright…",
             asking(session, "turn_upright"),
             "Move",
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_ARROWS_SPIN",
             separator=True,
             undoable=True,
@@ -67,11 +67,11 @@ def _moves(session: EditorSession) -> list[Command]:
     ]
 
 
-def _bindings(session: EditorSession) -> list[Command]:
+def _bindings(session: EditorSession) -> list[Action]:
     """What moves are bound to."""
     moving = session.moving
     return [
-        Command(
+        Action(
             "move.on_ground",
             "Moves stay on the ground",
             _flip(moving.options, "on_ground"),
@@ -80,7 +80,7 @@ def _bindings(session: EditorSession) -> list[Command]:
             icon="ICON_FA_MAGNET",
             separator=True,
         ),
-        Command(
+        Action(
             "move.yaw_only",
             "Turn about the vertical only",
             _flip_yaw_only(session),
@@ -88,7 +88,7 @@ def _bindings(session: EditorSession) -> list[Command]:
             checked=lambda: moving.yaw_only,
             icon="ICON_FA_COMPASS",
         ),
-        Command(
+        Action(
             "move.along_lane",
             "Move along the lane",
             _flip(moving.options, "along_lane"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 
 PANELS = {
@@ -17,7 +17,7 @@ PANELS = {
 """Names, as on the tabs, and icons."""
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Window menu."""
 
     def showing(name: str) -> Callable[[], None]:
@@ -27,6 +27,6 @@ def commands(session: EditorSession) -> list[Command]:
         return run
 
     return [
-        Command(f"panel.{name.lower()}", name, showing(name), "Window", (f"Alt+{number}",), icon=symbol)
+        Action(f"panel.{name.lower()}", name, showing(name), "Window", (f"Alt+{number}",), icon=symbol)
         for number, (name, symbol) in enumerate(PANELS.items(), start=1)
     ]

@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.actions.conditions import editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Select menu."""
     return [*_sets(session), *_borders(session), *_kinds(session)]
 
 
-def _sets(session: EditorSession) -> list[Command]:
+def _sets(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "select.all",
             "Select all",
             lambda: _apply(session, SelectAll),
             "Select",
             ("Ctrl+A",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_OBJECT_GROUP",
             undoable=True,
         ),
-        Command(
+        Action(
             "select.none",
             "Select nothing",
             session.clear_selection,
@@ -38,22 +38,22 @@ def _sets(session: EditorSession) -> list[Command]:
             icon="ICON_FA_BAN",
             undoable=True,
         ),
-        Command(
+        Action(
             "select.invert",
             "Invert the selection",
             lambda: _apply(session, InvertSelection),
             "Select",
             ("Ctrl+I",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_CIRCLE_HALF_STROKE",
             undoable=True,
         ),
     ]
 
 
-def _borders(session: EditorSession) -> list[Command]:
+def _borders(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "select.grow",
             "Grow the selection",
             session.borders.grow,
@@ -64,7 +64,7 @@ def _borders(session: EditorSession) -> list[Command]:
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "select.shrink",
             "Shrink the selection",
             session.borders.shrink,
@@ -77,9 +77,9 @@ def _borders(session: EditorSession) -> list[Command]:
     ]
 
 
-def _kinds(session: EditorSession) -> list[Command]:
+def _kinds(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "select.class",
             "Extend to the whole class",
             lambda: _select_classes(session),
@@ -90,7 +90,7 @@ def _kinds(session: EditorSession) -> list[Command]:
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "select.codeword",
             "Extend to the whole codeword",
             lambda: session.select_codeword_of(session.selected[0]),

@@ -13,7 +13,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 import instdrive_app
-from instdrive_app.shell.display import check_display, display_name
+from instdrive_app.shell.display import check_display, find_display_name
 from instdrive_app.state import EditorState, FrameSnapshot, Intrinsics, Viewpoint, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import InstDriveError
@@ -54,7 +54,7 @@ def doctor() -> None:
     failed = [failure for failure in failures if failure]
     if failed:
         raise DoctorError("; ".join(failed))
-    print("All that the editor needs works." if display_name() else "All works; the editor needs a display, too.")
+    print("All that the editor needs works." if find_display_name() else "All works; the editor needs a display, too.")
 
 
 def _print(label: str, text: str) -> None:
@@ -81,7 +81,7 @@ def _checked(label: str, check: Callable[[], str]) -> str | None:
 
 
 def _display_state() -> str:
-    name = display_name()
+    name = find_display_name()
     if not name:
         return "none named; on a machine without a desktop use xvfb-run instdrive edit SCENE"
     check_display()

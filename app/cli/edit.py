@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from instdrive_app.files.sample import NoSceneError, sample_scene
+from instdrive_app.files.sample import NoSceneError, find_sample_scene
 from instdrive_core.errors import InstDriveError
 
 MIN_SCALE, MAX_SCALE = 0.5, 4.0
@@ -36,7 +36,7 @@ def edit(
     """
     if scale and not MIN_SCALE <= scale <= MAX_SCALE:
         raise ScaleError(f"--scale {scale:g}: must be 0 or between {MIN_SCALE:g} and {MAX_SCALE:g}")
-    path = scene if scene is not None else sample_scene()
+    path = scene if scene is not None else find_sample_scene()
     if not path.exists():
         raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
     from instdrive_app.log_file import start_logging

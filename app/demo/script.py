@@ -14,12 +14,12 @@ from numpy import ndarray
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
-from instdrive_app.demo.showpiece import best_view, ranked_things
+from instdrive_app.demo.showpiece import choose_view, rank_objects
 from instdrive_app.pointer import Click
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import ViewMode, resolve
@@ -47,7 +47,7 @@ def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tupl
     out = Path(out_dir)
     out.mkdir(parents=True, exist_ok=True)
     session = EditorSession()
-    with nullcontext() if has_display() else virtual_display(size):
+    with nullcontext() if has_display() else open_virtual_display(size):
         window = EditorWindow(session, WindowOptions(size, remember_layout=False))
         session.files.open(Path(scene_path))
         window.run(lambda running: ScriptedSession(running, out).play())
@@ -106,7 +106,7 @@ class ScriptedSession:
         document = self._session.document
         assert document is not None
         if document.scene.views:
-            index = best_view(self._renderer, self._session)
+            index = choose_view(self._renderer, self._session)
             self._session.navigation.look_through(index)
             view = document.scene.views[index]
             self._protocol["view"] = {"camera": view.name, "index": view.index, "time": view.time}
@@ -114,7 +114,7 @@ class ScriptedSession:
 
     def _targets(self, ids: UInt32[ndarray, "h w"]) -> tuple[int, int]:
         assert self._session.document is not None
-        things = ranked_things(self._session.document.scene, ids)
+        things = rank_objects(self._session.document.scene, ids)
         if len(things) < 2:
             raise ScriptError("fewer than two objects are visible from the chosen camera; train the scene for longer")
         return things[0], things[1]
@@ -123,7 +123,7 @@ class ScriptedSession:
         """Hold the pointer over the middle of what is seen of an instance."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
-        self._window.ui.script_pointer = middle_of(self._renderer.instance_ids(snapshot) == instance)
+        self._window.ui.script_pointer = find_inner_pixel(self._renderer.instance_ids(snapshot) == instance)
         yield from self._drawn()
 
     def _clicked(self, instance: int, name: str) -> Iterator[None]:
@@ -144,7 +144,7 @@ class ScriptedSession:
         """Take away the strays of what was deleted, and fill the ground that nothing ever showed."""
         aftermath = self._session.aftermath
         yield from self._idle()
-        found = aftermath.finding
+        found = aftermath.findings
         self._protocol["residue"] = found.residue_count if found else 0
         self._protocol["hole"] = round(found.report.hole_area, 2) if found else 0.0
         aftermath.absorb()
@@ -166,7 +166,7 @@ class ScriptedSession:
         self._protocol["exported"] = target.name
 
     def _run(self, command: str) -> None:
-        if not self._session.commands.run(command):
+        if not self._session.actions.run(command):
             raise ScriptError(f"the command {command} is not available")
 
     def _drawn(self) -> Iterator[None]:
@@ -203,7 +203,7 @@ class ScriptedSession:
         """A position in the viewport as column and row of the saved pictures."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
-        left, top, right, _ = self._session.state.viewpoint.film_in(snapshot.camera.width, snapshot.camera.height)
+        left, top, right, _ = self._session.state.viewpoint.fit_film(snapshot.camera.width, snapshot.camera.height)
         scale = self._picture_size[0] / (right - left)
         return [int((pointer[0] - left) * scale), int((pointer[1] - top) * scale)]
 
@@ -217,7 +217,7 @@ class ScriptedSession:
         self._pictures.append(name)
 
 
-def middle_of(mask: ndarray) -> tuple[float, float]:
+def find_inner_pixel(mask: ndarray) -> tuple[float, float]:
     """x, y of the pixel centre farthest from the mask's border. Raises ScriptError for an empty mask."""
     if not mask.any():
         raise ScriptError("the object to point at is not visible")

@@ -19,7 +19,7 @@ def has_sample_scene() -> bool:
     return _path().exists()
 
 
-def sample_scene() -> Path:
+def find_sample_scene() -> Path:
     """Where it is. Raises NoSceneError where it was left out."""
     path = _path()
     if not path.exists():

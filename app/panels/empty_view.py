@@ -38,7 +38,7 @@ class EmptyView:
         self._height = imgui.get_item_rect_size().y
 
     def _ways(self, ui: Ui, left: float, width: float, bottom: float) -> None:
-        commands, tall = ui.session.commands, scaled(34)
+        commands, tall = ui.session.actions, scaled(34)
         imgui.push_font(ui.fonts.bold, imgui.get_style().font_size_base * 1.5)
         _centered("Open a drive", left, width, TEXT)
         imgui.pop_font()

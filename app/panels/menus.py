@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.commands import Command, shortcut_title
+from instdrive_app.action import Action, format_shortcut
 from instdrive_app.panels.widgets.ui import Ui, icon_menu_item, icon_submenu
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
@@ -18,28 +18,28 @@ _NAMED = {
 
 def draw_menus(ui: Ui) -> None:
     """Fill the menu bar."""
-    for menu in ui.session.commands.menus:
+    for menu in ui.session.actions.menus:
         opened = imgui.begin_menu(menu)
         ui.mark(f"menu {menu}")
         if opened:
-            for command in ui.session.commands.in_menu(menu):
+            for command in ui.session.actions.in_menu(menu):
                 if command.separator:
                     imgui.separator()
                 _menu_item(ui, command)
             imgui.end_menu()
 
 
-def _menu_item(ui: Ui, command: Command) -> None:
-    shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
+def _menu_item(ui: Ui, command: Action) -> None:
+    shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
     checked = command.checked() if command.checked else False
     if command.items is not None:
         _submenu(ui, command)
     elif icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
-        ui.session.commands.run(command.id)
+        ui.session.actions.run(command.id)
     ui.mark(f"menu {command.id}")
 
 
-def _submenu(ui: Ui, command: Command) -> None:
+def _submenu(ui: Ui, command: Action) -> None:
     assert command.items is not None
     opened = icon_submenu(command.icon, command.title, command.enabled())
     ui.mark(f"menu {command.id}")
@@ -60,10 +60,10 @@ def run_shortcuts(ui: Ui) -> None:
     io, dragged = imgui.get_io(), ui.tool.outline or ui.session.moving.drag is not None
     if io.want_text_input or dragged or ui.popup_open or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
-    for command in ui.session.commands:
+    for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
         if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in shortcuts):
-            ui.session.commands.run(command.id)
+            ui.session.actions.run(command.id)
 
 
 def _close_by_escape() -> None:
@@ -83,6 +83,6 @@ def key_chord(shortcut: str) -> int:
     return chord
 
 
-def full_title(command: Command) -> str:
+def full_title(command: Action) -> str:
     """The title, and where what the command does cannot be undone, that it cannot."""
     return f"{command.title}  (not undoable)" if command.undoable is False else command.title

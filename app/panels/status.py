@@ -8,7 +8,7 @@ from imgui_bundle import ImVec4, imgui
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, rgba
 from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_text, icon, scaled
-from instdrive_app.session.files import changes_of
+from instdrive_app.session.document_files import list_changes
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
@@ -55,5 +55,5 @@ def _doing(ui: Ui) -> tuple[str, ImVec4]:
     if document is None:
         return "Ready", rgba(DIM)
     name = session.files.path.name if session.files.path else "scene"
-    edits = format_count(len(changes_of(document)), "edit")
+    edits = format_count(len(list_changes(document)), "edit")
     return f"{name}   ·   {edits}{', unsaved' if session.is_unsaved else ''}", rgba(DIM)

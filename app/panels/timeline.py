@@ -19,12 +19,12 @@ class TimelinePanel:
             imgui.text_disabled("The scene has no cameras and no moving objects." if document else "No scene is open.")
             return
         for name in ("time.previous", "time.play", "time.next"):
-            command_button(ui, session.commands[name], scaled_size(30, 0))
+            command_button(ui, session.actions[name], scaled_size(30, 0))
             imgui.same_line()
         if timeline.camera_names:
             self._cameras(ui)
             imgui.same_line()
-        step, last = timeline.step_of(session.state.time), max(len(timeline.steps) - 1, 1)
+        step, last = timeline.find_step(session.state.time), max(len(timeline.steps) - 1, 1)
         label = f"{session.state.time:.2f} s   {step + 1} / {len(timeline.steps)}"
         imgui.set_next_item_width(-imgui.calc_text_size(label).x - scaled(12))
         changed, chosen = imgui.slider_int("##time", step, 0, last, "", imgui.SliderFlags_.no_input)
@@ -40,7 +40,7 @@ class TimelinePanel:
         """What the cameras saw, over the splats or beside them."""
         session, state = ui.session, ui.session.state
         for name in ("view.photo", "view.masks", "view.beside"):
-            command_button(ui, session.commands[name], scaled_size(30, 0))
+            command_button(ui, session.actions[name], scaled_size(30, 0))
             imgui.same_line()
         if state.dataset_view is None:
             dim_text("Choose a camera to compare the splats with its photos")

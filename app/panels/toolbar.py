@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import Command, shortcut_title
+from instdrive_app.action import Action, format_shortcut
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
 
@@ -26,7 +26,7 @@ class Toolbar:
         """One frame."""
         side = round(imgui.get_font_size() * BUTTON)
         left, top = place.x + scaled(MARGIN), place.y + scaled(2 * MARGIN) + imgui.get_frame_height()
-        commands = {name: ui.session.commands[f"tool.{name}"] for name in ui.tools}
+        commands = {name: ui.session.actions[f"tool.{name}"] for name in ui.tools}
         tops = _tops(commands.values(), side)
         _plate(left, top, side, tops[-1] + side)
         for (name, command), offset in zip(commands.items(), tops, strict=True):
@@ -35,7 +35,7 @@ class Toolbar:
                 _options(ui, left + side + scaled(2 * PADDING + MARGIN / 2), top + offset, side)
 
 
-def _tops(commands: Iterable[Command], side: float) -> list[float]:
+def _tops(commands: Iterable[Action], side: float) -> list[float]:
     """How far each tool is below the first; a gap parts the groups."""
     tops, top = [], 0.0
     for command in commands:
@@ -49,7 +49,7 @@ def _options(ui: Ui, left: float, top: float, side: float) -> None:
     step, names = side + scaled(GAP), ui.tool.options
     _plate(left, top, len(names) * step - scaled(GAP), side)
     for number, name in enumerate(names):
-        _tool_button(ui, ui.session.commands[name], ImVec2(left + number * step, top), side)
+        _tool_button(ui, ui.session.actions[name], ImVec2(left + number * step, top), side)
 
 
 def _plate(left: float, top: float, width: float, height: float) -> None:
@@ -59,7 +59,7 @@ def _plate(left: float, top: float, width: float, height: float) -> None:
     imgui.get_window_draw_list().add_rect_filled(low, high, packed(BACKGROUND, 0.78), scaled(6))
 
 
-def _tool_button(ui: Ui, command: Command, corner: ImVec2, side: float) -> None:
+def _tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> None:
     """An icon, filled with the accent's colour where the command is on; `corner` is the plate's."""
     imgui.set_cursor_screen_pos(ImVec2(corner.x + scaled(PADDING), corner.y + scaled(PADDING)))
     on = command.checked is not None and command.checked()
@@ -69,10 +69,10 @@ def _tool_button(ui: Ui, command: Command, corner: ImVec2, side: float) -> None:
     imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
     if imgui.button(f"{icon(command.icon)}##{command.id}", ImVec2(side, side)):
-        ui.session.commands.run(command.id)
+        ui.session.actions.run(command.id)
     imgui.pop_style_var()
     imgui.pop_style_color(3 if on else 2)
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        keys = f"  ({shortcut_title(command.shortcuts[0])})" if command.shortcuts else ""
+        keys = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
         imgui.set_tooltip(f"{command.title}{keys}")

@@ -132,12 +132,12 @@ class ViewportPanel:
         if first:
             depth = ui.view.depth_at(*start)
             if depth:
-                viewpoint = camera.with_pivot(viewpoint, depth)
+                viewpoint = camera.set_pivot_distance(viewpoint, depth)
         dx, dy = io.mouse_delta.x, io.mouse_delta.y
         if not dx and not dy:
             return viewpoint
         if button == 2 or (button == 0 and io.key_shift):
-            return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fitted(place.width, place.height).fx)
+            return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
         turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
         return turn(viewpoint, -dx * TURN_PER_PIXEL / scaled(1), -dy * TURN_PER_PIXEL / scaled(1))
 

@@ -25,7 +25,7 @@ minutes."""
 
 
 @dataclass
-class Finding:
+class DeletionFindings:
     """A report and what was done about it."""
 
     document: Document
@@ -36,7 +36,7 @@ class Finding:
     nodes: UInt16[ndarray, " r"]
     absorption: Edit | None
     """The edit that takes the residue away, done or not; None where there is none."""
-    filling: Edit | None = None
+    is_filling: Edit | None = None
     """The edit that filled the hole, once it was done."""
 
     @property
@@ -47,7 +47,7 @@ class Finding:
     @property
     def hole(self) -> Hole | None:
         """The hole, while it is open."""
-        return None if self._is_done(self.filling) or not self.report.hole_area else self.report.hole
+        return None if self._is_done(self.is_filling) or not self.report.hole_area else self.report.hole
 
     @property
     def is_current(self) -> bool:
@@ -58,23 +58,23 @@ class Finding:
         return edit is not None and any(each is edit for each in self.document.history.done)
 
 
-class Aftermath:
+class DeletionReview:
     """Follows deletions. Undoing what was cleaned up brings the report back, undoing the deletion takes it away."""
 
     def __init__(self, context: SessionContext) -> None:
         self._state, self._document, self._apply = context.state, context.document, context.apply
         self._jobs, self._messages = context.jobs, context.messages
-        self._finding: Finding | None = None
+        self._finding: DeletionFindings | None = None
         self._filling = False
 
     @property
-    def finding(self) -> Finding | None:
+    def findings(self) -> DeletionFindings | None:
         """What is to be shown; None where nothing is left of the last deletion."""
         found, document = self._finding, self._document()
         return found if found is not None and found.document is document and found.is_current else None
 
     @property
-    def filling(self) -> bool:
+    def is_filling(self) -> bool:
         """Whether a fill is being worked out."""
         return self._filling
 
@@ -94,14 +94,14 @@ class Aftermath:
 
     def absorb(self) -> None:
         """Delete the residue, too."""
-        found = self.finding
+        found = self.findings
         if found is not None and found.residue_count and self._apply(lambda: found.absorption):
             self._messages.info(f"{len(found.report.residue):,} splats of residue deleted")
 
     def fill(self) -> None:
         """Fill the hole with ground from around, worked out beside the window."""
-        found, document = self.finding, self._document()
-        edit = found.report.filling() if found is not None and found.hole is not None else None
+        found, document = self.findings, self._document()
+        edit = found.report.is_filling() if found is not None and found.hole is not None else None
         if self._filling or found is None or edit is None or document is None:
             return
         frozen = freeze_document(document)
@@ -110,7 +110,7 @@ class Aftermath:
         def done(_: object) -> None:
             self._filling = False
             if self._document() is document and self._apply(lambda: edit):
-                found.filling = edit
+                found.is_filling = edit
                 self._messages.info(f"Filled a hole of {found.report.hole_area:.1f} m² with synthetic ground")
 
         def failed(error: BaseException) -> bool:
@@ -131,16 +131,16 @@ class Aftermath:
             return
         deletion, frozen = document.history.done[-1], freeze_document(document)
 
-        def look() -> Finding:
+        def look() -> DeletionFindings:
             report = work(frozen)
             progress.report(0.9)
             absorption = report.absorption()
             if isinstance(absorption, AbsorbFloaters):
                 absorption.prepare(frozen)
             places = frozen.means_of(report.residue).astype(np.float64)
-            return Finding(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
+            return DeletionFindings(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
 
-        def done(found: Finding) -> None:
+        def done(found: DeletionFindings) -> None:
             if self._document() is document and found.is_current:
                 self._finding = found
                 self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")

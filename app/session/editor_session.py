@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from instdrive_app.commands import Commands
+from instdrive_app.action import ActionRegistry
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages, user_message
-from instdrive_app.session.deletion_review import Aftermath
 from instdrive_app.session.autosave import Autosave
-from instdrive_app.session.selection_border import Borders
 from instdrive_app.session.context import SessionContext
+from instdrive_app.session.deletion_review import DeletionReview
+from instdrive_app.session.document_files import DocumentFiles
+from instdrive_app.session.export_controller import ExportController
 from instdrive_app.session.export_kinds import ExportChoice
-from instdrive_app.session.exporting import Exporting
-from instdrive_app.session.files import Files
-from instdrive_app.session.insert_controller import Inserting
-from instdrive_app.session.history_controller import Jumping
-from instdrive_app.session.labels import Labels
-from instdrive_app.session.move_controller import Moving
+from instdrive_app.session.history_controller import HistoryController
+from instdrive_app.session.insert_controller import InsertController
+from instdrive_app.session.label_controller import LabelController
+from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.navigation import Navigation
-from instdrive_app.session.opening import Opened
+from instdrive_app.session.opening import OpenedDocument
 from instdrive_app.session.reference_pictures import ReferencePictures
-from instdrive_app.session.solo import Solo
-from instdrive_app.session.turn_controller import Turning
-from instdrive_app.session.view_memory import remembered, restore
+from instdrive_app.session.selection_border import SelectionBorder
+from instdrive_app.session.solo_controller import SoloController
+from instdrive_app.session.turn_controller import TurnController
+from instdrive_app.session.view_memory import restore_view, view_as_json
 from instdrive_app.state import EditorState
 from instdrive_core.edits.bases.adjustments import AdjustKind
 from instdrive_core.edits.document.document import Document
@@ -54,22 +54,22 @@ class EditorSession:
         self.state = EditorState()
         self.messages = Messages()
         self.jobs = Jobs(self.messages.error, lambda: self.wake(), self.messages.info)
-        self.commands = Commands()
+        self.actions = ActionRegistry()
         self.document: Document | None = None
-        self.jumping = Jumping()
+        self.jumping = HistoryController()
         context = SessionContext(self.state, lambda: self.document, self.apply, self.jobs, self.messages)
         self.navigation = Navigation(context)
         self.autosave = Autosave(self.messages.error)
-        self.files = Files(self.jobs, self.messages, self.autosave, self.enter)
-        self.exporting = Exporting(context, self.files)
+        self.files = DocumentFiles(self.jobs, self.messages, self.autosave, self.enter)
+        self.exporting = ExportController(context, self.files)
         self.references = ReferencePictures(self.messages.error, lambda: self.wake())
-        self.labels = Labels(context)
-        self.borders = Borders(context)
-        self.solo = Solo(context)
-        self.moving = Moving(context)
-        self.aftermath = Aftermath(context)
-        self.turning = Turning(context, self.navigation, turned=self.aftermath.clear)
-        self.inserting = Inserting(context, self.moving)
+        self.labels = LabelController(context)
+        self.borders = SelectionBorder(context)
+        self.solo = SoloController(context)
+        self.moving = MoveController(context)
+        self.aftermath = DeletionReview(context)
+        self.turning = TurnController(context, self.navigation, turned=self.aftermath.clear)
+        self.inserting = InsertController(context, self.moving)
         self.dialog: str | None = None
         """Name of the dialog to open in the next frame."""
         self.asked_about: tuple[int, ...] = ()
@@ -91,12 +91,12 @@ class EditorSession:
         self._moved: tuple[int, int] | None = None
         """What had moved in the frame before."""
 
-    def enter(self, opened: Opened) -> None:
+    def enter(self, opened: OpenedDocument) -> None:
         """Show what was opened from a file, as it was looked at when it was saved."""
         self.show(opened.document, opened.path, saved=opened.restored is None)
         self.autosave.follow(opened.document, opened.path, opened.restored)
         if opened.view is not None:
-            restore(opened.view, self.state, self.navigation, len(opened.document.scene.views))
+            restore_view(opened.view, self.state, self.navigation, len(opened.document.scene.views))
         for note in opened.notes:
             self.messages.info(note)
         self.findings = opened.findings
@@ -153,7 +153,7 @@ class EditorSession:
         """Save the project, to its file where no path is given; then do what was waiting."""
         path = path or self.files.project
         if self.document is not None and path is not None:
-            self.files.save(self.document, path, remembered(self.state), then)
+            self.files.save(self.document, path, view_as_json(self.state), then)
 
     def export(self, path: Path) -> None:
         """Write the whole edited scene: a file holds the shown moment, a folder keeps the tracks."""

@@ -102,13 +102,13 @@ class ExportKind:
         return self.scene_folder or not self.endings
 
 
-def exported_instances(document: Document) -> tuple[int, ...]:
+def choose_instances(document: Document) -> tuple[int, ...]:
     """The selected instances, or all that are left."""
     counts = document.counts()
     return document.selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
 
 
-def exported_actors(document: Document) -> tuple[int, ...]:
+def choose_actors(document: Document) -> tuple[int, ...]:
     """Nodes of the actors with anything selected, or of all that are left."""
     return find_selected_actors(document) or find_remaining_actors(document)
 
@@ -131,7 +131,7 @@ def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
 
 
 def _instances(request: ExportRequest) -> str:
-    choice, ids = request.choice, exported_instances(request.document)
+    choice, ids = request.choice, choose_instances(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
     skipped = (
@@ -141,7 +141,7 @@ def _instances(request: ExportRequest) -> str:
 
 
 def _actors(request: ExportRequest) -> str:
-    choice, nodes = request.choice, exported_actors(request.document)
+    choice, nodes = request.choice, choose_actors(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_actors(request.document, request.path, nodes, choice.suffix, sibr=sibr)
     return f"{_parts(written, 'actor', request.path)}; their poses are in .poses.json"
@@ -218,7 +218,7 @@ def _selected_splats(document: Document) -> str:
 
 
 def _all_instances(document: Document) -> str:
-    count = len(exported_instances(document))
+    count = len(choose_instances(document))
     selected = "selected " if document.selected_instances() else ""
     return format_count(count, f"{selected}instance") if count else ""
 
@@ -230,7 +230,7 @@ def _every_instance(document: Document) -> str:
 
 
 def _all_actors(document: Document) -> str:
-    count = len(exported_actors(document))
+    count = len(choose_actors(document))
     selected = "selected " if find_selected_actors(document) else ""
     return format_count(count, f"{selected}actor") if count else ""
 

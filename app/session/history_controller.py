@@ -12,7 +12,7 @@ FEWEST_STEPS = 3
 """Done in one frame however long they take: most jumps are over at once."""
 
 
-class Jumping:
+class HistoryController:
     """One jump at a time; between two frames the document is in the state after some whole edit."""
 
     def __init__(self) -> None:

@@ -72,7 +72,7 @@ class Drag:
     """Whether the user was told what hinders it."""
 
 
-class Moving:
+class MoveController:
     """All methods are about the selected instances at the shown moment."""
 
     def __init__(self, context: SessionContext) -> None:
@@ -104,7 +104,7 @@ class Moving:
 
     def box(self) -> Box:
         """The box of the selection, which is not empty."""
-        return self._boxes.box_of(self._opened, self.ids, self._state.time)
+        return self._boxes.find_box(self._opened, self.ids, self._state.time)
 
     def center(self) -> Float64[ndarray, "3"]:
         """The centre of the box: unlike that of the bounds it stays where it is as things turn about it."""
@@ -142,7 +142,7 @@ class Moving:
                 self.ids,
                 _vector(np.subtract(wanted.position, before.position)),
                 (math.cos(half), 0.0, 0.0, math.sin(half)),
-                limited_scale(wanted.scale / before.scale),
+                clamp_scale(wanted.scale / before.scale),
                 before.position,
                 self._state.time,
                 on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
@@ -211,7 +211,7 @@ class Moving:
                 drag.ids,
                 _vector(shift),
                 tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
-                limited_scale(scale),
+                clamp_scale(scale),
                 _vector(drag.center),
                 drag.time,
                 yaw_only=self.yaw_only,
@@ -246,6 +246,6 @@ def _vector(values: Float[ndarray, "3"]) -> Vector:
     return x, y, z
 
 
-def limited_scale(scale: float) -> float:
+def clamp_scale(scale: float) -> float:
     """The nearest scale that a move may have."""
     return float(np.clip(scale, *SCALE_LIMITS))

@@ -39,7 +39,7 @@ class Navigation:
         if scene.views:
             self.look_through(0)
         else:
-            self.look_from(camera.overview(self.world_means(())))
+            self.look_from(camera.frame_scene(self.compute_world_means(())))
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Leave the dataset camera and look from elsewhere."""
@@ -50,7 +50,7 @@ class Navigation:
         document = self._document()
         assert document is not None
         view = document.scene.views[index]
-        self._state.viewpoint = camera.through(view, self._state.viewpoint.pivot_distance)
+        self._state.viewpoint = camera.view_from_camera(view, self._state.viewpoint.pivot_distance)
         self._state.dataset_view, self._state.time = index, view.time
 
     def set_time(self, time: float) -> None:
@@ -59,24 +59,24 @@ class Navigation:
         current, document = self._state.dataset_view, self._document()
         if current is not None and document is not None:
             name = document.scene.views[current].name
-            self.look_through(self.timeline.nearest_view(name, time))
+            self.look_through(self.timeline.find_nearest_view(name, time))
 
     def step(self, count: int) -> None:
         """Go `count` time steps onwards, around the ends."""
         if self.timeline.steps:
-            self.set_time(self.timeline.stepped(self._state.time, count))
+            self.set_time(self.timeline.step_time(self._state.time, count))
 
     def choose_camera(self, name: str) -> None:
         """Look through the dataset camera of this name at the present moment."""
-        self.look_through(self.timeline.nearest_view(name, self._state.time))
+        self.look_through(self.timeline.find_nearest_view(name, self._state.time))
 
     def frame(self, ids: tuple[int, ...]) -> None:
         """Bring instances, or everything, into view."""
         if self._document() is None:
             return
-        means = self.world_means(ids)
+        means = self.compute_world_means(ids)
         if len(means):
-            self.look_from(camera.framed_points(self._state.viewpoint, means))
+            self.look_from(camera.frame_points(self._state.viewpoint, means))
 
     def go_along(self, matrix: Similarity) -> None:
         """The whole scene was turned and scaled by [s R | t]: look at the same thing, but with the picture upright.
@@ -86,19 +86,19 @@ class Navigation:
         if self._state.dataset_view is not None:
             self.look_through(self._state.dataset_view)
             return
-        self._state.viewpoint = camera.carried(self._state.viewpoint, matrix)
+        self._state.viewpoint = camera.transform_viewpoint(self._state.viewpoint, matrix)
         if not LOWEST <= self._state.viewpoint.forward[2] <= HIGHEST:
-            self.look_from(camera.overview(self.world_means(())))
+            self.look_from(camera.frame_scene(self.compute_world_means(())))
 
     def look_down(self, ids: tuple[int, ...]) -> None:
         """See instances, or everything, from straight above."""
         if self._document() is None:
             return
-        means = self.world_means(ids)
+        means = self.compute_world_means(ids)
         if len(means):
-            self.look_from(camera.birds_eye(self._state.viewpoint, means))
+            self.look_from(camera.look_straight_down(self._state.viewpoint, means))
 
-    def world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
+    def compute_world_means(self, ids: tuple[int, ...]) -> Float[ndarray, "n 3"]:
         """World positions of instances at the shown moment, deleted splats left out; of all for no IDs.
 
         Of many splats it is every k-th: a place to look from needs no more, and a million take longer than a frame.

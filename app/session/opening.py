@@ -16,7 +16,7 @@ from instdrive_core.scene.lint import Defect, find_defects
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedDocument:
     """A document, ready to be shown."""
 
     document: Document
@@ -31,7 +31,7 @@ class Opened:
     """Where the document was recovered from a dead editor."""
 
 
-def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Opened:
+def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int = 1) -> OpenedDocument:
     """Open a scene file, a run folder or a project, and look for odd splats.
 
     `accept_changed` opens a project also where its scene is no longer the one that was edited, `keep_every` = k every
@@ -52,14 +52,14 @@ def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Ope
     document.counts()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
     findings = tuple(finding for finding in find_defects(document.scene) if len(finding.rows))
-    return Opened(document, path, view, notes, findings)
+    return OpenedDocument(document, path, view, notes, findings)
 
 
-def recovered(session: RecoverableSession, accept_changed: bool = False) -> Opened:
-    """Open a scene and do the edits again that a dead editor has left; `accept_changed` as for `opened`.
+def recover_for_editing(session: RecoverableSession, accept_changed: bool = False) -> OpenedDocument:
+    """Open a scene and do the edits again that a dead editor has left; `accept_changed` as for `open_for_editing`.
 
     Raises DataError, SceneChangedError where the scene has changed.
     """
     found = restore_session(session, accept_changed)
     found.document.counts()
-    return Opened(found.document, found.path, notes=found.notes, restored=found)
+    return OpenedDocument(found.document, found.path, notes=found.notes, restored=found)

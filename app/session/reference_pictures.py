@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.state import Reference
-from instdrive_core.datasets.photos import load_photo, photo_size
+from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError, InstDriveError
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.label_map_folder import SIDECAR, FrameMasks, open_masks
@@ -93,7 +93,7 @@ class ReferencePictures:
     def _request(self, key: _Key, view: CameraView, kind: Reference) -> None:
         for old in [old for old, future in self._pictures.items() if not future.running() and not future.done()]:
             self._pictures.pop(old).cancel()  # the user has moved on
-        future = self._pool.submit(reference_picture, view, kind)
+        future = self._pool.submit(load_reference_picture, view, kind)
         future.add_done_callback(lambda _: self._wake())
         self._pictures[key] = future
         while len(self._pictures) > KEPT:
@@ -109,7 +109,7 @@ def _is_held_back(view: CameraView, kind: Reference) -> bool:
     return kind is Reference.MASKS and view.held_out
 
 
-def reference_picture(view: CameraView, kind: Reference) -> Picture:
+def load_reference_picture(view: CameraView, kind: Reference) -> Picture:
     """RGBA of a view's photo, opaque, or of its masks, clear where there is none.
 
     Raises DataError where the scene does not know the photo, or the file is missing or damaged.
@@ -118,16 +118,16 @@ def reference_picture(view: CameraView, kind: Reference) -> Picture:
         raise DataError(f"{view.name}/{view.index:02d}", "the scene does not say where this photo is", _REMEDY)
     photo = Path(view.photo)
     if kind is Reference.MASKS:
-        return mask_colors(open_masks(masks_of(photo)).load(f"{view.name}/{view.index:02d}"))
+        return color_masks(open_masks(find_masks(photo)).load(f"{view.name}/{view.index:02d}"))
     if not photo.is_file():
         raise DataError(photo, "the photo is no longer there", _REMEDY)
-    full = photo_size(photo)
+    full = read_photo_size(photo)
     factor = min(1.0, MAX_WIDTH / full[0])
     rgb = load_photo(photo, full, (max(1, round(full[0] * factor)), max(1, round(full[1] * factor))))
     return np.concatenate([rgb, np.full((*rgb.shape[:2], 1), 255, np.uint8)], axis=2)
 
 
-def masks_of(photo: Path) -> Path:
+def find_masks(photo: Path) -> Path:
     """The mask folder of the clip that a photo belongs to. Raises DataError where no folder above has one; also where
     that is because the clip is gone."""
     for folder in list(photo.parents)[:MASK_LEVELS]:
@@ -138,7 +138,7 @@ def masks_of(photo: Path) -> Path:
     raise DataError(photo, "its clip has no folder masks/", "Write masks with `instdrive masks`")
 
 
-def mask_colors(masks: FrameMasks) -> Picture:
+def color_masks(masks: FrameMasks) -> Picture:
     """A colour per mask of one photo, darker at its border; the sky in light blue; clear where nothing is known."""
     labels = masks.labels.astype(np.uint32)
     picture = np.zeros((*labels.shape, 4), np.uint8)

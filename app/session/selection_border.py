@@ -16,7 +16,7 @@ _TITLES: dict[type[BorderEdit], str] = {
 }
 
 
-class Borders:
+class SelectionBorder:
     """Changes of the selection along its border; those asked for while one is under way follow it, in order."""
 
     def __init__(self, context: SessionContext) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_app.session.versioned_cache import Kept
+from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.bases.deferred_bounds import DeferredBounds
 from instdrive_core.edits.document.document import Document, InstanceCounts
 from instdrive_core.edits.queries.placement import find_solid
@@ -76,10 +76,10 @@ class SelectionBoxes:
         self._counts: InstanceCounts | None = None
         self._trained = Box(np.zeros(3), np.eye(3), np.zeros(3))
         self._home: Similarity = np.eye(3, 4)
-        self._group: Kept[Box] = Kept()
-        self._still: Kept[Float64[ndarray, "e 3"]] = Kept()
+        self._group: VersionedCache[Box] = VersionedCache()
+        self._still: VersionedCache[Float64[ndarray, "e 3"]] = VersionedCache()
 
-    def box_of(self, document: Document, ids: Sequence[int], time: float) -> Box:
+    def find_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """The box of at least one instance at `time` (seconds).
 
         A moving actor has its track's box; a parked thing the smallest upright box of its splats as they were trained,

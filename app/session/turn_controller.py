@@ -23,7 +23,7 @@ VIEW_SNAP = 10.0
 """Degrees from an axis below which the view's up means the axis: the view can hardly be tilted nearer than that."""
 
 
-class Turning:
+class TurnController:
     """All methods are about the whole open scene."""
 
     def __init__(self, context: SessionContext, navigation: Navigation, turned: Callable[[], None]) -> None:

@@ -11,7 +11,7 @@ from instdrive_core.edits.document.document import Document
 Value = TypeVar("Value")
 
 
-class Kept(Generic[Value]):
+class VersionedCache(Generic[Value]):
     """The last value asked for, with the document and the key that it was worked out from."""
 
     def __init__(self) -> None:

@@ -14,7 +14,7 @@ from instdrive_app.state import EditorState, Intrinsics, ViewMode, Viewpoint
 _LENS = ("fx", "fy", "cx", "cy", "width", "height")
 
 
-def remembered(state: EditorState) -> dict[str, Any]:
+def view_as_json(state: EditorState) -> dict[str, Any]:
     """Camera, moment and view mode as JSON values."""
     viewpoint = state.viewpoint
     return {
@@ -27,8 +27,8 @@ def remembered(state: EditorState) -> dict[str, Any]:
     }
 
 
-def restore(view: Mapping[str, Any], state: EditorState, navigation: Navigation, views: int) -> bool:
-    """Look as `remembered` says, in a scene of `views` dataset cameras.
+def restore_view(view: Mapping[str, Any], state: EditorState, navigation: Navigation, views: int) -> bool:
+    """Look as `view_as_json` says, in a scene of `views` dataset cameras.
 
     Returns whether it did: what another version or hand has written may not fit, and then nothing is changed.
     """

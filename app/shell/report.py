@@ -22,7 +22,7 @@ class Reporter:
 
     def write(self, ui: Ui) -> None:
         """Called at the end of every frame."""
-        line = json.dumps(window_state(ui))
+        line = json.dumps(describe_window(ui))
         if line != self._last:
             self._file.write(line + "\n")
             self._file.flush()
@@ -34,7 +34,7 @@ class Reporter:
         self._file.close()
 
 
-def window_state(ui: Ui) -> dict[str, Any]:
+def describe_window(ui: Ui) -> dict[str, Any]:
     """Everything reported: state, selection, history, camera, messages, and where widgets are (window pixels)."""
     session, document = ui.session, ui.session.document
     state: dict[str, Any] = {

@@ -13,7 +13,7 @@ from imgui_bundle import ImVec2, glfw_utils, hello_imgui, imgui
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from instdrive_app.actions import register_commands
+from instdrive_app.actions import register_actions
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
 from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
 from instdrive_app.panels.status import StatusBar
@@ -27,7 +27,7 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.display import DisplayError, has_display
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
-from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, runner_parameters
+from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
 from instdrive_app.tools.registry import created_tools
 
 
@@ -45,7 +45,7 @@ class EditorWindow:
         self._wants_screenshot = False
         self._dialogs, self._panels = created_dialogs(), created_panels()
         self._status, self._title = StatusBar(), ""
-        register_commands(session)
+        register_actions(session)
 
     @property
     def ui(self) -> Ui:
@@ -102,7 +102,7 @@ class EditorWindow:
 
     def _parameters(self) -> hello_imgui.RunnerParams:
         windows = [self._dockable(docked) for docked in self._panels]
-        parameters = runner_parameters(self._options, windows)
+        parameters = build_runner_parameters(self._options, windows)
         calls = parameters.callbacks
         calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
         calls.load_additional_fonts = self._guarded(self._create_ui)
@@ -180,7 +180,7 @@ class EditorWindow:
 
     def _show_title(self) -> None:
         """What is open, and a dot where it is unsaved, for the desktop's list of windows."""
-        title = title_of(self._session)
+        title = format_title(self._session)
         if title != self._title:
             import glfw  # see above
 
@@ -236,7 +236,7 @@ class EditorWindow:
 _FINISHED = object()
 
 
-def title_of(session: EditorSession) -> str:
+def format_title(session: EditorSession) -> str:
     """``street.instdrive • InstDrive``: the dot stands for unsaved changes."""
     path = session.files.path
     if session.document is None or path is None:

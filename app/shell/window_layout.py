@@ -30,7 +30,7 @@ class WindowOptions:
     """How large text and widgets are drawn; 0 = as the monitor says."""
 
 
-def runner_parameters(
+def build_runner_parameters(
     options: WindowOptions, windows: Sequence[hello_imgui.DockableWindow]
 ) -> hello_imgui.RunnerParams:
     """All that is fixed before the window opens; its callbacks are still to be set."""

@@ -124,6 +124,6 @@ class ClipOptions:
     """Last time step to use, inclusive; default: the clip's last."""
 
 
-def center_of(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
+def choose_origin(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
     """A clip origin: the mean position, rounded to whole metres so that it prints well."""
     return np.round(points.mean(axis=0))

@@ -45,7 +45,7 @@ class Distortion:
         )
 
 
-def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
+def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
     """The photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
     rows, columns = _sources(camera, lens)
     channels = [
@@ -55,7 +55,7 @@ def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Distortion
     return np.clip(np.round(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
 
 
-def covered_by_photo(camera: Camera, lens: Distortion) -> Bool[ndarray, "h w"]:
+def find_covered_pixels(camera: Camera, lens: Distortion) -> Bool[ndarray, "h w"]:
     """Pixels of the undistorted photo that the photo on disk shows."""
     rows, columns = _sources(camera, lens)
     inside = (rows >= -0.5) & (rows <= camera.height - 0.5) & (columns >= -0.5) & (columns <= camera.width - 0.5)

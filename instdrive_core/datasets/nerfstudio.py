@@ -16,9 +16,9 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.distortion import Distortion
-from instdrive_core.datasets.photos import photo_size
+from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
-from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, checked_camera, clip_of_photos, inner_path
+from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, build_camera, build_photo_clip, resolve_inner_path
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.scene.camera import Camera
@@ -49,13 +49,13 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
         problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
         raise DataError(listing, problem, _REMEDY)
     photos = [_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
-    return clip_of_photos(root, listing, photos, _points(root, content), options)
+    return build_photo_clip(root, listing, photos, _points(root, content), options)
 
 
 def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto:
     listing = root / LISTING
     name = require_field(listing, frame, "file_path", where)
-    file = inner_path(listing, root, name)
+    file = resolve_inner_path(listing, root, name)
     file = next((other for suffix in _SUFFIXES if (other := file.with_name(file.name + suffix)).is_file()), file)
     camera, lens = _camera(listing, content | frame, file, where)
     pose = _pose(listing, require_field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
@@ -81,7 +81,7 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
     if {"w", "h"} <= known.keys():
         width, height = value("w"), value("h")
     else:
-        width, height = photo_size(file) if file.is_file() else (1, 1)
+        width, height = read_photo_size(file) if file.is_file() else (1, 1)
     if width != int(width) or height != int(height):
         raise DataError(listing, f"{where}w, h are {width}, {height}, expected whole numbers", _REMEDY)
 
@@ -93,7 +93,7 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
     fx = focal_length("x", width, None)
     intrinsics = (fx, focal_length("y", height, fx), value("cx", width / 2), value("cy", height / 2))
     lens = Distortion(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
-    return checked_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), lens
+    return build_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), lens
 
 
 def _focal_length(listing: Path, name: str, angle: float, pixels: float) -> float:
@@ -123,7 +123,7 @@ def _points(root: Path, content: dict[str, Any]) -> ListedPoints:
     name = content.get("ply_file_path")
     if name is None:
         return ListedPoints.none()
-    file = inner_path(root / LISTING, root, name)
+    file = resolve_inner_path(root / LISTING, root, name)
     if not file.is_file():
         problem = f"the field 'ply_file_path' names {name!r}, which is missing"
         raise DataError(root / LISTING, problem, "Put the file there, or remove the field to start from random points")

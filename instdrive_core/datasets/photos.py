@@ -14,7 +14,7 @@ from instdrive_core.files.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.files.plain_file import BoundedReader
 
 
-def photo_size(photo: Path) -> tuple[int, int]:
+def read_photo_size(photo: Path) -> tuple[int, int]:
     """Width and height, from the header alone. Raises DataError where it is no photo."""
     try:
         with BoundedReader(photo) as file, Image.open(file) as image:

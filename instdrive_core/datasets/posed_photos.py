@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, center_of, is_held_out
-from instdrive_core.datasets.distortion import Distortion, covered_by_photo, undistorted
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, choose_origin, is_held_out
+from instdrive_core.datasets.distortion import Distortion, find_covered_pixels, undistort
 from instdrive_core.datasets.photos import load_photo
-from instdrive_core.datasets.upright import upright_world
+from instdrive_core.datasets.upright import find_upright_world
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
 from instdrive_core.files.image_limit import MAX_PIXELS
 from instdrive_core.scene.camera import Camera, CameraView
@@ -59,7 +59,7 @@ class ListedPoints:
         return ListedPoints(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
 
 
-def inner_path(listing: Path, folder: Path, name: Any) -> Path:
+def resolve_inner_path(listing: Path, folder: Path, name: Any) -> Path:
     """The file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of it."""
     if not isinstance(name, str) or not name:
         raise DataError(listing, f"{name!r} stands where a file's name should", "Export the data set again")
@@ -74,7 +74,7 @@ def inner_path(listing: Path, folder: Path, name: Any) -> Path:
     return folder / parts
 
 
-def clip_of_photos(
+def build_photo_clip(
     root: Path, listing: Path, photos: list[PosedPhoto], points: ListedPoints, options: ClipOptions
 ) -> Clip:
     """A static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
@@ -98,9 +98,9 @@ def clip_of_photos(
     chosen = [entry for entry in present if _in_range(entry[0], options)]
     if not chosen:
         raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
-    world = upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
+    world = find_upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
     poses = world.poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
-    origin = center_of(poses[:, :3, 3])
+    origin = choose_origin(poses[:, :3, 3])
     poses[:, :3, 3] -= origin
     chosen = [
         (step, replace(photo, camera=replace(photo.camera, world_from_camera=pose)))
@@ -116,19 +116,19 @@ def clip_of_photos(
         sweeps=(),
         tracks=(),
         class_names={},
-        camera_names=tuple(dict.fromkeys(camera_name(photo) for _, photo in chosen)),
+        camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
         points=SparsePoints((world.points(points.points) - origin).astype(np.float32), points.colors),
-        notes=(*world.notes, start_note(len(points.points))),
+        notes=(*world.notes, describe_start(len(points.points))),
     )
 
 
-def camera_name(photo: PosedPhoto) -> str:
+def get_camera_name(photo: PosedPhoto) -> str:
     """The folder of a photo below ``images``, or ``camera`` where there is none."""
     folders = [part for part in PurePosixPath(photo.name).parts[:-1] if part != "images"]
     return "_".join(folders) or "camera"
 
 
-def checked_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size: tuple[int, int]) -> Camera:
+def build_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size: tuple[int, int]) -> Camera:
     """A camera without pose from fx, fy, cx, cy. Raises DataError where no photo can have been taken with it."""
     fx, fy, cx, cy = intrinsics
     width, height = size
@@ -152,7 +152,7 @@ def _ordered(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int
     """Photos of the asked cameras with their time steps: their places in their own camera's order."""
     by_camera: dict[str, list[PosedPhoto]] = {}
     for photo in sorted(photos, key=lambda photo: photo.name):
-        by_camera.setdefault(camera_name(photo), []).append(photo)
+        by_camera.setdefault(get_camera_name(photo), []).append(photo)
     names = _chosen_cameras(root, tuple(by_camera), asked)
     steps = [(step, rank, photo) for rank, name in enumerate(names) for step, photo in enumerate(by_camera[name])]
     return [(step, photo) for step, _, photo in sorted(steps, key=lambda entry: entry[:2])]
@@ -192,7 +192,7 @@ def _coverage() -> Coverage:
 
     @lru_cache(maxsize=64)
     def of(fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Distortion) -> ndarray:
-        return covered_by_photo(Camera(fx, fy, cx, cy, width, height, np.eye(4)), lens)
+        return find_covered_pixels(Camera(fx, fy, cx, cy, width, height, np.eye(4)), lens)
 
     def coverage(camera: Camera, lens: Distortion) -> ndarray | None:
         if lens.is_pinhole:
@@ -205,17 +205,17 @@ def _coverage() -> Coverage:
 def _frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
     full = photo.camera
     camera = full.scaled(scale)
-    view = CameraView(camera, camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
+    view = CameraView(camera, get_camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
     load = partial(_load, photo.file, (full.width, full.height), camera, photo.lens)
     return Frame(view, load, coverage(camera, photo.lens))
 
 
 def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
     image = load_photo(file, full_size, (camera.width, camera.height))
-    return image if lens.is_pinhole else undistorted(image, camera, lens)
+    return image if lens.is_pinhole else undistort(image, camera, lens)
 
 
-def start_note(count: int) -> str:
+def describe_start(count: int) -> str:
     """What training of a clip without LiDAR starts from, in words."""
     if count:
         return f"no LiDAR: starting from {count:,} sparse points"

@@ -112,7 +112,7 @@ class _Boxes:
         return find_box_of_points(points, self.poses, dimensions, margin, BOX_BOTTOM)
 
 
-def sweep_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoints | None:
+def load_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoints | None:
     """Points as they lie at a time step; see `SweepCache.at`, which is better for several steps.
 
     Args:

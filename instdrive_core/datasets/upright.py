@@ -23,7 +23,7 @@ _MOST_LOOKED_AT = 20_000
 
 
 @dataclass(frozen=True)
-class Upright:
+class UprightWorld:
     """From a file's world to the clip's: turn, then scale."""
 
     rotation: Float64[ndarray, "3 3"]
@@ -43,7 +43,7 @@ class Upright:
         return points.astype(np.float64) @ self.rotation.T * self.scale
 
 
-def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[ndarray, "m 3"]) -> Upright:
+def find_upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[ndarray, "m 3"]) -> UprightWorld:
     """Up is the mean of the cameras' up vectors; the unit is the file's, unless no street could have it.
 
     Args:
@@ -59,7 +59,7 @@ def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[nd
         rotation = compute_upright_rotation(up)
         turned = "up is estimated from the cameras"
     scale, unit = _unit(world_from_camera[:, :3, 3], points)
-    return Upright(rotation, scale, (turned, f"the scale is unknown: {unit}"))
+    return UprightWorld(rotation, scale, (turned, f"the scale is unknown: {unit}"))
 
 
 def _unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:

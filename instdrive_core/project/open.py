@@ -108,8 +108,8 @@ def check_whole(path: Path, keep_every: int) -> None:
     """Raises OptionError where a part of a project is asked for."""
     if keep_every != 1:
         raise OptionError(
-            f"{path} cannot be opened in part, as its edits name splats; open every {format_ordinal(keep_every)} splat of the "
-            "scene itself and save that as another project"
+            f"{path} cannot be opened in part, as its edits name splats; open every "
+            f"{format_ordinal(keep_every)} splat of the scene itself and save that as another project"
         )
 
 

@@ -1,8 +1,8 @@
 """Long lists of whole numbers in an edit's JSON (the rows that a lasso caught) are kept apart, as arrays.
 
-An edit is JSON first and last: `pack_lists` puts ``{"$array": NAME}`` where `Edit.to_json` has a long list, `unpack_lists` puts
-the same list back, so that no edit knows of it. Rows are never made a list on the way out: half a million of them would
-hold up every other thread.
+An edit is JSON first and last: `pack_lists` puts ``{"$array": NAME}`` where `Edit.to_json` has a long list, and
+`unpack_lists` puts the list back, so that no edit knows of it. Rows are never made a list on the way out: half a
+million of them would hold up every other thread.
 """
 
 from __future__ import annotations

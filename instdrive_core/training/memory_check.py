@@ -7,7 +7,7 @@ from pathlib import Path
 
 from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.datasets.photos import photo_size
+from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.errors import OptionError, format_gigabytes
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
@@ -45,7 +45,7 @@ def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, in
 
 def _smaller(frames: tuple[Frame, ...], available: float) -> str:
     """The largest scale, in hundredths of the photos on disk, that fits."""
-    now = frames[0].view.camera.width / photo_size(Path(frames[0].view.photo))[0]
+    now = frames[0].view.camera.width / read_photo_size(Path(frames[0].view.photo))[0]
     for hundredths in range(math.floor(100 * now), 0, -1):
         if training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
             return f"--scale {hundredths / 100:g} would fit"

@@ -12,7 +12,7 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_app import main as dispatcher
-from instdrive_app.main import COMMANDS, Command, main
+from instdrive_app.main import COMMANDS, CliCommand, main
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.registry import save_scene
 
@@ -91,7 +91,7 @@ def fake(monkeypatch):
         module = types.ModuleType("fake_command")
         module.fake = function
         monkeypatch.setitem(sys.modules, "fake_command", module)
-        monkeypatch.setitem(dispatcher.COMMANDS, "fake", Command("fake_command:fake", "Fail."))
+        monkeypatch.setitem(dispatcher.COMMANDS, "fake", CliCommand("fake_command:fake", "Fail."))
 
     return install
 

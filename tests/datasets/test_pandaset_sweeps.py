@@ -8,7 +8,7 @@ from small_clip import moving_position, offset, sweep_at, write_small_clip
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
-from instdrive_core.datasets.sweeps import SweepCache, sweep_points_at
+from instdrive_core.datasets.sweeps import SweepCache, load_points_at
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def clip(tmp_path_factory):
 
 
 def world_points(clip, index, held_out=False):
-    return sweep_points_at(clip, index, held_out).points + clip.origin
+    return load_points_at(clip, index, held_out).points + clip.origin
 
 
 def test_a_step_with_a_sweep_has_just_its_own(clip):
@@ -35,7 +35,7 @@ def test_other_steps_have_their_neighbours_points_where_objects_are_by_then(clip
 
 
 def test_the_second_lidars_points_on_moving_objects_are_left_out(clip):
-    found = sweep_points_at(clip, 3, held_out=True)
+    found = load_points_at(clip, 3, held_out=True)
     assert not found.sensor.any()
     assert len(found.points) == len(found.classes) == len(found.intensity)
 
@@ -62,7 +62,7 @@ def test_all_cameras_of_a_step_share_its_points(clip):
 
 def test_a_clip_without_sweeps_has_no_points(clip):
     bare = replace(clip, sweeps=())
-    assert sweep_points_at(bare, 3) is None
+    assert load_points_at(bare, 3) is None
     assert SweepCache(bare).points_at(3).shape == (0, 3)
 
 

@@ -6,7 +6,7 @@ from importlib.metadata import version
 
 from imgui_bundle import imgui
 
-from instdrive_app.log_file import log_path
+from instdrive_app.log_file import get_log_path
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
 from instdrive_app.panels.widgets.ui import Ui, dim_text, icon, scaled, scaled_size
 
@@ -31,7 +31,7 @@ class AboutDialog:
         centered(scaled_size(480, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        path = log_path()
+        path = get_log_path()
         for title, fact in (
             ("Version", version("instdrive")),
             ("Pictures by", ui.view.backend),

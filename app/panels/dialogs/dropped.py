@@ -7,7 +7,7 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from instdrive_app.files.file_names import enumerated
+from instdrive_app.files.file_names import join_names
 from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sorted_out
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_app.panels.dialogs.questions import Answers, question
@@ -73,7 +73,7 @@ def _asking(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
         return text, {"Cancel": lambda: None, "Insert": insert, "Open": open_first}
     beside = ", side by side" if len(found.scenes) > 1 else ""
     text = (
-        f"{enumerated(found.scenes)} can be inserted into this scene{beside}. "
+        f"{join_names(found.scenes)} can be inserted into this scene{beside}. "
         f"Only one can be opened instead of it: {first.name}."
     )
     return text, {"Cancel": lambda: None, "Open the first": open_first, "Insert": insert}
@@ -83,10 +83,10 @@ def _open_first(session: EditorSession, found: DroppedFiles) -> None:
     first, *others = found.openable
     PURPOSES["open"].act(session, first)
     if others:
-        session.messages.info(f"One scene is open at a time: {first.name}. Left out: {enumerated(others)}")
+        session.messages.info(f"One scene is open at a time: {first.name}. Left out: {join_names(others)}")
 
 
 def _insert(session: EditorSession, found: DroppedFiles) -> None:
     session.inserting.insert(*found.scenes)
     if found.projects:
-        session.messages.info(f"Projects can be opened, not inserted. Left out: {enumerated(found.projects)}")
+        session.messages.info(f"Projects can be opened, not inserted. Left out: {join_names(found.projects)}")

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from instdrive_app.files.file_names import name_problem
+from instdrive_app.files.file_names import find_name_problem
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_core.wording import format_count
 
@@ -56,8 +56,8 @@ def sorted_out(paths: Iterable[Path]) -> DroppedFiles:
 
 def _problem(path: Path) -> str:
     """Why a path cannot be opened; empty where it can."""
-    if name_problem(path):
-        return name_problem(path)
+    if find_name_problem(path):
+        return find_name_problem(path)
     if not PURPOSES["open"].problem(path):
         return ""
     if os.path.isdir(path):

@@ -36,7 +36,7 @@ class ExportOptions:
     def begin(self, session: EditorSession, name: str) -> str:
         """The dialog opens under one of `names`; returns the path to propose."""
         session.exporting.begin(BEGINNINGS[name])
-        return str(session.exporting.proposed())
+        return str(session.exporting.propose_path())
 
     def purpose(self, session: EditorSession) -> FilePurpose:
         """What paths the present choice takes."""
@@ -52,7 +52,7 @@ class ExportOptions:
         what = _combo(ui, "what", kinds, exporting.choice.what)
         if what != exporting.choice.what:
             exporting.choice = replace(exporting.choice, what=what)
-            path = str(exporting.proposed_beside(path))
+            path = str(exporting.propose_path_in(path))
         imgui.same_line()
         dim_text(exporting.amounts.get(exporting.choice.what, ""))
         _label("As")

@@ -11,8 +11,8 @@ from pathlib import Path
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import portable_file_dialogs as desktop
 
-from instdrive_app.files.file_names import working_folder
-from instdrive_app.files.folder_listing import Entry, listing
+from instdrive_app.files.file_names import find_working_folder
+from instdrive_app.files.folder_listing import FolderEntry, list_folder
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
 from instdrive_app.panels.dialogs.frame import centered, confirmed
@@ -34,11 +34,11 @@ class FileBrowser:
         self._export = ExportOptions()
         self._options: ExportOptions | None = None
         self._purpose = PURPOSES["open"]
-        self._folder = working_folder()
+        self._folder = find_working_folder()
         self._text = ""
         self._shown = False
         self._pending: desktop.open_file | desktop.save_file | None = None
-        self._listed: tuple[tuple[Path, tuple[str, ...]], float, list[Entry]] | None = None
+        self._listed: tuple[tuple[Path, tuple[str, ...]], float, list[FolderEntry]] | None = None
 
     def ask(self, ui: Ui, name: str) -> None:
         """Ask for a path, in the folder of the file used last."""
@@ -52,7 +52,7 @@ class FileBrowser:
         purpose = self._purpose = PURPOSES[name]
         files = ui.session.files
         current = files.project or files.path
-        folder = current.resolve().parent if current else working_folder()
+        folder = current.resolve().parent if current else find_working_folder()
         stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
         self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
         self._listed = None
@@ -122,7 +122,7 @@ class FileBrowser:
             purpose.act(ui.session, path)
 
     def _places(self, ui: Ui) -> None:
-        places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": working_folder()}
+        places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": find_working_folder()}
         for symbol, place in places.items():
             if imgui.selectable(f"{icon(symbol)}   {place.name or place}##{symbol}", False, _STAY)[0]:
                 self._go(place)
@@ -155,7 +155,7 @@ class FileBrowser:
             self._entry(ui, entry, entry.path == path)
         imgui.end_table()
 
-    def _entry(self, ui: Ui, entry: Entry, chosen: bool) -> None:
+    def _entry(self, ui: Ui, entry: FolderEntry, chosen: bool) -> None:
         imgui.table_next_row()
         imgui.table_set_column_index(0)
         symbol = icon("ICON_FA_CUBES" if entry.is_scene else "ICON_FA_FOLDER")
@@ -173,10 +173,10 @@ class FileBrowser:
             imgui.table_set_column_index(column)
             imgui.text_colored(rgba(DIM), text)
 
-    def _listing(self, folder: Path) -> list[Entry]:
+    def _listing(self, folder: Path) -> list[FolderEntry]:
         now, key = time.monotonic(), (folder, self._purpose.suffixes)
         if self._listed is None or self._listed[0] != key or now - self._listed[1] > RELIST_SECONDS:
-            self._listed = (key, now, listing(folder, self._purpose.suffixes, holds_scene))
+            self._listed = (key, now, list_folder(folder, self._purpose.suffixes, holds_scene))
         return self._listed[2]
 
     def _go(self, folder: Path) -> None:

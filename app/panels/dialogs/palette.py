@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import Command, shortcut_title
-from instdrive_app.matching import best_matches
+from instdrive_app.action import Action, format_shortcut
+from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import full_title
 from instdrive_app.panels.widgets.theme import DIM, TEXT, packed
 from instdrive_app.panels.widgets.ui import Ui, dim_text, icon, scaled
@@ -38,14 +38,16 @@ class CommandPalette:
         if not imgui.begin_popup(TITLE, imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move):
             return
         run = self._search(ui)
-        found = best_matches(self._typed, (c for c in ui.session.commands if c.menu), lambda c: f"{c.menu} {c.title}")
+        found = find_best_matches(
+            self._typed, (c for c in ui.session.actions if c.menu), lambda c: f"{c.menu} {c.title}"
+        )
         self._walk(len(found))
         clicked = self._list(ui, found)
         if clicked is None and run and found:
             clicked = found[self._chosen]
         if clicked is not None and clicked.enabled():
             imgui.close_current_popup()
-            ui.session.commands.run(clicked.id)
+            ui.session.actions.run(clicked.id)
         imgui.end_popup()
 
     def _search(self, ui: Ui) -> bool:
@@ -67,7 +69,7 @@ class CommandPalette:
         self._chosen = (self._chosen + step) % count if count else 0
         self._walked = step != 0
 
-    def _list(self, ui: Ui, found: list[Command]) -> Command | None:
+    def _list(self, ui: Ui, found: list[Action]) -> Action | None:
         clicked, line = None, imgui.get_text_line_height_with_spacing()
         if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
             if not found:
@@ -80,7 +82,7 @@ class CommandPalette:
         imgui.end_child()
         return clicked
 
-    def _row(self, ui: Ui, command: Command, chosen: bool) -> bool:
+    def _row(self, ui: Ui, command: Action, chosen: bool) -> bool:
         at, em, width = imgui.get_cursor_screen_pos(), imgui.get_font_size(), imgui.get_content_region_avail().x
         flags = imgui.SelectableFlags_.no_auto_close_popups
         if not command.enabled():
@@ -91,7 +93,7 @@ class CommandPalette:
         glyph = icon(command.icon)
         draw.add_text(ImVec2(at.x + (1.4 * em - imgui.calc_text_size(glyph).x) / 2, at.y), color, glyph)
         draw.add_text(ImVec2(at.x + 2 * em, at.y), color, full_title(command))
-        keys = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
+        keys = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
         draw.add_text(ImVec2(at.x + width - imgui.calc_text_size(keys).x - scaled(4), at.y), packed(DIM), keys)
         menu = imgui.calc_text_size(command.menu).x
         draw.add_text(ImVec2(at.x + width - 8 * em - menu, at.y), packed(DIM, 0.75), command.menu)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import shortcut_title
+from instdrive_app.action import format_shortcut
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
 from instdrive_app.panels.menus import full_title
 from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
@@ -97,11 +97,11 @@ def balanced(sections: Sequence[Section], columns: int) -> list[list[Section]]:
 
 
 def _sections(ui: Ui) -> list[Section]:
-    commands = ui.session.commands
+    commands = ui.session.actions
     found = []
     for menu in commands.menus:
         rows = [
-            (", ".join(map(shortcut_title, command.shortcuts)), full_title(command))
+            (", ".join(map(format_shortcut, command.shortcuts)), full_title(command))
             for command in commands.in_menu(menu)
             if command.shortcuts
         ]

@@ -10,7 +10,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.widgets.gestures import Gesture
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Ui, dim_text, icon, scaled
-from instdrive_app.session.versioned_cache import Kept
+from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.absolute_adjustment import AdjustmentSummary, summarize_adjustments
@@ -54,7 +54,7 @@ class AdjustSection:
 
     def __init__(self) -> None:
         self._gestures = {kind: Gesture(kind) for kind in SLIDERS}
-        self._look: Kept[AdjustmentSummary] = Kept()
+        self._look: VersionedCache[AdjustmentSummary] = VersionedCache()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 from instdrive_app.panels.inspector.rows import fact, widget_label
 from instdrive_app.panels.widgets.codeword import bit_squares
 from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
-from instdrive_app.session.versioned_cache import Kept
+from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import Instance
 
@@ -22,7 +22,7 @@ class FactsSection:
 
     def __init__(self) -> None:
         self._class = TextField("class")
-        self._known: Kept[tuple[set[str], int, int]] = Kept()
+        self._known: VersionedCache[tuple[set[str], int, int]] = VersionedCache()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""

@@ -111,7 +111,7 @@ def _buttons(ui: Ui) -> None:
     for number, name in enumerate(BUTTONS):
         if number:
             imgui.same_line(0, scaled(4))
-        command_button(ui, ui.session.commands[name], scaled_size(34, 0))
+        command_button(ui, ui.session.actions[name], scaled_size(34, 0))
     imgui.spacing()
 
 

@@ -91,7 +91,7 @@ class PlacementSection:
 
 
 def _draw_commands(ui: Ui) -> None:
-    commands = ui.session.commands
+    commands = ui.session.actions
     widget_label("Bound to")
     for name in SWITCHES:
         command_button(ui, commands[name], scaled_size(34, 0))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import shortcut_title
+from instdrive_app.action import format_shortcut
 from instdrive_app.panels.inspector.recolor import preset_row
 from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon_menu_item, icon_submenu, scaled, swatch
 from instdrive_app.session.editor_session import EditorSession
@@ -118,8 +118,8 @@ def _repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
 
 def _item(ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True) -> None:
     """An item that does what a command does, to the menu's instances; icon and shortcut are the command's."""
-    command = ui.session.commands[command_id]
-    shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
+    command = ui.session.actions[command_id]
+    shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
     if icon_menu_item(command.icon, title, shortcut, enabled=enabled):
         action()
     ui.mark(f"menu.{name}")

@@ -9,11 +9,11 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
 from instdrive_app.panels.overlays.hole_pattern import HolePattern, hole_pattern, projected
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, packed, rgba
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
-from instdrive_app.session.deletion_review import Finding
+from instdrive_app.session.deletion_review import DeletionFindings
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
@@ -35,7 +35,7 @@ class _Line:
 
     text: str
     button: str
-    command: Command
+    command: Action
 
 
 class DeletionOverlay:
@@ -46,7 +46,7 @@ class DeletionOverlay:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
-        found, document, snapshot = ui.session.aftermath.finding, ui.session.document, ui.view.snapshot
+        found, document, snapshot = ui.session.aftermath.findings, ui.session.document, ui.view.snapshot
         if found is None or document is None or snapshot is None:
             return
         draw = imgui.get_window_draw_list()
@@ -79,7 +79,7 @@ def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> Non
             draw.add_line(start, end, packed(ACCENT, alpha), scaled(width))
 
 
-def _in_world(found: Finding, scene: Scene, time: float) -> Float64[ndarray, "r 3"]:
+def _in_world(found: DeletionFindings, scene: Scene, time: float) -> Float64[ndarray, "r 3"]:
     """Places of the residue, some of it where there is much."""
     step = -(-len(found.residue) // MAX_DOTS)
     places, nodes = found.residue[::step], found.nodes[::step]
@@ -97,7 +97,7 @@ def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle
         draw.add_circle_filled(at, scaled(DOT), packed(ERROR), 12)
 
 
-def _draw_box(ui: Ui, found: Finding, place: Rectangle) -> None:
+def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
     lines = _lines(ui, found)
     title = f"Deleted {found.report.name}"
     row, padding = imgui.get_frame_height() + scaled(LINE_GAP), scaled(PADDING)
@@ -120,18 +120,18 @@ def _draw_box(ui: Ui, found: Finding, place: Rectangle) -> None:
         imgui.set_cursor_screen_pos(ImVec2(high.x - padding - buttons, top))
         imgui.begin_disabled(not line.command.enabled())
         if imgui.button(f"{line.button}##{line.command.id}", ImVec2(buttons, 0)):
-            ui.session.commands.run(line.command.id)
+            ui.session.actions.run(line.command.id)
         imgui.end_disabled()
         ui.mark(line.command.id)
 
 
-def _lines(ui: Ui, found: Finding) -> list[_Line]:
-    commands, lines = ui.session.commands, []
+def _lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
+    commands, lines = ui.session.actions, []
     if found.residue_count:
         text = f"{format_count(found.residue_count, 'splat')} of residue"
         lines.append(_Line(text, f"{icon('ICON_FA_BROOM')}  Absorb floaters", commands["aftermath.absorb"]))
     if found.hole is not None:
-        words = "Filling…" if ui.session.aftermath.filling else "Fill hole"
+        words = "Filling…" if ui.session.aftermath.is_filling else "Fill hole"
         text = f"Hole of {found.hole.area:.1f} m²"
         if found.hole.shadow_area:
             text += f" and a shadow of {found.hole.shadow_area:.1f} m²"
@@ -152,12 +152,12 @@ def _text(left: float, top: float, text: str, color: tuple[float, float, float])
 
 
 def _close_button(ui: Ui, right: float, top: float) -> None:
-    command, side = ui.session.commands["aftermath.clear"], imgui.get_frame_height()
+    command, side = ui.session.actions["aftermath.clear"], imgui.get_frame_height()
     imgui.set_cursor_screen_pos(ImVec2(right - side, top))
     imgui.push_style_color(imgui.Col_.button, rgba(BACKGROUND, 0.0))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
     if imgui.button(f"{icon(command.icon)}##{command.id}", ImVec2(side, side)):
-        ui.session.commands.run(command.id)
+        ui.session.actions.run(command.id)
     imgui.pop_style_var()
     imgui.pop_style_color()
     ui.mark(command.id)

@@ -11,7 +11,7 @@ from instdrive_app.panels.overlays.world_pen import WorldPen
 from instdrive_app.panels.widgets.theme import ACCENT, TEXT, packed
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
 from instdrive_app.pointer import Operation
-from instdrive_app.session.move_controller import Moving
+from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.selection_box import BOX_EDGES, Box, upright
 from instdrive_core.scene.camera import Camera
 
@@ -113,7 +113,7 @@ class Gizmo:
         self.holds_mouse = held or (guizmo.is_over() and not any(imgui.is_mouse_down(button) for button in range(3)))
 
 
-def gizmo_axes(moving: Moving, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
+def gizmo_axes(moving: MoveController, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
     """Columns x, y, z: those of the box without its tilt; y along the lane where things move along it."""
     lane = moving.lane() if operation == "move" and moving.options.along_lane else None
     return box.upright_axes if lane is None else upright(lane)
@@ -153,7 +153,7 @@ def _packed(matrix: Float64[ndarray, "4 4"]) -> guizmo.Matrix16:
     return guizmo.Matrix16(matrix.T.reshape(-1).tolist())
 
 
-def _set_up(moving: Moving, place: Rectangle, operation: Operation) -> None:
+def _set_up(moving: MoveController, place: Rectangle, operation: Operation) -> None:
     options, moves = moving.options, operation == "move"
     guizmo.begin_frame()
     guizmo.set_drawlist(imgui.get_window_draw_list())
@@ -167,7 +167,7 @@ def _set_up(moving: Moving, place: Rectangle, operation: Operation) -> None:
     guizmo.set_axis_mask(False, False, moves and options.on_ground and not options.along_lane)
 
 
-def _handles(moving: Moving, operation: Operation) -> guizmo.OPERATION:
+def _handles(moving: MoveController, operation: Operation) -> guizmo.OPERATION:
     kinds = guizmo.OPERATION
     if operation == "rotate":
         return kinds.rotate_z if moving.yaw_only else kinds.rotate

@@ -70,7 +70,7 @@ def _texture(ui: Ui) -> int | None:
 
 
 def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
-    left, top, right, bottom = ui.session.state.viewpoint.film_in(place.width, place.height)
+    left, top, right, bottom = ui.session.state.viewpoint.fit_film(place.width, place.height)
     low, high = ImVec2(place.x + left, place.y + top), ImVec2(place.x + right, place.y + bottom)
     draw = imgui.get_window_draw_list()
     draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, packed
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
-from instdrive_app.pointer import Point, selection_mode
+from instdrive_app.pointer import Point, choose_selection_mode
 
 DASH = 5.0
 """Pixels of a dash, and of the gap after it."""
@@ -52,7 +52,7 @@ def dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray, "d 4"]:
 
 def _mode_word() -> None:
     io = imgui.get_io()
-    word = MODE_WORDS[selection_mode(io.key_shift, io.key_ctrl)]
+    word = MODE_WORDS[choose_selection_mode(io.key_shift, io.key_ctrl)]
     if not word:
         return
     size, draw = imgui.calc_text_size(word), imgui.get_foreground_draw_list()

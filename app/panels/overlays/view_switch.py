@@ -21,7 +21,7 @@ class ViewSwitch:
         imgui.set_cursor_screen_pos(ImVec2(place.x + scaled(10), place.y + scaled(10)))
         imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(2, 0))
         for mode in ViewMode:
-            command = ui.session.commands[f"view.{mode.name.lower()}"]
+            command = ui.session.actions[f"view.{mode.name.lower()}"]
             on = ui.session.state.view_mode is mode
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
             imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))

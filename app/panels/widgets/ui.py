@@ -9,7 +9,7 @@ from math import isfinite
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
-from instdrive_app.commands import Command, shortcut_title
+from instdrive_app.action import Action, format_shortcut
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, packed, rgba
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
@@ -115,18 +115,18 @@ def dim_text(text: str) -> None:
     imgui.text_colored(rgba(DIM), text)
 
 
-def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None:
+def command_button(ui: Ui, command: Action, size: ImVec2 | None = None) -> None:
     """An icon button that runs a command, with title and shortcut as its tooltip."""
     on = command.checked is not None and command.checked()
     imgui.begin_disabled(not command.enabled())
     imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else TEXT))
     if imgui.button(f"{icon(command.icon)}##{command.id}", size or ImVec2(0, 0)):
-        ui.session.commands.run(command.id)
+        ui.session.actions.run(command.id)
     imgui.pop_style_color()
     imgui.end_disabled()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
-        shortcut = f"  ({shortcut_title(command.shortcuts[0])})" if command.shortcuts else ""
+        shortcut = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
         imgui.set_tooltip(f"{command.title}{shortcut}")
 
 

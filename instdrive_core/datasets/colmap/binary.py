@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, camera_of, world_from_camera
+from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, build_colmap_camera, invert_colmap_pose
 from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
@@ -33,7 +33,7 @@ def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
             raise DataError(file, f"camera {camera_id}: COLMAP knows no camera model {model}", REMEDY)
         name, parameters = MODELS[model]
         values = reader.take(struct.Struct(f"<{parameters}d"))
-        cameras[camera_id] = camera_of(file, camera_id, name, (width, height), values)
+        cameras[camera_id] = build_colmap_camera(file, camera_id, name, (width, height), values)
     reader.check_end()
     return cameras
 
@@ -46,7 +46,7 @@ def read_images(file: Path) -> tuple[ColmapImage, ...]:
         name = reader.name()
         reader.skip(reader.count(f"observations of image {image_id}", _OBSERVATION_BYTES) * _OBSERVATION_BYTES)
         where = f"image {image_id} ({name})"
-        images.append(ColmapImage(name, camera_id, world_from_camera(file, where, pose[:4], pose[4:])))
+        images.append(ColmapImage(name, camera_id, invert_colmap_pose(file, where, pose[:4], pose[4:])))
     reader.check_end()
     return tuple(images)
 

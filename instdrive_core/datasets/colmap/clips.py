@@ -9,7 +9,7 @@ from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap import binary as colmap_binary
 from instdrive_core.datasets.colmap import text as colmap_text
 from instdrive_core.datasets.colmap.model import REMEDY, ColmapModel
-from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, clip_of_photos, inner_path
+from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, build_photo_clip, resolve_inner_path
 from instdrive_core.errors import DataError
 
 _MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -30,7 +30,7 @@ def load_colmap(path: str | Path, options: ClipOptions) -> Clip:
     folder = _model_folder(root)
     if folder is None:
         raise DataError(root, "holds no COLMAP model (sparse/0/cameras.bin or .txt)", "Give the folder above 'sparse'")
-    model = read_model(folder)
+    model = read_colmap_model(folder)
     photos_folder = root / PHOTOS if (root / PHOTOS).is_dir() else root
     photos = []
     for image in model.images:
@@ -39,11 +39,11 @@ def load_colmap(path: str | Path, options: ClipOptions) -> Clip:
             raise DataError(model.listing, problem, REMEDY)
         camera, lens = model.cameras[image.camera_id]
         posed = replace(camera, world_from_camera=image.world_from_camera)
-        photos.append(PosedPhoto(image.name, inner_path(model.listing, photos_folder, image.name), posed, lens))
-    return clip_of_photos(root, model.listing, photos, model.points, options)
+        photos.append(PosedPhoto(image.name, resolve_inner_path(model.listing, photos_folder, image.name), posed, lens))
+    return build_photo_clip(root, model.listing, photos, model.points, options)
 
 
-def read_model(folder: Path) -> ColmapModel:
+def read_colmap_model(folder: Path) -> ColmapModel:
     """Read a model, binary where it is there in both forms. A model without points is one.
 
     Raises DataError where anything about it is wrong.

@@ -17,7 +17,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.distortion import Distortion
-from instdrive_core.datasets.posed_photos import ListedPoints, checked_camera
+from instdrive_core.datasets.posed_photos import ListedPoints, build_camera
 from instdrive_core.errors import DataError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
@@ -62,7 +62,7 @@ class ColmapModel:
     """The file of the photos, for messages."""
 
 
-def camera_of(
+def build_colmap_camera(
     file: Path, camera_id: int, model: str, size: tuple[int, int], values: Sequence[float]
 ) -> tuple[Camera, Distortion]:
     """Pinhole and lens of one entry. Raises DataError for models that no pinhole photo can be made of here."""
@@ -73,7 +73,7 @@ def camera_of(
     if model in _SHARED_FOCAL:
         values = (values[0], *values)
     intrinsics, rest = tuple(values[:4]), tuple(values[4:])
-    camera = checked_camera(file, where, intrinsics, size)
+    camera = build_camera(file, where, intrinsics, size)
     if not np.isfinite(rest).all():
         raise DataError(file, f"{where}: the distortion is {rest}, expected numbers", REMEDY)
     match model:
@@ -91,7 +91,7 @@ def camera_of(
     return camera, lens
 
 
-def world_from_camera(
+def invert_colmap_pose(
     file: Path, where: str, quat: Sequence[float], translation: Sequence[float]
 ) -> Float64[ndarray, "4 4"]:
     """The inverse of COLMAP's camera-from-world pose (quaternion w first). Raises DataError where it is no pose."""

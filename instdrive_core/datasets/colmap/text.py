@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from instdrive_core.datasets.colmap.model import REMEDY, ColmapImage, camera_of, world_from_camera
+from instdrive_core.datasets.colmap.model import REMEDY, ColmapImage, build_colmap_camera, invert_colmap_pose
 from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
@@ -32,7 +32,7 @@ def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
             raise _misread(file, number, line, "ID MODEL WIDTH HEIGHT PARAMETERS")
         camera_id, width, height = _whole(file, number, [words[0], *words[2:4]])
         values = _floats(file, number, words[4:])
-        cameras[camera_id] = camera_of(file, camera_id, words[1], (width, height), values)
+        cameras[camera_id] = build_colmap_camera(file, camera_id, words[1], (width, height), values)
     return cameras
 
 
@@ -47,7 +47,7 @@ def read_images(file: Path) -> tuple[ColmapImage, ...]:
         image_id, camera_id = _whole(file, number, [words[0], words[8]])
         name = words[9].strip()
         where = f"line {number}, image {image_id} ({name})"
-        images.append(ColmapImage(name, camera_id, world_from_camera(file, where, pose[:4], pose[4:])))
+        images.append(ColmapImage(name, camera_id, invert_colmap_pose(file, where, pose[:4], pose[4:])))
     return tuple(images)
 
 

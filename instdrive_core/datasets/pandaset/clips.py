@@ -23,11 +23,11 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, center_of, is_held_out
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, choose_origin, is_held_out
 from instdrive_core.datasets.pandaset.cuboids import load_tracks
 from instdrive_core.datasets.pandaset.lidar import FARTHEST, load_sweep
-from instdrive_core.datasets.photos import load_photo, photo_size
-from instdrive_core.datasets.posed_photos import start_note
+from instdrive_core.datasets.photos import load_photo, read_photo_size
+from instdrive_core.datasets.posed_photos import describe_start
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import (
     parse_whole_number,
@@ -103,7 +103,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     classes = _class_names(root)
     sweeps = [
         Sweep(index, times[index], partial(load_sweep, root, index, origin))
-        for index in sorted(files_by_index(root / "lidar"))
+        for index in sorted(list_numbered_files(root / "lidar"))
         if first <= index <= last
     ]
     # Where there is not one sweep, training starts as from any other photos.
@@ -118,11 +118,11 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
         points=points,
-        notes=() if sweeps else (start_note(0),),
+        notes=() if sweeps else (describe_start(0),),
     )
 
 
-def files_by_index(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
+def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
     """Files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
     found: dict[int, Path] = {}
     for suffix in reversed(suffixes):
@@ -173,11 +173,11 @@ def _load_camera(folder: Path) -> _CameraFiles:
     poses = read_json(poses_file)
     if not isinstance(poses, list):
         raise DataError(poses_file, "expected a list with one pose per time step", "Get the file again")
-    photos = files_by_index(folder, (".jpg", ".png"))
+    photos = list_numbered_files(folder, (".jpg", ".png"))
     if photos and max(photos) >= len(poses):
         problem = f"lists {len(poses)} poses, yet there is a photo {photos[max(photos)].name}"
         raise DataError(poses_file, problem, "Get the file again, or remove photos without a pose")
-    width, height = photo_size(photos[min(photos)]) if photos else (0, 0)
+    width, height = read_photo_size(photos[min(photos)]) if photos else (0, 0)
     fx, fy, cx, cy = (
         require_number(intrinsics_file, require_field(intrinsics_file, intrinsics, key), key)
         for key in ("fx", "fy", "cx", "cy")
@@ -220,7 +220,7 @@ def _in_range(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
 
 
 def _origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
-    return center_of(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
+    return choose_origin(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
 
 
 def _default_scale(cameras: list[_CameraFiles]) -> float:

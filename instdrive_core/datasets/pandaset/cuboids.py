@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.pandaset.lidar import FARTHEST, numbered_pickle
+from instdrive_core.datasets.pandaset.lidar import FARTHEST, find_numbered_pickle
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.files.restricted_pickle import read_pickle
@@ -54,7 +54,7 @@ def load_tracks(folder: Path, indices: range, times: list[float], origin: Float6
 
 
 def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
-    file = numbered_pickle(folder, index)
+    file = find_numbered_pickle(folder, index)
     if file is None:
         return []
     table = read_pickle(file)

@@ -20,7 +20,7 @@ FARTHEST = 1e9
 """Metres; no coordinate of a drive is larger."""
 
 
-def numbered_pickle(folder: Path, index: int) -> Path | None:
+def find_numbered_pickle(folder: Path, index: int) -> Path | None:
     """``NN.pkl.gz`` or ``NN.pkl`` of a folder; None where there is neither."""
     candidates = (folder / f"{index:02d}{suffix}" for suffix in (".pkl.gz", ".pkl"))
     return next((file for file in candidates if file.is_file()), None)
@@ -31,7 +31,7 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPo
 
     Raises DataError where a file is missing or damaged, or a value in it is not finite.
     """
-    file = numbered_pickle(root / "lidar", index)
+    file = find_numbered_pickle(root / "lidar", index)
     if file is None:
         raise DataError(root / "lidar", f"the sweep {index:02d} is missing", "Load the clip again")
     table = read_pickle(file)
@@ -72,7 +72,7 @@ def _bytes_of(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray
 
 def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | None:
     """Semantic classes row by row; None where there are none, or as many as points only by chance (a known fault)."""
-    file = numbered_pickle(root / "annotations" / "semseg", index)
+    file = find_numbered_pickle(root / "annotations" / "semseg", index)
     if file is None:
         return None
     classes = _bytes_of(file, read_pickle(file), "class")

@@ -24,7 +24,7 @@ def write_json(path: Path, content: object) -> None:
     path.write_text(json.dumps(content))
 
 
-def pose_record(pose: Pose) -> dict[str, dict[str, float]]:
+def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
     """A pose as PandaSet writes it: position and quaternion wxyz."""
     quaternion = quaternion_from_matrix(pose[:3, :3])
     return {

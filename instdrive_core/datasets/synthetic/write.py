@@ -18,7 +18,7 @@ from PIL import Image
 
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.pandaset_files import (
-    pose_record,
+    describe_pose,
     write_classes,
     write_cuboids,
     write_json,
@@ -69,18 +69,18 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
                 progress(step + 1, config.steps)
 
 
-def ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
+def compute_ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
     """street_from_ego: the recording car's frame (x right, y forward, z up)."""
     pose = street.ego.pose(time, street.height)
     pose[2, 3] += EGO_HEIGHT
     return pose
 
 
-def lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
+def compute_lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
     """street_from_lidar."""
     mount = np.eye(4)
     mount[:3, 3] = LIDAR_POSITION
-    return ego_pose(street, time) @ mount
+    return compute_ego_pose(street, time) @ mount
 
 
 def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list[float]) -> None:
@@ -89,12 +89,12 @@ def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list
     stamps = [START_TIME + time for time in times]
     for camera in CAMERAS:
         folder = out / "camera" / camera.name
-        posed = [camera.posed(world @ ego_pose(street, time), config.width, config.height) for time in times]
-        write_json(folder / "poses.json", [pose_record(view.world_from_camera) for view in posed])
+        posed = [camera.posed(world @ compute_ego_pose(street, time), config.width, config.height) for time in times]
+        write_json(folder / "poses.json", [describe_pose(view.world_from_camera) for view in posed])
         write_json(folder / "timestamps.json", stamps)
         intrinsics = {name: float(getattr(posed[0], name)) for name in ("fx", "fy", "cx", "cy")}
         write_json(folder / "intrinsics.json", intrinsics)
-    write_json(out / "lidar" / "poses.json", [pose_record(world @ lidar_pose(street, time)) for time in times])
+    write_json(out / "lidar" / "poses.json", [describe_pose(world @ compute_lidar_pose(street, time)) for time in times])
     write_json(out / "lidar" / "timestamps.json", stamps)
     write_json(out / "meta" / "timestamps.json", stamps)
     write_json(out / "meta" / "gps.json", [_gps(street, world, time) for time in times])
@@ -108,7 +108,7 @@ def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list
 
 def _gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[str, float]:
     """Position and speed over ground, the world's x to the east and y to the north."""
-    pose = world @ ego_pose(street, time)
+    pose = world @ compute_ego_pose(street, time)
     velocity = street.ego.speed * pose[:3, 1]
     return {
         "lat": _LATITUDE + float(pose[1, 3]) / _METRES_PER_DEGREE,
@@ -142,7 +142,7 @@ def _write_step(
 def _write_photo(
     out: Path, street: Street, config: StreetConfig, camera: RigCamera, step: int, time: float, renderer: StepRenderer
 ) -> None:
-    photo = renderer.photograph(camera.posed(ego_pose(street, time), config.width, config.height))
+    photo = renderer.photograph(camera.posed(compute_ego_pose(street, time), config.width, config.height))
     _save(Image.fromarray(photo.image), out / "camera" / camera.name / f"{step:02d}.jpg")
     _save(Image.fromarray(photo.labels), out / "labels" / camera.name / f"{step:02d}.png")
     sky = np.where(photo.labels == 0, 255, 0).astype(np.uint8)
@@ -162,7 +162,7 @@ def _write_lidar(
 ) -> None:
     rng = np.random.default_rng([config.seed, step])
     sweep = cast_sweep(
-        renderer.rays, renderer.geometry, street.materials, street.semantics(), lidar_pose(street, time),
+        renderer.rays, renderer.geometry, street.materials, street.semantics(), compute_lidar_pose(street, time),
         config.lidar_azimuths, rng,
     )  # fmt: skip
     write_sweep(out, step, sweep, street.world_from_street(), START_TIME + time)

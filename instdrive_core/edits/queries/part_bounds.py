@@ -11,13 +11,13 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_parts import RowParts
 
 SHARES = (0.03, 0.97)
-"""Between which quantiles of its means an instance lies; as of `instances.table.middle_bounds`."""
+"""Between which quantiles of its means an instance lies; as of `instances.table.compute_middle_bounds`."""
 _FEW = 32
 """Values beyond a rank that are cheaper kept in order than partitioned."""
 
 
 def compute_part_bounds(document: Document, parts: RowParts) -> Float32[ndarray, "p 2 3"]:
-    """`middle_bounds` of the present means of each part, which has at least one row; metres, in the rows' nodes."""
+    """`compute_middle_bounds` of the present means of each part, which has at least one row; metres, in the rows' nodes."""
     palette, last = document.transforms, parts.sizes - 1
     # As "nearest" of np.quantile: halves go to the even one.
     ranks = np.stack([np.rint(last * share) for share in SHARES], axis=1).astype(np.int64)

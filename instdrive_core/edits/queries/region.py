@@ -30,7 +30,7 @@ def find_rows_in_region(
         document: what is shown.
         camera: its size is the region's.
         time: seconds.
-        region: see `scene.screen_region.polygon_mask`.
+        region: see `scene.screen_region.rasterize_polygon`.
         winners: row + 1 of the splat that each pixel stands for, 0 = none; where given, only splats that any pixel
             stands for are found: those that are visible.
     """

@@ -25,7 +25,7 @@ def find_selected_rows(document: Document) -> Int[ndarray, " k"]:
 
 
 def bake_part(document: Document, rows: Int[ndarray, " k"], time: float | None = None) -> Scene:
-    """Some splats (rising) as a scene: edited as by `bake.bake_document`, with no sky and the tracks of these splats only.
+    """Some splats (rising) as a scene: edited as by `bake_document`, with no sky and only the tracks of these splats.
 
     With a `time` (seconds) actors stand where they are then, and are left out where they are not there.
     """

@@ -1,6 +1,6 @@
 """What the sky adds behind the Gaussians: (1 - alpha) · sky(direction) per pixel, and the way back.
 
-The lookup is that of `scene.sky.cube_tap`, a row of pixels at a time, so that it vectorises; a test holds the two
+The lookup is that of `scene.sky.find_cube_tap`, a row of pixels at a time, so that it vectorises; a test holds the two
 together.
 """
 

@@ -110,7 +110,7 @@ def sh_colors(
 
 
 def rest_basis(directions: Float[Tensor, "v 3"], count: int) -> Float[Tensor, "v {count}"]:
-    """The first `count` (3, 8 or 15) values of `maths.spherical_harmonics.rest_basis`, for unit directions."""
+    """The first `count` (3, 8 or 15) values of `maths.spherical_harmonics.evaluate_rest_basis`, for unit directions."""
     x, y, z = directions.unbind(1)
     xx, yy, zz = x * x, y * y, z * z
     values = [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
@@ -138,7 +138,7 @@ def rest_basis(directions: Float[Tensor, "v 3"], count: int) -> Float[Tensor, "v
 def over_sky(
     image: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], faces: Float[Tensor, "6 r r 3"], camera: Camera
 ) -> Float[Tensor, "h w 3"]:
-    """See `Backend.over_sky`; texels are read bilinearly as by `scene.sky.cube_taps`."""
+    """See `Backend.over_sky`; texels are read bilinearly as by `scene.sky.find_cube_taps`."""
     through = 1 - alpha
     through = torch.where(through < _SHOWS, 0, through)
     texels, weights = _cube_taps(_ray_directions(camera, image.device), faces.shape[1])

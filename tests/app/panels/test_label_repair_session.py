@@ -31,7 +31,7 @@ def test_merge_takes_the_largest_or_the_one_named(session, street):
     count = {i: street.scene.table[i].count for i in (30, FIRST_CAR)}
     session.select((30, FIRST_CAR))
     before = picture(street)
-    assert session.commands.run("labels.merge")
+    assert session.actions.run("labels.merge")
     assert 30 not in street.scene.table
     assert street.scene.table[FIRST_CAR].count == count[30] + count[FIRST_CAR]
     assert session.selected == (FIRST_CAR,)
@@ -41,7 +41,7 @@ def test_merge_takes_the_largest_or_the_one_named(session, street):
     session.labels.merge((30, FIRST_CAR), 30)
     assert FIRST_CAR not in street.scene.table
     session.select((30,))
-    assert not session.commands.run("labels.merge"), "one alone cannot be merged"
+    assert not session.actions.run("labels.merge"), "one alone cannot be merged"
 
 
 def test_things_that_move_differently_are_not_merged(session, street):
@@ -74,16 +74,16 @@ def test_reassign_selected_splats_to_another_a_new_one_or_none(session, street):
     session.labels.reassign(FIRST_CAR + 1)
     assert (street.scene.instance_ids[rows] == FIRST_CAR + 1).all()
     undone_and_redone(street, before)
-    assert session.commands.run("labels.new")
+    assert session.actions.run("labels.new")
     new = street.first_free_id - 1
     assert street.scene.table[new].count == 100
     session.labels.reassign(0)
     assert new not in street.scene.table
     assert not street.scene.instance_ids[rows].any()
     assert session.has_selection
-    assert session.commands.run("labels.new"), "splats without an instance can be given to one"
+    assert session.actions.run("labels.new"), "splats without an instance can be given to one"
     session.clear_selection()
-    assert not session.commands.run("labels.new")
+    assert not session.actions.run("labels.new")
 
 
 def test_absorbing_floaters_takes_what_lies_inside(session, street):
@@ -145,14 +145,14 @@ def test_repairs_are_replayed_from_their_parameters(session, street):
 
 def test_locked_instances_are_neither_selected_nor_deleted(session, street):
     session.select(CARS)
-    assert session.commands.run("edit.lock")
+    assert session.actions.run("edit.lock")
     assert session.selected == ()
     session.select(CARS)
     assert session.selected == ()
     session.delete((FIRST_CAR,))
     assert "unlock it first" in errors(session)[-1]
     assert session.locked == CARS
-    assert session.commands.run("edit.unlock_all")
+    assert session.actions.run("edit.unlock_all")
     session.select(CARS)
     assert session.selected == CARS
 
@@ -183,7 +183,7 @@ def test_deleting_what_is_shown_alone_leaves_the_way_back_to_the_rest(session, s
     session.delete((FIRST_CAR,))
     assert street.visible_instances() == ()
     assert session.solo.ids == (FIRST_CAR,)
-    assert session.commands.run("edit.solo")
+    assert session.actions.run("edit.solo")
     assert street.visible_instances() == tuple(i for i in before if i != FIRST_CAR)
     session.jump(1)
     session.hide(before)
@@ -209,7 +209,7 @@ def test_a_drag_of_a_slider_is_one_step_and_reset_is_another(session, street):
     assert street.history.cursor == 1
     assert street.history.edits[-1].title == "Set brightness of 2 instances to 1.4"
     session.select((FIRST_CAR,))
-    assert session.commands.run("edit.reset_colors")
+    assert session.actions.run("edit.reset_colors")
     assert not street.colors.indices[street.rows_of((FIRST_CAR,))].any()
     assert street.colors.indices[street.rows_of((FIRST_CAR + 1,))].all()
 
@@ -217,14 +217,14 @@ def test_a_drag_of_a_slider_is_one_step_and_reset_is_another(session, street):
 def test_what_commands_change_is_said_by_the_commands(session, street):
     """Whatever a command without `undoable` does, the history does not grow."""
     session.select((FIRST_CAR,))
-    for command in session.commands:
+    for command in session.actions:
         if command.menu in ("Edit", "Labels", "Select") and command.id not in ("edit.undo", "edit.redo"):
             assert command.undoable is not None, command.id
-    assert full_title(session.commands["file.export"]) == "Export…  (not undoable)"
-    assert full_title(session.commands["edit.delete"]) == "Delete"
+    assert full_title(session.actions["file.export"]) == "Export…  (not undoable)"
+    assert full_title(session.actions["edit.delete"]) == "Delete"
     steps = street.history.cursor
-    for command in session.commands:
+    for command in session.actions:
         if command.undoable is None and command.menu in ("View", "Time"):
-            session.commands.run(command.id)
+            session.actions.run(command.id)
     assert street.history.cursor == steps
     assert np.array_equal(session.selected, (FIRST_CAR,))

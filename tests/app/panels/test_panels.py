@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
-from instdrive_app.actions import register_commands
+from instdrive_app.actions import register_actions
 from instdrive_app.cli import edit as edit_command
 from instdrive_app.files import sample
-from instdrive_app.files.folder_listing import listing
+from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
 from instdrive_app.panels.instances.rows import matches
@@ -26,8 +26,8 @@ from instdrive_core.scene.camera import Camera, CameraView
 
 def test_every_command_has_a_menu_an_icon_and_keys_that_exist():
     session = EditorSession()
-    register_commands(session)
-    for command in session.commands:
+    register_actions(session)
+    for command in session.actions:
         assert command.menu
         assert icon(command.icon)
         for shortcut in command.shortcuts:
@@ -41,13 +41,13 @@ def test_the_file_browser_lists_folders_and_scenes(tmp_path):
     for name in ("a.ply", "notes.txt", ".hidden.ply", "Z.PLY", "b.splat", "c.compressed.ply"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "run").mkdir()
-    found = listing(tmp_path, PURPOSES["open"].suffixes, holds_scene)
+    found = list_folder(tmp_path, PURPOSES["open"].suffixes, holds_scene)
     assert [entry.path.name for entry in found] == ["run", "a.ply", "b.splat", "c.compressed.ply", "Z.PLY"]
     assert [entry.is_scene for entry in found] == [False, True, True, True, True]
     (tmp_path / "b.splat").write_bytes(b"x" * 4_200_000)
-    sizes = {entry.path.name: entry.size_text for entry in listing(tmp_path, (".splat",), holds_scene)}
+    sizes = {entry.path.name: entry.size_text for entry in list_folder(tmp_path, (".splat",), holds_scene)}
     assert sizes == {"run": "", "b.splat": "4.2 MB"}
-    assert listing(tmp_path / "nowhere", (".ply",), holds_scene) == []
+    assert list_folder(tmp_path / "nowhere", (".ply",), holds_scene) == []
 
 
 def test_paths_are_judged_before_they_are_used(tmp_path):
@@ -84,9 +84,9 @@ def test_search_takes_every_word(search, found):
 
 def test_a_timeline_without_cameras_takes_the_tracks_moments():
     assert Timeline(()).steps == ()
-    assert Timeline(()).step_of(3.0) == 0
+    assert Timeline(()).find_step(3.0) == 0
     with pytest.raises(ValueError, match="no camera 'front'"):
-        Timeline(()).nearest_view("front", 0.0)
+        Timeline(()).find_nearest_view("front", 0.0)
 
 
 def test_cameras_that_are_not_triggered_together_share_their_steps():
@@ -100,10 +100,10 @@ def test_cameras_that_are_not_triggered_together_share_their_steps():
     timeline = Timeline(views)
     assert timeline.steps == pytest.approx((0.03, 0.13, 0.23, 0.33))
     for name in names:
-        view, seen = timeline.nearest_view(name, timeline.start), []
+        view, seen = timeline.find_nearest_view(name, timeline.start), []
         for _ in range(5):
             seen.append(views[view].index)
-            view = timeline.nearest_view(name, timeline.stepped(views[view].time, 1))
+            view = timeline.find_nearest_view(name, timeline.step_time(views[view].time, 1))
         assert seen == [0, 1, 2, 3, 0], "onwards with the dataset camera, and around the end"
 
 
@@ -122,7 +122,7 @@ def test_missing_scenes_and_displays_are_explained(monkeypatch):
 def test_every_dialog_name_that_commands_use_exists():
     window = EditorWindow(EditorSession())
     names = set(window.dialogs)
-    for command in window.session.commands:
+    for command in window.session.actions:
         if command.title.endswith("…") and command.enabled():
             command.run()
             assert window.session.dialog is None or window.session.dialog in names, command.id

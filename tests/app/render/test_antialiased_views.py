@@ -23,7 +23,7 @@ def marked(street):
 
 def snapshot_of(document):
     view = document.scene.views[0]
-    return resolve(EditorState(viewpoint=camera.through(view), time=view.time), *SIZE)
+    return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=view.time), *SIZE)
 
 
 def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):

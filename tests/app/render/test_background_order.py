@@ -126,7 +126,7 @@ def renderer(gl, street):
 
 def snapshot_of(document, index):
     view = document.scene.views[index]
-    return resolve(EditorState(viewpoint=camera.through(view), time=0.0), *SIZE)
+    return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=0.0), *SIZE)
 
 
 def blend(renderer, snapshot, **options):

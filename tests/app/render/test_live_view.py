@@ -70,7 +70,7 @@ def cpu_view(gl, monkeypatch):
 
 def state_at(document, index=0, **changes):
     seen = document.scene.views[index]
-    return EditorState(viewpoint=camera.through(seen), time=seen.time, **changes)
+    return EditorState(viewpoint=camera.view_from_camera(seen), time=seen.time, **changes)
 
 
 def settle(view, document, state, size=SIZE):

@@ -37,7 +37,7 @@ FLOATER = 99
 
 def snapshot_of(document, index=0):
     view = document.scene.views[index]
-    return resolve(EditorState(viewpoint=camera.through(view), time=view.time), *SIZE)
+    return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=view.time), *SIZE)
 
 
 def pixel_of(document, point, index=0):
@@ -136,7 +136,7 @@ EDITS = [
 
 
 def test_clicks_follow_every_edit_as_if_asked_for_the_first_time_and_as_baked(street):
-    state = EditorState(viewpoint=camera.through(street.scene.views[2]))
+    state = EditorState(viewpoint=camera.view_from_camera(street.scene.views[2]))
     picker, rng = Picker(), np.random.default_rng(3)
     places = np.stack([rng.integers(0, SIZE[0], 60), rng.integers(SIZE[1] // 3, SIZE[1], 60)], axis=1).tolist()
 

@@ -5,7 +5,7 @@ import pytest
 from parked_street import CAR, OTHER_CAR, ROAD, parked_street
 from session_driver import finish
 
-from instdrive_app.actions import register_commands
+from instdrive_app.actions import register_actions
 from instdrive_app.panels.overlays.hole_pattern import hole_pattern, projected
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.deletion_report import report_deletion
@@ -18,7 +18,7 @@ from instdrive_core.scene.selection import Flag
 @pytest.fixture
 def session():
     session = EditorSession()
-    register_commands(session)
+    register_actions(session)
     session.show(Document(parked_street().scene))
     yield session
     session.close()
@@ -29,20 +29,20 @@ def texts(session):
 
 
 def test_a_deletion_is_reported_and_cleaned_up(session):
-    assert not session.commands["aftermath.fill"].enabled()
+    assert not session.actions["aftermath.fill"].enabled()
     session.delete((CAR,))
-    assert session.aftermath.finding is None, "nothing waits for the report"
+    assert session.aftermath.findings is None, "nothing waits for the report"
     finish(session)
-    found = session.aftermath.finding
+    found = session.aftermath.findings
     assert found.residue_count == 40
     assert texts(session)[-1] == f"Deleted Car 7: {found.report.summary}"
-    assert session.commands.run("aftermath.absorb")
-    assert session.aftermath.finding.residue_count == 0
-    assert not session.commands.run("aftermath.absorb"), "there is nothing left to absorb"
-    assert session.commands.run("aftermath.fill")
-    assert not session.commands.run("aftermath.fill"), "it is being worked out"
+    assert session.actions.run("aftermath.absorb")
+    assert session.aftermath.findings.residue_count == 0
+    assert not session.actions.run("aftermath.absorb"), "there is nothing left to absorb"
+    assert session.actions.run("aftermath.fill")
+    assert not session.actions.run("aftermath.fill"), "it is being worked out"
     finish(session)
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None
     titles = [edit.title for edit in session.document.history.done]
     assert titles[:2] == ["Delete instance 7", "Absorb floaters of instance 7"]
     assert titles[2].startswith("Fill hole of")
@@ -55,16 +55,16 @@ def test_undo_brings_the_report_back_and_takes_it_away(session):
     session.aftermath.fill()
     finish(session)
     session.undo()
-    found = session.aftermath.finding
+    found = session.aftermath.findings
     assert (found.residue_count, found.hole is not None) == (0, True)
     session.undo()
-    assert session.aftermath.finding.residue_count == 40
+    assert session.aftermath.findings.residue_count == 40
     session.undo()
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None
     session.redo()
-    assert session.aftermath.finding.residue_count == 40
-    session.commands.run("aftermath.clear")
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings.residue_count == 40
+    session.actions.run("aftermath.clear")
+    assert session.aftermath.findings is None
 
 
 def test_selected_splats_leave_what_was_missed(session):
@@ -73,7 +73,7 @@ def test_selected_splats_leave_what_was_missed(session):
     session.apply(SelectRows, rows[50:])
     session.delete_selection()
     finish(session)
-    found = session.aftermath.finding
+    found = session.aftermath.findings
     assert found.report.carriers[CAR] > 25
     session.aftermath.absorb()
     assert np.isin(document.state.rows_with(Flag.DELETED), found.report.residue).sum() == len(found.report.residue)
@@ -84,22 +84,22 @@ def test_surfaces_are_deleted_without_a_word(session):
     session.delete((ROAD,))
     finish(session)
     assert texts(session) == before
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None
 
 
 def test_a_report_of_a_deletion_that_was_undone_or_of_another_scene_is_not_shown(session):
     session.delete((CAR,))
     session.undo()
     finish(session)
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None
     session.delete((CAR,))
     session.show(Document(parked_street().scene))
     finish(session)
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None
     session.delete((CAR,))
     finish(session)
     session.show(Document(parked_street().scene))
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None
 
 
 def test_editing_goes_on_while_a_fill_is_worked_out(session):
@@ -115,14 +115,14 @@ def test_editing_goes_on_while_a_fill_is_worked_out(session):
 def test_a_hole_without_ground_around_is_explained(session):
     session.delete((CAR,))
     finish(session)
-    report = session.aftermath.finding
+    report = session.aftermath.findings
     session.delete((1, 2, 3))
     finish(session)
-    assert session.aftermath.finding is report
+    assert session.aftermath.findings is report
     session.aftermath.fill()
     finish(session)
     assert texts(session)[-1].startswith("The hole cannot be filled: no ground")
-    assert not session.aftermath.filling
+    assert not session.aftermath.is_filling
 
 
 def test_the_pattern_covers_the_hole():
@@ -148,7 +148,7 @@ def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeyp
     monkeypatch.setattr("instdrive_app.session.deletion_review.MOST_INSTANCES", 1)
     session.delete((CAR,))
     finish(session)
-    assert session.aftermath.finding is not None
+    assert session.aftermath.findings is not None
     session.delete((OTHER_CAR, ROAD))
     assert session.jobs.current is None
-    assert session.aftermath.finding is None
+    assert session.aftermath.findings is None

@@ -176,7 +176,7 @@ def test_the_dialog_begins_with_the_scene_and_proposes_names(session, street, tm
         purpose = with_choice(session, options, what)
         assert not purpose.problem(tmp_path / right), what
         assert purpose.problem(tmp_path / wrong), what
-        assert session.exporting.proposed_beside(str(tmp_path / "x.ply")).parent == tmp_path
+        assert session.exporting.propose_path_in(str(tmp_path / "x.ply")).parent == tmp_path
 
 
 def with_choice(session, options, what):

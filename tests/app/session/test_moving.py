@@ -124,10 +124,10 @@ def test_vehicles_turn_upright_others_freely_until_the_user_says_so(session):
     assert moving.yaw_only
     session.select((FIRST_CAR, TREE))
     assert not moving.yaw_only
-    session.commands.run("move.yaw_only")
+    session.actions.run("move.yaw_only")
     assert moving.yaw_only
     session.select((FIRST_CAR,))
-    session.commands.run("move.yaw_only")
+    session.actions.run("move.yaw_only")
     assert not moving.yaw_only
 
 
@@ -192,7 +192,7 @@ def test_numbers_say_where_things_are_and_bring_them_there(session, street):
     np.testing.assert_allclose(after.position, (-2, 5, 1.5), atol=0.06)
     assert after.yaw == pytest.approx(30)
     assert after.scale == pytest.approx(1.5)
-    session.commands.run("move.reset")
+    session.actions.run("move.reset")
     assert moving.placement() == before
 
 
@@ -212,7 +212,7 @@ def test_put_on_the_ground_and_along_the_lane_by_metres(session, street):
     session.moving.begin_drag(np.eye(3))
     session.moving.drag_to(np.array([0.0, 0.0, 4.0]), NO_TURN, 1.0)
     session.moving.end_drag()
-    assert session.commands.run("move.put_on_ground")
+    assert session.actions.run("move.put_on_ground")
     assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
     start, steps = middle(session), street.history.cursor
     for metres in (1.0, 5.0):
@@ -233,7 +233,7 @@ def test_of_what_drives_the_track_is_edited_at_the_shown_moment(session, street)
     before, after = (one.pose_at(2.0)[:3, 3] - one.pose_at(1.0)[:3, 3] for one in (track, turned))
     np.testing.assert_allclose(after, yaw(90) @ before, atol=1e-9)
     assert session.moving.placement().yaw == pytest.approx(90)
-    session.commands.run("move.reset")
+    session.actions.run("move.reset")
     assert street.scene.actors[0] is track
 
 
@@ -314,7 +314,7 @@ def test_what_a_gizmo_did_is_read_from_its_matrix():
 
 def test_a_copy_stands_beside_its_original_selected_and_in_hand(session, street):
     before, steps = freeze_at_time(bake_document(street), 0.0), street.history.cursor
-    assert session.commands.run("move.duplicate")
+    assert session.actions.run("move.duplicate")
     (copy,) = session.selected
     assert copy not in before.table
     assert session.state.tool == "move"

@@ -8,8 +8,8 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, SHARED_CODEWORD, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.actions import register_commands
-from instdrive_app.commands import Command, Commands
+from instdrive_app.action import Action, ActionRegistry
+from instdrive_app.actions import register_actions
 from instdrive_app.messages import Messages
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import ViewMode
@@ -41,13 +41,13 @@ def test_regions_select_splats_where_there_are_no_instances(session):
 
 def test_delete_undo_redo_and_jump(session, street):
     session.select((FIRST_CAR,))
-    assert session.commands.run("edit.delete")
+    assert session.actions.run("edit.delete")
     assert FIRST_CAR not in street.visible_instances()
-    session.commands.run("edit.undo")
+    session.actions.run("edit.undo")
     assert FIRST_CAR in street.visible_instances()
-    session.commands.run("edit.redo")
+    session.actions.run("edit.redo")
     assert FIRST_CAR not in street.visible_instances()
-    assert not session.commands.run("edit.redo")
+    assert not session.actions.run("edit.redo")
     session.jump(0)
     assert street.history.cursor == 0
     session.jump(2)
@@ -109,12 +109,12 @@ def test_the_dataset_camera_follows_the_time_and_orbiting_leaves_it(session, str
 
 
 def test_playing_steps_at_the_pace_of_the_drive(session):
-    session.commands.run("time.play")
+    session.actions.run("time.play")
     session.tick(0.3)
     assert session.state.time == 0.0
     session.tick(0.3)
     assert session.state.time == 0.5
-    session.commands.run("time.play")
+    session.actions.run("time.play")
     session.tick(5.0)
     assert session.state.time == 0.5
 
@@ -215,11 +215,11 @@ def test_of_jobs_aside_only_the_newest_counts_and_nothing_waits_for_them(session
 
 def test_view_modes_and_switches(session):
     for mode in ViewMode:
-        command = session.commands[f"view.{mode.name.lower()}"]
+        command = session.actions[f"view.{mode.name.lower()}"]
         command.run()
         assert session.state.view_mode is mode
         assert command.checked()
-    session.commands.run("view.sky")
+    session.actions.run("view.sky")
     assert not session.state.show_sky
 
 
@@ -228,21 +228,21 @@ def test_a_scene_without_cameras_tracks_or_instances_can_be_shown(tmp_path):
     scene.views, scene.actors, scene.sky = (), (), None
     scene.nodes[:] = 0
     session = EditorSession()
-    register_commands(session)
+    register_actions(session)
     session.show(Document(scene))
     assert session.state.dataset_view is None
-    assert not session.commands.run("time.next")
-    assert not session.commands.run("edit.delete")
+    assert not session.actions.run("time.next")
+    assert not session.actions.run("edit.delete")
     session.close()
 
 
 def test_commands_refuse_ids_and_shortcuts_that_are_taken():
-    commands = Commands()
-    commands.add(Command("a", "A", print, shortcuts=("Ctrl+A",)))
+    commands = ActionRegistry()
+    commands.add(Action("a", "A", print, shortcuts=("Ctrl+A",)))
     with pytest.raises(ValueError, match="twice"):
-        commands.add(Command("a", "A again", print))
+        commands.add(Action("a", "A again", print))
     with pytest.raises(ValueError, match=r"Ctrl\+A"):
-        commands.add(Command("b", "B", print, shortcuts=("Ctrl+A",)))
+        commands.add(Action("b", "B", print, shortcuts=("Ctrl+A",)))
 
 
 def test_toasts_fade_and_the_log_stays():

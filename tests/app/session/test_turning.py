@@ -7,7 +7,7 @@ import pytest
 from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.camera import birds_eye, overview
+from instdrive_app.camera import frame_scene, look_straight_down
 from instdrive_app.panels.dialogs.turn_upright import guessed, told
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_core.edits.document.document import Document
@@ -77,7 +77,7 @@ def test_where_the_view_would_look_from_below_or_straight_down_all_is_in_view(se
         session.navigation.look_from(replace(session.state.viewpoint, world_from_camera=look_at(FROM, FROM + ahead)))
         session.turning.turn(DOWN)
         session.tick(0.0)
-        expected = overview(session.navigation.world_means(()))
+        expected = frame_scene(session.navigation.compute_world_means(()))
         np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, expected.world_from_camera)
         session.undo()
         session.tick(0.0)
@@ -98,8 +98,8 @@ def test_a_dataset_camera_is_looked_through_after_as_before(session):
 
 
 def test_what_is_up_in_the_view_means_the_axis_when_it_is_near(session):
-    points = session.navigation.world_means(())
-    session.navigation.look_from(birds_eye(session.state.viewpoint, points))
+    points = session.navigation.compute_world_means(())
+    session.navigation.look_from(look_straight_down(session.state.viewpoint, points))
     up, angle = session.turning.view_up()
     assert sorted(np.abs(up)) == [0, 0, 1]
     assert angle <= 10

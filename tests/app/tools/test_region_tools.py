@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from procedural_street import FIRST_CAR, ROAD, procedural_street
 
-from instdrive_app.actions import register_commands
+from instdrive_app.actions import register_actions
 from instdrive_app.panels.overlays.region_outline import DASH, dashes
 from instdrive_app.pointer import Click
 from instdrive_app.render.gl.renderer import Renderer
@@ -26,7 +26,7 @@ SIZE = (480, 270)
 @pytest.fixture
 def session():
     session = EditorSession()
-    register_commands(session)
+    register_actions(session)
     session.document = Document(procedural_street())
     session.navigation.enter(session.document)
     yield session
@@ -96,7 +96,7 @@ def test_keys_add_remove_and_intersect(session, tools, snapshot):
     assert set(session.selected) == inside | {ROAD}
     dragged(tool, session, snapshot, ctrl=True)
     assert session.selected == (ROAD,)
-    session.commands.run("select.all")
+    session.actions.run("select.all")
     dragged(tool, session, snapshot, shift=True, ctrl=True)
     assert set(session.selected) == inside
 
@@ -113,11 +113,11 @@ def test_an_empty_region_clears_or_keeps_as_its_mode_says(session, tools, snapsh
 
 
 def test_splats_through_everything_or_visible_ones_only(session, tools, snapshot):
-    session.commands.run("tool.single_splats")
+    session.actions.run("tool.single_splats")
     tool = tools["rectangle"]
     dragged(tool, session, snapshot)
     visible = set(selected_rows(session))
-    session.commands.run("tool.visible_only")
+    session.actions.run("tool.visible_only")
     dragged(tool, session, snapshot)
     everything = set(selected_rows(session))
     assert visible < everything
@@ -126,7 +126,7 @@ def test_splats_through_everything_or_visible_ones_only(session, tools, snapshot
     pixels, _ = snapshot.camera.project(means[list(everything)])
     assert (pixels >= np.floor(low) - 1).all()
     assert (pixels <= np.ceil(high) + 1).all()
-    session.commands.run("tool.whole_instances")
+    session.actions.run("tool.whole_instances")
     assert not session.state.region_splats
 
 
@@ -149,22 +149,22 @@ def test_a_lasso_follows_the_pointer_and_skips_jitter(session, tools, snapshot):
 def test_every_tool_has_a_command_and_takes_itself_in_hand(session, tools):
     assert set(tools) == {record.name for record in TOOLS}
     for record in TOOLS:
-        assert session.commands.run(f"tool.{record.name}")
+        assert session.actions.run(f"tool.{record.name}")
         assert session.state.tool == record.name
-        assert session.commands[f"tool.{record.name}"].checked()
-        assert all(session.commands[option].icon for option in tools[record.name].options)
+        assert session.actions[f"tool.{record.name}"].checked()
+        assert all(session.actions[option].icon for option in tools[record.name].options)
 
 
 def test_delete_takes_the_selected_splats_only(session):
     car = np.flatnonzero(session.document.scene.instance_ids == FIRST_CAR)
     session.select((FIRST_CAR,))
-    session.commands.run("edit.delete")
+    session.actions.run("edit.delete")
     assert session.document.history.edits[-1].title == f"Delete instance {FIRST_CAR}"
     session.undo()
-    session.commands.run("select.shrink")
+    session.actions.run("select.shrink")
     kept = set(car) - set(selected_rows(session))
     assert 0 < len(kept) < len(car)
-    session.commands.run("edit.delete")
+    session.actions.run("edit.delete")
     assert set(car[session.document.state.flags[car] == 0]) == kept
     session.undo()
     assert not session.document.state.mask(Flag.DELETED).any()
@@ -182,10 +182,10 @@ def orphaned(session):
 
 def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
     rows = orphaned(session)
-    session.commands.run("select.none")
+    session.actions.run("select.none")
     assert not session.has_selection
     session.undo()
-    session.commands.run("edit.delete")
+    session.actions.run("edit.delete")
     assert session.document.state.rows_with(Flag.DELETED).tolist() == rows.tolist()
 
 
@@ -206,24 +206,24 @@ def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
 def test_growing_and_inverting_by_command(session):
     session.select((FIRST_CAR,))
     before = len(selected_rows(session))
-    assert session.commands.run("select.grow")
+    assert session.actions.run("select.grow")
     assert len(selected_rows(session)) > before
     session.undo()
-    assert session.commands.run("select.invert")
+    assert session.actions.run("select.invert")
     assert len(selected_rows(session)) == len(session.document.scene) - before
-    session.commands.run("select.none")
-    assert not session.commands.run("select.grow"), "nothing to grow"
+    session.actions.run("select.none")
+    assert not session.actions.run("select.grow"), "nothing to grow"
 
 
 def test_a_selection_extends_to_its_classes(session):
     table = session.document.scene.table
     session.select((FIRST_CAR, 30))
-    assert session.commands.run("select.class")
+    assert session.actions.run("select.class")
     assert set(session.selected) == {i.id for i in table if i.class_name in ("Car", "Tree")}
     assert session.document.history.edits[-1].title == "Select classes Car, Tree"
     session.document.apply(MergeInstances((FIRST_CAR, FIRST_CAR + 1), FIRST_CAR))
     session.select((FIRST_CAR,))
-    session.commands.run("select.class")
+    session.actions.run("select.class")
     assert FIRST_CAR + 2 in session.selected
 
 

@@ -7,11 +7,11 @@ from procedural_street import procedural_street
 from window_driver import editor_window
 
 from instdrive_app.cli.edit import ScaleError, edit
-from instdrive_app.files.sample import sample_scene
-from instdrive_app.memory import MemoryGauge, resident_bytes
+from instdrive_app.files.sample import find_sample_scene
+from instdrive_app.memory import MemoryGauge, read_resident_bytes
 from instdrive_app.messages import Messages
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.shell.window import title_of
+from instdrive_app.shell.window import format_title
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 
@@ -37,7 +37,7 @@ def test_a_window_without_a_scene_offers_to_open_one(window):
     window.click_widget("empty.sample")
     state = window.wait_for(lambda state: state["open"], "the sample scene")
     assert "empty.sample" not in state["widgets"]
-    assert any(sample_scene().name in text for text in state["messages"])
+    assert any(find_sample_scene().name in text for text in state["messages"])
     assert window.quit() == 0
 
 
@@ -58,13 +58,13 @@ def test_escape_closes_a_menu_and_nothing_else(window):
 
 def test_the_title_names_the_document_and_what_is_unsaved(tmp_path):
     session = EditorSession()
-    assert title_of(session) == "InstDrive"
+    assert format_title(session) == "InstDrive"
     session.show(Document(procedural_street()), tmp_path / "street.ply")
-    assert title_of(session) == "street.ply – InstDrive"
+    assert format_title(session) == "street.ply – InstDrive"
     session.apply(DeleteInstances, session.document.visible_instances()[:1])
-    assert title_of(session) == "street.ply • InstDrive"
+    assert format_title(session) == "street.ply • InstDrive"
     session.undo()
-    assert title_of(session) == "street.ply – InstDrive"
+    assert format_title(session) == "street.ply – InstDrive"
     session.close()
 
 
@@ -80,10 +80,10 @@ def test_one_message_is_taken_away_and_the_log_keeps_it():
 
 
 def test_memory_is_looked_up_once_a_second(monkeypatch):
-    if resident_bytes() is None:
+    if read_resident_bytes() is None:
         pytest.skip("this system does not say how much memory a process holds")
     asked = []
-    monkeypatch.setattr("instdrive_app.memory.resident_bytes", lambda: asked.append(1) or 5)
+    monkeypatch.setattr("instdrive_app.memory.read_resident_bytes", lambda: asked.append(1) or 5)
     now = time.monotonic()
     monkeypatch.setattr("instdrive_app.memory.time.monotonic", lambda: now)
     gauge = MemoryGauge()

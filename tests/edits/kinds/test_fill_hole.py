@@ -202,7 +202,7 @@ def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monke
     document.apply(SelectInstances((1,)))
     edit.prepare(frozen)
     with monkeypatch.context() as patch:
-        patch.setattr("instdrive_core.edits.kinds.fill_hole.planned_filling", None)
+        patch.setattr("instdrive_core.edits.kinds.fill_hole.plan_fill", None)
         document.apply(edit)
         document.undo()
         document.redo()

@@ -18,9 +18,9 @@ from imgui_bundle import imgui
 from PIL import Image
 from tyro.conf import Positional
 
-from instdrive_app.files.sample import sample_scene
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode
@@ -88,9 +88,9 @@ class Tour:
         session.select(ids[:1])
         session.labels.rename(ids[0], LONG_NAME)
         yield from self._look("long name")
-        yield from self._look("move tool", lambda: session.commands.run("tool.move"))
-        yield from self._look("region tool", lambda: session.commands.run("tool.rectangle"))
-        session.commands.run("tool.pick")
+        yield from self._look("move tool", lambda: session.actions.run("tool.move"))
+        yield from self._look("region tool", lambda: session.actions.run("tool.rectangle"))
+        session.actions.run("tool.pick")
         yield from self._look("history", lambda: self._front("History"))
         yield from self._look("log", lambda: self._front("Log"))
         self._front("Inspector")
@@ -145,8 +145,8 @@ class Tour:
             yield from self._escape()
 
     def _menus(self) -> Iterator[None]:
-        for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.commands.menus):
-            first = f"menu {self._session.commands.in_menu(menu)[0].id}"
+        for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.actions.menus):
+            first = f"menu {self._session.actions.in_menu(menu)[0].id}"
             for _ in range(3):  # a click also closes what Escape has left half open
                 yield from self._click(f"menu {menu}")
                 if first in self._window.ui.marks:
@@ -210,10 +210,10 @@ def main(options: Options) -> None:
     options.out.mkdir(parents=True)
     os.environ["INSTDRIVE_STATE"] = str(options.out / "state")
     pixels = (round(options.size[0] * options.scale), round(options.size[1] * options.scale))
-    session, source = EditorSession(), sample_scene()
+    session, source = EditorSession(), find_sample_scene()
     scene = options.out / "street"
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
-    with virtual_display(pixels):
+    with open_virtual_display(pixels):
         window = EditorWindow(session, WindowOptions(options.size, remember_layout=False, scale=options.scale))
         tour = Tour(window, options, scene)
         window.run(lambda _: tour.play())

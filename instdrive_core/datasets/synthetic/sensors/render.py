@@ -32,7 +32,7 @@ OPEN_REACH = 1.8
 
 
 @dataclass(frozen=True)
-class Photo:
+class RenderedPhoto:
     """What a camera records."""
 
     image: UInt8[ndarray, "h w 3"]
@@ -47,7 +47,7 @@ class StepRenderer:
         self.geometry, self.materials, self.light = geometry, materials, light
         self.rays = RayScene(geometry.mesh.corners)
 
-    def photograph(self, camera: Camera) -> Photo:
+    def photograph(self, camera: Camera) -> RenderedPhoto:
         """The view of a camera that is posed in the street's frame; taken in bands that bound memory."""
         image = np.empty((camera.height, camera.width, 3), np.uint8)
         labels = np.empty((camera.height, camera.width), np.uint16)
@@ -55,12 +55,12 @@ class StepRenderer:
         for top in range(0, camera.height, band):
             rows = slice(top, min(top + band, camera.height))
             self._expose(camera, rows, image[rows].reshape(-1, 3), labels[rows].reshape(-1))
-        return Photo(image, labels)
+        return RenderedPhoto(image, labels)
 
     def _expose(self, camera: Camera, rows: slice, image: UInt8[ndarray, "n 3"], labels: UInt16[ndarray, " n"]) -> None:
         """Fill `image` and `labels` with the pixels of some rows."""
         mesh, light = self.geometry.mesh, self.light
-        directions = subsample_directions(camera, rows)
+        directions = compute_subsample_directions(camera, rows)
         origin = camera.position.astype(np.float32)
         hits = self.rays.first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
         struck = np.flatnonzero(hits.triangles >= 0)
@@ -81,7 +81,7 @@ class StepRenderer:
         develop(radiance, ids, EXPOSURE, image, labels)
 
 
-def subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:
+def compute_subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:
     """Unit directions of all subsamples of some pixel rows, pixel by pixel, in the frame of the camera's pose."""
     fractions = (np.arange(SIDE) + 0.5) / SIDE
     x = ((np.arange(camera.width)[:, None] + fractions) - camera.cx) / camera.fx

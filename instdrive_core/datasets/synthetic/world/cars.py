@@ -18,10 +18,10 @@ from instdrive_core.datasets.synthetic.world.materials import (
     SHUTTER,
     Color,
     Material,
-    Palette,
+    MaterialPalette,
 )
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import both_sides, box, cylinder, decal, disc, loft, quad
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import both_sides, build_box, cylinder, decal, disc, loft, build_quad
 
 
 @dataclass(frozen=True)
@@ -99,17 +99,17 @@ class _Finish:
     cargo: int
 
 
-def car_mesh(shape: CarShape, color: Color, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def build_car(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A vehicle of the given shape and paint."""
     finish = _finish(shape, color, rng, palette)
     parts = [_body(shape, finish), _cabin(shape, finish), _wheels(shape, finish), _ends(shape, finish)]
     parts.append(_side_details(shape, finish))
     if shape.cargo is not None:
         parts.append(_cargo(shape, shape.cargo, finish))
-    return joined(parts)
+    return join_meshes(parts)
 
 
-def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: Palette) -> _Finish:
+def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> _Finish:
     spokes = float(rng.choice([5, 6, 7, 10]))
     dust = (0.30, 0.27, 0.23)
     box_color = (0.70, 0.70, 0.68) if rng.random() < 0.6 else color
@@ -188,7 +188,7 @@ def _cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
     parts.append(decal(windscreen, (0.06, 0.94), (0.05, 0.95), finish.glass))
     if shape.cargo is None or shape.cargo[2] < shape.belt:
         parts.append(decal(rear_window, (0.08, 0.92), (0.14, 0.92), finish.glass))
-    return joined(parts)
+    return join_meshes(parts)
 
 
 def _ring(half: float, rear: float, front: float, z: float) -> Float[ndarray, "4 3"]:
@@ -207,9 +207,9 @@ def _wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
         ring = np.stack([np.full(15, half + 0.004), y + 1.17 * radius * np.cos(angles),
                          np.maximum(radius + 1.17 * radius * np.sin(angles), shape.clearance)], axis=1)  # fmt: skip
         middle = np.broadcast_to([half + 0.004, y, shape.clearance + 0.01], ring[1:].shape)
-        arch = flat_mesh(np.stack([middle, ring[:-1], ring[1:]], axis=1), finish.black)
+        arch = build_flat_mesh(np.stack([middle, ring[:-1], ring[1:]], axis=1), finish.black)
         parts += [tyre, rim, arch]
-    return both_sides(joined(parts))
+    return both_sides(join_meshes(parts))
 
 
 def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
@@ -217,21 +217,21 @@ def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
     half, front, nose, low = shape.width / 2, shape.length / 2, shape.nose, shape.clearance
     tail = shape.belt * shape.tail
     lamps = [
-        box((0.40, 0.16, 0.15), (half - 0.30, front - 0.085, 0.80 * nose), finish.head, (0.9, 0.7)),
-        box((0.16, 0.20, 0.09), (half - 0.26, front - 0.10, low + 0.20), finish.head),
+        build_box((0.40, 0.16, 0.15), (half - 0.30, front - 0.085, 0.80 * nose), finish.head, (0.9, 0.7)),
+        build_box((0.16, 0.20, 0.09), (half - 0.26, front - 0.10, low + 0.20), finish.head),
     ]
     if shape.cargo is None:
-        lamps.append(box((0.26, 0.16, 0.17), (half - 0.24, -front + 0.085, 0.80 * tail), finish.tail))
+        lamps.append(build_box((0.26, 0.16, 0.17), (half - 0.24, -front + 0.085, 0.80 * tail), finish.tail))
     else:
-        lamps.append(box((0.16, 0.10, 0.30), (half - 0.12, -front + 0.04, 0.68 * shape.belt), finish.tail))
+        lamps.append(build_box((0.16, 0.10, 0.30), (half - 0.12, -front + 0.04, 0.68 * shape.belt), finish.tail))
     middle = [
-        box((shape.width * 0.46, 0.10, 0.24 * nose), (0, front - 0.045, 0.68 * nose), finish.black),
-        box((0.50, 0.03, 0.12), (0, front + 0.005, low + 0.22), finish.plate),
-        box((0.50, 0.03, 0.13), (0, -front - 0.003, 0.62 * tail), finish.plate),
-        box((shape.width * 0.80, 0.16, 0.10), (0, front - 0.10, low + 0.08), finish.black),
-        box((shape.width * 0.82, 0.16, 0.16), (0, -front + 0.075, low + 0.16), finish.black),
+        build_box((shape.width * 0.46, 0.10, 0.24 * nose), (0, front - 0.045, 0.68 * nose), finish.black),
+        build_box((0.50, 0.03, 0.12), (0, front + 0.005, low + 0.22), finish.plate),
+        build_box((0.50, 0.03, 0.13), (0, -front - 0.003, 0.62 * tail), finish.plate),
+        build_box((shape.width * 0.80, 0.16, 0.10), (0, front - 0.10, low + 0.08), finish.black),
+        build_box((shape.width * 0.82, 0.16, 0.16), (0, -front + 0.075, low + 0.16), finish.black),
     ]
-    return joined([both_sides(joined(lamps)), *middle])
+    return join_meshes([both_sides(join_meshes(lamps)), *middle])
 
 
 def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
@@ -239,16 +239,16 @@ def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
     half, low = shape.width / 2, shape.clearance
     rear, _, roof_front, front = shape.cabin
     sill = shape.wheelbase - 2.4 * shape.wheel_radius
-    parts = [box((0.03, sill, 0.10), (half - 0.035, -0.02 * shape.length, low + 0.05), finish.black)]
+    parts = [build_box((0.03, sill, 0.10), (half - 0.035, -0.02 * shape.length, low + 0.05), finish.black)]
     doors = [0.5 * (rear + front) if shape.length < 5 or shape.cargo else 0.8, front - 0.10]
     for y in doors:
-        parts.append(box((0.012, 0.014, 0.72 * (shape.belt - low)), (half - 0.004, y, 0.53 * (low + shape.belt)),
+        parts.append(build_box((0.012, 0.014, 0.72 * (shape.belt - low)), (half - 0.004, y, 0.53 * (low + shape.belt)),
                          finish.black))  # fmt: skip
-    parts.append(box((0.03, 0.20, 0.035), (half, doors[0] - 0.20, shape.belt - 0.13), finish.black))
+    parts.append(build_box((0.03, 0.20, 0.035), (half, doors[0] - 0.20, shape.belt - 0.13), finish.black))
     if len(shape.pillars) > 2:
-        parts.append(box((0.03, 0.20, 0.035), (half, front - 1.15, shape.belt - 0.13), finish.black))
-    parts.append(box((0.16, 0.10, 0.14), (half + 0.03, roof_front + 0.45, shape.belt + 0.07), finish.paint, (0.8, 0.8)))
-    return both_sides(joined(parts))
+        parts.append(build_box((0.03, 0.20, 0.035), (half, front - 1.15, shape.belt - 0.13), finish.black))
+    parts.append(build_box((0.16, 0.10, 0.14), (half + 0.03, roof_front + 0.45, shape.belt + 0.07), finish.paint, (0.8, 0.8)))
+    return both_sides(join_meshes(parts))
 
 
 def _cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) -> TriangleMesh:
@@ -259,9 +259,9 @@ def _cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) 
         z = shape.belt * shape.tail + 0.035
         inside = np.array([[-half + 0.2, rear + 0.12, z], [half - 0.2, rear + 0.12, z],
                            [half - 0.2, front, z], [-half + 0.2, front, z]])  # fmt: skip
-        return quad(inside, finish.black)
+        return build_quad(inside, finish.black)
     floor_height = 0.95
     centre = (0, middle, 0.5 * (floor_height + top))
-    closed = box((shape.width, front - rear, top - floor_height), centre, finish.cargo)
-    frame = box((shape.width + 0.03, 0.06, 0.12), (0, rear, floor_height), finish.black)
-    return joined([closed, frame])
+    closed = build_box((shape.width, front - rear, top - floor_height), centre, finish.cargo)
+    frame = build_box((shape.width + 0.03, 0.06, 0.12), (0, rear, floor_height), finish.black)
+    return join_meshes([closed, frame])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import box
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import build_box
 
 Span = tuple[float, float]
 
@@ -39,7 +39,7 @@ class WallMaterials:
     trim: int
 
 
-def storey(
+def build_storey(
     width: float,
     z: Span,
     openings: Sequence[Opening | None],
@@ -52,13 +52,13 @@ def storey(
     for column, opening in enumerate(openings):
         x = (column * bay, (column + 1) * bay)
         if opening is None:
-            parts.append(patch(x, z, 0.0, materials.wall))
+            parts.append(build_patch(x, z, 0.0, materials.wall))
         else:
             parts.append(_cell(x, z, opening, materials, float(rng.integers(1 << 20))))
-    return joined(parts)
+    return join_meshes(parts)
 
 
-def patch(x: Span, z: Span, y: float, material: int, origin: Span = (0.0, 0.0), seed: float = 0.0) -> TriangleMesh:
+def build_patch(x: Span, z: Span, y: float, material: int, origin: Span = (0.0, 0.0), seed: float = 0.0) -> TriangleMesh:
     """A rectangle parallel to the wall; its texture is measured from `origin`."""
     corners = np.array([[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]])
     texcoords = np.column_stack([corners[:, 0] - origin[0], corners[:, 2] - origin[1], np.full(4, seed)])
@@ -72,17 +72,17 @@ def _cell(x: Span, z: Span, opening: Opening, materials: WallMaterials, seed: fl
     hole_x = (middle - half, middle + half)
     hole_z = (z[0] + opening.sill, min(z[0] + opening.head, z[1] - 0.05))
     parts = [
-        patch((x[0], hole_x[0]), z, 0, materials.wall),
-        patch((hole_x[1], x[1]), z, 0, materials.wall),
-        patch(hole_x, (hole_z[1], z[1]), 0, materials.wall),
-        patch(hole_x, hole_z, opening.depth, opening.material, (hole_x[0], hole_z[0]), seed),
+        build_patch((x[0], hole_x[0]), z, 0, materials.wall),
+        build_patch((hole_x[1], x[1]), z, 0, materials.wall),
+        build_patch(hole_x, (hole_z[1], z[1]), 0, materials.wall),
+        build_patch(hole_x, hole_z, opening.depth, opening.material, (hole_x[0], hole_z[0]), seed),
         *_reveals(hole_x, hole_z, opening.depth, materials.trim),
     ]
     if opening.sill > 0:
-        parts.append(patch(hole_x, (z[0], hole_z[0]), 0, materials.wall))
+        parts.append(build_patch(hole_x, (z[0], hole_z[0]), 0, materials.wall))
     if opening.ledge:
-        parts.append(box((2 * half + 0.2, 0.14, 0.07), (middle, -0.05, hole_z[0] - 0.035), materials.trim))
-    return joined(parts)
+        parts.append(build_box((2 * half + 0.2, 0.14, 0.07), (middle, -0.05, hole_z[0] - 0.035), materials.trim))
+    return join_meshes(parts)
 
 
 def _reveals(x: Span, z: Span, depth: float, material: int) -> list[TriangleMesh]:
@@ -103,4 +103,4 @@ def _reveals(x: Span, z: Span, depth: float, material: int) -> list[TriangleMesh
 
 def _two_triangles(corners: ndarray, texcoords: ndarray, material: int) -> TriangleMesh:
     index = np.array([[0, 1, 2], [0, 2, 3]])
-    return flat_mesh(corners[index], material, texcoords[index])
+    return build_flat_mesh(corners[index], material, texcoords[index])

@@ -16,10 +16,10 @@ from instdrive_core.datasets.synthetic.world.materials import (
     PAVING,
     PLAIN,
     Material,
-    Palette,
+    MaterialPalette,
 )
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import box, disc, floor, quad
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import build_box, disc, build_floor, build_quad
 
 ROAD_HALF = 5.6
 """Two lanes and two parking strips."""
@@ -39,7 +39,7 @@ _LIFT = 0.006  # paint lies on the road by more than rays' rounding errors
 _ROAD, _LINE, _STOP, _OTHER = 7, 8, 9, 10  # PandaSet classes
 
 
-def ground_height(x: float, y: float, crossing: float) -> float:
+def compute_street_height(x: float, y: float, crossing: float) -> float:
     """Height of road or pavement; kerbs are ramps, because walkers use it."""
     beside = np.clip((abs(x) - ROAD_HALF) / 0.3, 0, 1)
     off_crossing = np.clip((abs(y - crossing) - CROSS_HALF) / 0.3, 0, 1)
@@ -56,22 +56,22 @@ class Ground:
     lots: TriangleMesh
 
 
-def build_ground(crossing: float, rng: np.random.Generator, palette: Palette) -> Ground:
+def build_ground(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> Ground:
     """Everything horizontal; the crossing street's middle is at y = `crossing`."""
     return Ground(
-        joined([_asphalt(palette), _markings(crossing, palette), _covers(crossing, rng, palette)]),
+        join_meshes([_asphalt(palette), _markings(crossing, palette), _covers(crossing, rng, palette)]),
         _pavement(-1, crossing, palette),
         _pavement(1, crossing, palette),
         _lots(crossing, palette),
     )
 
 
-def _asphalt(palette: Palette) -> TriangleMesh:
+def _asphalt(palette: MaterialPalette) -> TriangleMesh:
     asphalt = palette.add(Material(ASPHALT, (0.150, 0.150, 0.155), reflectivity=0.14))
-    return floor((CROSS_SPAN[0], CROSS_SPAN[1]), STREET_SPAN, 0.0, asphalt)
+    return build_floor((CROSS_SPAN[0], CROSS_SPAN[1]), STREET_SPAN, 0.0, asphalt)
 
 
-def _markings(crossing: float, palette: Palette) -> TriangleMesh:
+def _markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     def paint(semantic: int) -> int:
         return palette.add(
             Material(PAINTED_LINE, (0.62, 0.62, 0.60), (0.22, 0.22, 0.22), reflectivity=0.65, semantic=semantic)
@@ -95,11 +95,11 @@ def _markings(crossing: float, palette: Palette) -> TriangleMesh:
         parts.append(_stripe(sign * (ROAD_HALF + 4.6), crossing + sign * 2.2, 0.4, 3.8, stop))
         parts.append(_arrow(-sign * LANE, crossing + sign * (near + 7), -sign, other))
         parts += [_stripe(sign * x, crossing, 2.0, 0.12, line) for x in np.arange(ROAD_HALF + 6, CROSS_SPAN[1], 5.0)]
-    return joined(parts)
+    return join_meshes(parts)
 
 
 def _stripe(x: float, y: float, width: float, length: float, material: int) -> TriangleMesh:
-    return floor((x - width / 2, x + width / 2), (y - length / 2, y + length / 2), _LIFT, material)
+    return build_floor((x - width / 2, x + width / 2), (y - length / 2, y + length / 2), _LIFT, material)
 
 
 def _dashes(starts: np.ndarray, length: float, crossing: float, near: float, material: int) -> list[TriangleMesh]:
@@ -119,16 +119,16 @@ def _parking_bays(crossing: float, near: float, material: int) -> list[TriangleM
 
 
 def _arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
-    shaft = quad(
+    shaft = build_quad(
         [(x - 0.09, y - 1.5 * forward, _LIFT), (x + 0.09, y - 1.5 * forward, _LIFT),
          (x + 0.09, y + 0.5 * forward, _LIFT), (x - 0.09, y + 0.5 * forward, _LIFT)], material,
     )  # fmt: skip
     head = np.array([[[x - 0.34, y + 0.5 * forward, _LIFT], [x + 0.34, y + 0.5 * forward, _LIFT],
                       [x, y + 1.6 * forward, _LIFT]]])  # fmt: skip
-    return joined([shaft, flat_mesh(head, material)])
+    return join_meshes([shaft, build_flat_mesh(head, material)])
 
 
-def _covers(crossing: float, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def _covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """Manhole covers, and patches where the road was mended."""
     iron = palette.add(Material(PLAIN, (0.07, 0.065, 0.06), reflectivity=0.2))
     fresh = palette.add(Material(ASPHALT, (0.115, 0.115, 0.12), reflectivity=0.10))
@@ -140,9 +140,9 @@ def _covers(crossing: float, rng: np.random.Generator, palette: Palette) -> Tria
         width, length = rng.uniform(0.6, 1.6), rng.uniform(1.5, 6.0)
         x, y = rng.uniform(-2.8, 2.8), y + rng.uniform(4, 12)
         if abs(y - crossing) > CROSS_HALF + 12:
-            patch = floor((x - width, x + width), (y - length, y + length), 0.002, fresh if rng.random() < 0.6 else old)
+            patch = build_floor((x - width, x + width), (y - length, y + length), 0.002, fresh if rng.random() < 0.6 else old)
             parts.append(patch)
-    return joined(parts)
+    return join_meshes(parts)
 
 
 def _quadrant_spans(crossing: float) -> list[tuple[float, float]]:
@@ -150,7 +150,7 @@ def _quadrant_spans(crossing: float) -> list[tuple[float, float]]:
     return [(STREET_SPAN[0], crossing - CROSS_HALF), (crossing + CROSS_HALF, STREET_SPAN[1])]
 
 
-def _pavement(side: int, crossing: float, palette: Palette) -> TriangleMesh:
+def _pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleMesh:
     """Pavements on one side (−1 left, 1 right) along both streets, with kerbstones and tree pits."""
     slabs = palette.add(Material(PAVING, (0.36, 0.345, 0.32), (0.17, 0.16, 0.15), 0.62, reflectivity=0.35))
     stone = palette.add(Material(PAVING, (0.44, 0.43, 0.41), (0.22, 0.21, 0.20), 1.05, reflectivity=0.4))
@@ -164,22 +164,22 @@ def _pavement(side: int, crossing: float, palette: Palette) -> TriangleMesh:
         inner = high if stretch == 0 else low  # the end at the crossing
         towards = -1 if stretch == 0 else 1
         strip = sorted((inner, inner + towards * PAVEMENT_WIDTH))
-        parts.append(floor(span(ROAD_HALF + curb, FRONT), (low, high), CURB_HEIGHT, slabs))
-        parts.append(floor(span(FRONT, CROSS_SPAN[1]), (strip[0], strip[1]), CURB_HEIGHT, slabs))
-        parts.append(box((curb, high - low, CURB_HEIGHT + 0.01),
+        parts.append(build_floor(span(ROAD_HALF + curb, FRONT), (low, high), CURB_HEIGHT, slabs))
+        parts.append(build_floor(span(FRONT, CROSS_SPAN[1]), (strip[0], strip[1]), CURB_HEIGHT, slabs))
+        parts.append(build_box((curb, high - low, CURB_HEIGHT + 0.01),
                          (side * (ROAD_HALF + curb / 2), 0.5 * (low + high), 0.5 * CURB_HEIGHT), stone))  # fmt: skip
         reach = CROSS_SPAN[1] - ROAD_HALF
         middle = (side * (ROAD_HALF + reach / 2), inner + towards * curb / 2, 0.5 * CURB_HEIGHT)
-        parts.append(box((reach, curb, CURB_HEIGHT + 0.012), middle, stone))
-    return joined(parts)
+        parts.append(build_box((reach, curb, CURB_HEIGHT + 0.012), middle, stone))
+    return join_meshes(parts)
 
 
-def _lots(crossing: float, palette: Palette) -> TriangleMesh:
+def _lots(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     """Lawns and yards behind the pavements, and the land beyond the street."""
     grass = palette.add(Material(GRASS, (0.085, 0.15, 0.035), (0.16, 0.17, 0.06), reflectivity=0.4))
-    parts = [floor((-500, 500), (-500, 600), -0.03, grass)]
+    parts = [build_floor((-500, 500), (-500, 600), -0.03, grass)]
     for low, high in ((STREET_SPAN[0], crossing - CROSS_HALF - PAVEMENT_WIDTH),
                       (crossing + CROSS_HALF + PAVEMENT_WIDTH, STREET_SPAN[1])):  # fmt: skip
         for x in ((-CROSS_SPAN[1], -FRONT), (FRONT, CROSS_SPAN[1])):
-            parts.append(floor(x, (low, high), CURB_HEIGHT - 0.02, grass))
-    return joined(parts)
+            parts.append(build_floor(x, (low, high), CURB_HEIGHT - 0.02, grass))
+    return join_meshes(parts)

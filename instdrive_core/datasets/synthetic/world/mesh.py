@@ -37,7 +37,7 @@ class TriangleMesh:
 
     def at(self, x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> TriangleMesh:
         """The mesh turned about z by `yaw` (radians, counter-clockwise) and moved to (x, y, z)."""
-        return self.posed(planar_pose(x, y, z, yaw))
+        return self.posed(build_planar_pose(x, y, z, yaw))
 
     def scaled(self, x: float, y: float, z: float) -> TriangleMesh:
         """The mesh stretched along the axes, texture included."""
@@ -73,13 +73,13 @@ class TriangleMesh:
         return flat.min(axis=0), flat.max(axis=0)
 
 
-def planar_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float[ndarray, "4 4"]:
+def build_planar_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Float[ndarray, "4 4"]:
     """A rigid transform that turns about z by `yaw` (radians) and moves to (x, y, z)."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     return np.array([[cosine, -sine, 0, x], [sine, cosine, 0, y], [0, 0, 1, z], [0, 0, 0, 1]])
 
 
-def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
+def join_meshes(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     """All triangles of `meshes`, in order."""
     return TriangleMesh(
         np.concatenate([mesh.corners for mesh in meshes]),
@@ -89,7 +89,7 @@ def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     )
 
 
-def flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None = None) -> TriangleMesh:
+def build_flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None = None) -> TriangleMesh:
     """A mesh with flat normals; texture coordinates default to the positions."""
     corners = np.asarray(corners, np.float32)
     normals = _area_normals(corners)

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 
 from instdrive_core.datasets.synthetic.world import furniture
-from instdrive_core.datasets.synthetic.world.cars import CAR_COLORS, CAR_SHAPES, car_mesh
+from instdrive_core.datasets.synthetic.world.cars import CAR_COLORS, CAR_SHAPES, build_car
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces
 from instdrive_core.datasets.synthetic.world.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF
-from instdrive_core.datasets.synthetic.world.materials import Palette
+from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh
 from instdrive_core.datasets.synthetic.world.people import random_cyclist, random_person
 from instdrive_core.datasets.synthetic.world.street import Actor, Route
@@ -33,9 +33,9 @@ def _unchanging(mesh: TriangleMesh, distance: float) -> TriangleMesh:
     return mesh
 
 
-def _vehicle(model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: Palette) -> Actor:
+def _vehicle(model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
     shape = CAR_SHAPES[model]
-    mesh = car_mesh(shape, CAR_COLORS[color], rng, palette)
+    mesh = build_car(shape, CAR_COLORS[color], rng, palette)
     low, high = (bound.astype(float) for bound in mesh.bounds())
     return Actor(shape.label, route, partial(_unchanging, mesh), low, high, _draw_uuid(rng), motion=motion)
 
@@ -48,7 +48,7 @@ def _colors(rng: np.random.Generator, count: int) -> list[int]:
     return drawn[:count]
 
 
-def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars along both kerbs, with empty places; none at the road works on the left at y = `works`."""
     models = ("hatchback", "sedan", "suv", "estate", "van", "pickup")
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
@@ -69,7 +69,7 @@ def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette
     return actors
 
 
-def traffic(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars ahead of, behind and towards the recording one; others wait at the crossing's red light; cyclists."""
     colors = iter(_colors(rng, 40))
 
@@ -98,13 +98,13 @@ def traffic(crossing: float, rng: np.random.Generator, palette: Palette) -> list
     return actors
 
 
-def _cyclist(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
+def _cyclist(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
     cyclist = random_cyclist(rng, palette)
     low, high = (bound.astype(float) for bound in cyclist.cuboid())
     return Actor("Bicycle", route, cyclist.mesh, low, high, _draw_uuid(rng), motion="Moving", rider="With Rider")
 
 
-def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """People on both pavements in either direction, on the crossing street's crosswalks, and some who stand."""
     actors = []
     for side in (-1, 1):
@@ -124,7 +124,7 @@ def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palet
     return actors
 
 
-def _person(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
+def _person(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
     person = random_person(rng, palette)
     walking = route.speed > 0
     low, high = (bound.astype(float) for bound in person.cuboid(walking))
@@ -135,16 +135,16 @@ def _person(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
     )  # fmt: skip
 
 
-def road_works(y: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def road_works(y: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cones around barriers in the left parking strip."""
-    cone = furniture.cone(palette)
+    cone = furniture.build_cone(palette)
     actors = []
     for dx, dy in ((0.95, -2.3), (0.95, 0.0), (0.95, 2.3), (-0.7, -2.5)):
         route = Route(-PARKING + dx, y + dy, float(rng.uniform(-3, 3)))
         low, high = (bound.astype(float) for bound in cone.bounds())
         actors.append(Actor("Cones", route, partial(_unchanging, cone), low, high, _draw_uuid(rng)))
     for dy in (-1.6, 1.6):
-        mesh = furniture.barrier(palette)
+        mesh = furniture.build_barrier(palette)
         low, high = (bound.astype(float) for bound in mesh.bounds())
         route = Route(-PARKING, y + dy, float(rng.uniform(-0.06, 0.06)))
         label = "Temporary Construction Barriers"

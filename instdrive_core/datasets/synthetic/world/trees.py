@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.world.materials import BARK, LEAF, Color, Material, Palette
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, joined
+from instdrive_core.datasets.synthetic.world.materials import BARK, LEAF, Color, Material, MaterialPalette
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, join_meshes
 from instdrive_core.datasets.synthetic.world.primitives import cylinder, sphere, tube
 
 
@@ -38,7 +38,7 @@ SPECIES = {
 """Species by name."""
 
 
-def tree_mesh(species: Species, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def build_tree(species: Species, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A tree: trunk, boughs, and clumps of leaves around dark cores."""
     height = rng.uniform(*species.height)
     foot = species.trunk * height
@@ -59,10 +59,10 @@ def tree_mesh(species: Species, rng: np.random.Generator, palette: Palette) -> T
         if species.crown[1] < 0.5
     ]
     crown = [_clump_mesh(clump[:3], clump[3], leaf, rng) for clump in clumps]
-    return joined([trunk, *boughs, *crown])
+    return join_meshes([trunk, *boughs, *crown])
 
 
-def bush_mesh(length: float, width: float, height: float, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def build_bush(length: float, width: float, height: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A hedge along x, or a bush where `length` is short."""
     species = Species((0, 0), 0, (0, 0), (0.07, 0.16, 0.03), (0.12, 0.20, 0.05))
     leaf = palette.add(_leaf_material(species, rng.uniform(0.85, 1.15, 3)))
@@ -72,7 +72,7 @@ def bush_mesh(length: float, width: float, height: float, rng: np.random.Generat
         centre = np.array([x, rng.uniform(-0.05, 0.05), 0.5 * height])
         radii = np.array([0.62 * width, 0.5 * width, 0.5 * height]) * rng.uniform(0.92, 1.08, 3)
         parts.append(_clump_mesh(centre, radii, leaf, rng, cards=70))
-    return joined(parts)
+    return join_meshes(parts)
 
 
 def _leaf_material(species: Species, tint: ndarray) -> Material:
@@ -135,4 +135,4 @@ def _clump_mesh(
         normals.reshape(-1, 3, 3).astype(np.float32),
         np.full(len(corners), leaf, np.int32),
     )
-    return joined([core, foliage])
+    return join_meshes([core, foliage])

@@ -5,8 +5,14 @@ from pathlib import Path
 import pytest
 from procedural_street import procedural_street
 
-from instdrive_app.files.file_names import enumerated, is_text, name_problem, shown, working_folder
-from instdrive_app.files.folder_listing import listing
+from instdrive_app.files.file_names import (
+    find_name_problem,
+    find_working_folder,
+    format_path,
+    is_displayable,
+    join_names,
+)
+from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.panels.dialogs.dropped_files import sorted_out
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, SCENES, holds_scene
 from instdrive_core.formats.registry import save_scene
@@ -52,12 +58,12 @@ def test_of_many_problems_the_number_is_told(folder):
 def test_names_that_are_no_text_are_told_and_not_listed(folder):
     odd = folder / "caf\udce9.ply"
     odd.touch()
-    assert not is_text(odd)
-    assert is_text(folder / "café.ply")
-    assert shown(odd.name) == "caf\ufffd.ply"
-    assert name_problem(folder / "café.ply") == ""
+    assert not is_displayable(odd)
+    assert is_displayable(folder / "café.ply")
+    assert format_path(odd.name) == "caf\ufffd.ply"
+    assert find_name_problem(folder / "café.ply") == ""
     assert sorted_out([odd]).openable == ()
-    assert odd.name not in [entry.path.name for entry in listing(folder, SCENES, holds_scene)]
+    assert odd.name not in [entry.path.name for entry in list_folder(folder, SCENES, holds_scene)]
 
 
 def test_paths_that_cannot_be_looked_at_are_no_answer(folder):
@@ -68,18 +74,18 @@ def test_paths_that_cannot_be_looked_at_are_no_answer(folder):
 
 def test_enumerations():
     paths = [Path(f"/x/{letter}.ply") for letter in "abcdef"]
-    assert enumerated(paths[:1]) == "a.ply"
-    assert enumerated(paths[:2]) == "a.ply and b.ply"
-    assert enumerated(paths[:4]) == "a.ply, b.ply, c.ply and d.ply"
-    assert enumerated(paths) == "a.ply, b.ply, c.ply and 3 others"
+    assert join_names(paths[:1]) == "a.ply"
+    assert join_names(paths[:2]) == "a.ply and b.ply"
+    assert join_names(paths[:4]) == "a.ply, b.ply, c.ply and d.ply"
+    assert join_names(paths) == "a.ply, b.ply, c.ply and 3 others"
 
 
 def test_a_working_folder_that_is_gone_or_no_text_is_not_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert working_folder() == tmp_path
+    assert find_working_folder() == tmp_path
     for name in ("d\udce9r", "gone"):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
         if name == "gone":
             (tmp_path / name).rmdir()
-        assert working_folder() == Path.home()
+        assert find_working_folder() == Path.home()

@@ -94,7 +94,7 @@ def test_a_car_is_moved_and_turned_by_handles(window, tmp_path):
     assert miss < 1e-3, "the car stays the same car"
     np.testing.assert_allclose(turn[2], [0, 0, 1], atol=1e-5)
     assert np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) > 10, "the near side was dragged to the right"
-    pivot = SelectionBoxes().box_of(Document(scene), (BLUE_CAR,), 0.0).center
+    pivot = SelectionBoxes().find_box(Document(scene), (BLUE_CAR,), 0.0).center
     shift = after.mean(axis=0) - (turn @ (before.mean(axis=0) - pivot) + pivot)
     assert shift[0] < -0.8
     np.testing.assert_allclose(shift[1:], 0, atol=0.05, err_msg="only along the handle's axis")

@@ -72,7 +72,7 @@ def shown_and_gone(gl):
     """The driver keeps the program used last until the next one: make it the same one each time."""
     document = Document(procedural_street(spacing=0.6))
     renderer = Renderer(gl, document)
-    renderer.render(resolve(EditorState(viewpoint=camera.through(document.scene.views[0])), *SIZE))
+    renderer.render(resolve(EditorState(viewpoint=camera.view_from_camera(document.scene.views[0])), *SIZE))
     renderer.release()
 
 
@@ -82,7 +82,7 @@ def test_following_is_as_good_as_starting_afresh(gl, monkeypatch, seed):
     rng = np.random.default_rng(seed)
     document = Document(procedural_street(spacing=0.6))
     document.open_scene = lambda path: random_scene(count=60, degree=1, seed=3)
-    state = EditorState(viewpoint=camera.through(document.scene.views[0]))
+    state = EditorState(viewpoint=camera.view_from_camera(document.scene.views[0]))
     shown_and_gone(gl)
     alive = live_objects()
     renderer, picker = Renderer(gl, document), Picker()

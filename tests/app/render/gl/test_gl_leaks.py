@@ -20,7 +20,7 @@ from instdrive_core.edits.kinds.select import SelectInstances
 
 def session(gl, document):
     """Open, look at everything in several sizes, edit, take back, release."""
-    renderer, state = Renderer(gl, document), EditorState(viewpoint=camera.through(document.scene.views[0]))
+    renderer, state = Renderer(gl, document), EditorState(viewpoint=camera.view_from_camera(document.scene.views[0]))
     edits = (
         DuplicateInstances((ROAD, DRIVING_CAR), (0.0, 1.0, 0.5)),
         MoveInstances((FIRST_CAR,), (1.0, 0.0, 0.0)),

@@ -34,7 +34,7 @@ def renderer(gl, street):
 
 def state_at(document, index, **changes):
     view = document.scene.views[index]
-    return EditorState(viewpoint=camera.through(view), time=view.time, **changes)
+    return EditorState(viewpoint=camera.view_from_camera(view), time=view.time, **changes)
 
 
 def cpu_frame(document, snapshot, rule=NEAREST_SOLID):

@@ -45,7 +45,7 @@ def software(gl, street):
 
 def state_at(document, index=0, **changes):
     view = document.scene.views[index]
-    return EditorState(viewpoint=camera.through(view), time=view.time, **changes)
+    return EditorState(viewpoint=camera.view_from_camera(view), time=view.time, **changes)
 
 
 def snapshot_of(document, index=0, **changes):

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from instdrive_app.files.file_names import name_problem
+from instdrive_app.files.file_names import find_name_problem
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
 from instdrive_app.session.autosave import Autosave
-from instdrive_app.session.opening import Opened, opened, recovered
+from instdrive_app.session.opening import OpenedDocument, open_for_editing, recover_for_editing
 from instdrive_app.session.recents import RecentFiles
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
@@ -42,10 +42,12 @@ class OtherSave:
     save_over: Callable[[], None]
 
 
-class Files:
+class DocumentFiles:
     """What is on the disk of the open document, and what is not yet."""
 
-    def __init__(self, jobs: Jobs, messages: Messages, autosave: Autosave, show: Callable[[Opened], None]) -> None:
+    def __init__(
+        self, jobs: Jobs, messages: Messages, autosave: Autosave, show: Callable[[OpenedDocument], None]
+    ) -> None:
         """`show` gets each document that was opened; `autosave` follows the one that is shown."""
         self._jobs, self._messages, self._autosave, self._show = jobs, messages, autosave, show
         self.path: Path | None = None
@@ -70,22 +72,22 @@ class Files:
 
     def entered(self, document: Document, path: Path | None, saved: bool = True) -> None:
         """A document is shown that came from `path`; where it was recovered, its file lacks something."""
-        self.path, self._saved = path, changes_of(document) if saved else None
-        self._stamp = _stamp_of(path) if path is not None else None
+        self.path, self._saved = path, list_changes(document) if saved else None
+        self._stamp = _read_stamp(path) if path is not None else None
         if path is not None:
             self.recents.add(path)
 
     def is_unsaved(self, document: Document) -> bool:
         """Whether the document differs from its project, or from the scene while there is no project."""
-        return changes_of(document) != self._saved
+        return list_changes(document) != self._saved
 
     def open(self, path: Path, accept_changed: bool = False, keep_every: int = 1) -> None:
         """Open a scene or a project, or every k-th splat of a scene.
 
         Where its scene has changed, `changed_scene` is set instead; where only a part of it fits, `too_large`.
         """
-        if name_problem(path):
-            self._messages.error(name_problem(path))
+        if find_name_problem(path):
+            self._messages.error(find_name_problem(path))
             return
 
         def failed(error: BaseException) -> bool:
@@ -94,8 +96,8 @@ class Files:
                 return True
             return self._asks_about_change(error, lambda: self.open(path, accept_changed=True))
 
-        def work() -> Opened:
-            return opened(path, accept_changed, keep_every)
+        def work() -> OpenedDocument:
+            return open_for_editing(path, accept_changed, keep_every)
 
         self._jobs.submit(f"Opening {path.name}", work, self._show, failed=failed)
 
@@ -117,7 +119,7 @@ class Files:
     def recover(self, session: RecoverableSession, accept_changed: bool = False) -> None:
         """Open the document that a dead editor has left, or set `changed_scene` where its scene has changed."""
 
-        def done(found: Opened) -> None:
+        def done(found: OpenedDocument) -> None:
             self._autosave.forget(session)
             self._show(found)
 
@@ -125,7 +127,7 @@ class Files:
             return self._asks_about_change(error, lambda: self.recover(session, accept_changed=True))
 
         self._jobs.submit(
-            f"Recovering {session.title}", lambda: recovered(session, accept_changed), done, failed=failed
+            f"Recovering {session.title}", lambda: recover_for_editing(session, accept_changed), done, failed=failed
         )
 
     def save(
@@ -140,15 +142,15 @@ class Files:
 
         Where another editor has saved the same project since, `other_save` is set instead, unless `over_other`.
         """
-        state, changes = capture_project_state(document, view), changes_of(document)
+        state, changes = capture_project_state(document, view), list_changes(document)
 
         def work() -> None:
             # Looked at here, where the save before this one is done.
             is_own = over_other or path != self.path or self._stamp is None
-            if not is_own and _stamp_of(path) not in (None, self._stamp):
+            if not is_own and _read_stamp(path) not in (None, self._stamp):
                 raise _SavedElsewhereError
             write_project(path, state)
-            self._stamp = _stamp_of(path)
+            self._stamp = _read_stamp(path)
 
         def done(_: None) -> None:
             self.path, self._saved = path, changes
@@ -169,7 +171,7 @@ class _SavedElsewhereError(Exception):
     """The project's file is not the one that was opened or saved here."""
 
 
-def _stamp_of(path: Path) -> Stamp | None:
+def _read_stamp(path: Path) -> Stamp | None:
     """What a file looks like from outside; None where it cannot be looked at."""
     try:
         found = path.stat()
@@ -178,6 +180,6 @@ def _stamp_of(path: Path) -> Stamp | None:
     return found.st_mtime_ns, found.st_size
 
 
-def changes_of(document: Document) -> tuple[Edit, ...]:
+def list_changes(document: Document) -> tuple[Edit, ...]:
     """The edits done that changed more than the selection."""
     return tuple(edit for edit in document.history.done if not edit.selects_only)

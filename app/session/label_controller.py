@@ -19,7 +19,7 @@ from instdrive_core.wording import format_count
 Ids = tuple[int, ...]
 
 
-class Labels:
+class LabelController:
     """The verbs of label repair; each is one step of the history."""
 
     def __init__(self, context: SessionContext) -> None:

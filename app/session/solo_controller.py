@@ -11,7 +11,7 @@ from instdrive_core.edits.kinds.visibility import HideInstances, ShowAll
 Ids = tuple[int, ...]
 
 
-class Solo:
+class SoloController:
     """Remembers what was hidden before instances were shown alone.
 
     Whether that is still so is read from the document: undoing the step ends it, redoing brings it back.
@@ -48,7 +48,7 @@ class Solo:
         document = self._document()
         if document is None or not ids:
             return
-        hidden = self._hidden_before if self.ids else hidden_instances(document)
+        hidden = self._hidden_before if self.ids else find_hidden_instances(document)
         step = SoloInstances(ids)
         if self._apply(lambda: step):
             self._of, self._ids, self._hidden_before, self._known = document, tuple(ids), hidden, None
@@ -73,7 +73,7 @@ class Solo:
             self.enter(ids)
 
 
-def hidden_instances(document: Document) -> Ids:
+def find_hidden_instances(document: Document) -> Ids:
     """Instances of which something is left and nothing drawn, rising."""
     counts = document.counts()
     return tuple(counts.ids[(counts.drawn == 0) & (counts.count > counts.deleted)].tolist())

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from instdrive_app.actions.conditions import editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable
 from instdrive_app.session.editor_session import EditorSession
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Labels menu."""
     return [*_of_instances(session), *_of_splats(session)]
 
 
-def _of_instances(session: EditorSession) -> list[Command]:
+def _of_instances(session: EditorSession) -> list[Action]:
     def some(count: int = 1) -> bool:
-        return editable(session) and len(session.selected) >= count
+        return is_editable(session) and len(session.selected) >= count
 
     def one() -> bool:
-        return editable(session) and len(session.selected) == 1
+        return is_editable(session) and len(session.selected) == 1
 
     return [
-        Command(
+        Action(
             "labels.class",
             "Set class…",
             lambda: session.ask("class", session.selected),
@@ -30,7 +30,7 @@ def _of_instances(session: EditorSession) -> list[Command]:
             icon="ICON_FA_TAG",
             undoable=True,
         ),
-        Command(
+        Action(
             "labels.merge",
             "Merge",
             lambda: session.labels.merge(session.selected),
@@ -41,7 +41,7 @@ def _of_instances(session: EditorSession) -> list[Command]:
             separator=True,
             undoable=True,
         ),
-        Command(
+        Action(
             "labels.split",
             "Split by component…",
             lambda: session.ask("split", session.selected),
@@ -54,12 +54,12 @@ def _of_instances(session: EditorSession) -> list[Command]:
     ]
 
 
-def _of_splats(session: EditorSession) -> list[Command]:
+def _of_splats(session: EditorSession) -> list[Action]:
     def splats() -> bool:
-        return editable(session) and session.has_selection
+        return is_editable(session) and session.has_selection
 
     return [
-        Command(
+        Action(
             "labels.reassign",
             "Reassign the selected splats…",
             lambda: session.ask("reassign", session.selected),
@@ -69,7 +69,7 @@ def _of_splats(session: EditorSession) -> list[Command]:
             icon="ICON_FA_RIGHT_LEFT",
             undoable=True,
         ),
-        Command(
+        Action(
             "labels.new",
             "New instance from the selected splats",
             lambda: session.labels.reassign(None),
@@ -79,13 +79,13 @@ def _of_splats(session: EditorSession) -> list[Command]:
             icon="ICON_FA_CIRCLE_PLUS",
             undoable=True,
         ),
-        Command(
+        Action(
             "labels.absorb",
             "Absorb floaters",
             lambda: session.labels.absorb(session.selected),
             "Labels",
             ("Ctrl+B",),
-            enabled=lambda: editable(session) and bool(session.selected),
+            enabled=lambda: is_editable(session) and bool(session.selected),
             icon="ICON_FA_BROOM",
             undoable=True,
         ),

@@ -10,7 +10,7 @@ MenuItem = tuple[str, Callable[[], None]]
 
 
 @dataclass(frozen=True)
-class Command:
+class Action:
     """One thing the user can ask for."""
 
     id: str
@@ -34,18 +34,18 @@ class Command:
     """True: a step of the history. False: cannot be undone. None: changes nothing but what is shown or asked."""
 
 
-def shortcut_title(shortcut: str) -> str:
+def format_shortcut(shortcut: str) -> str:
     """As it is shown to the user."""
     return shortcut.replace("LeftArrow", "←").replace("RightArrow", "→").replace("Delete", "Del")
 
 
-class Commands:
+class ActionRegistry:
     """All commands, in menu order."""
 
     def __init__(self) -> None:
-        self._commands: dict[str, Command] = {}
+        self._commands: dict[str, Action] = {}
 
-    def add(self, command: Command) -> None:
+    def add(self, command: Action) -> None:
         """Register a command. Raises ValueError where ID or shortcut are taken."""
         if command.id in self._commands:
             raise ValueError(f"command {command.id!r} is registered twice")
@@ -55,10 +55,10 @@ class Commands:
                 raise ValueError(f"{shortcut} is the shortcut of {owner!r} and of {command.id!r}")
         self._commands[command.id] = command
 
-    def __iter__(self) -> Iterator[Command]:
+    def __iter__(self) -> Iterator[Action]:
         return iter(self._commands.values())
 
-    def __getitem__(self, command_id: str) -> Command:
+    def __getitem__(self, command_id: str) -> Action:
         return self._commands[command_id]
 
     @property
@@ -66,7 +66,7 @@ class Commands:
         """Menu names in the order of their first command."""
         return tuple(dict.fromkeys(command.menu for command in self if command.menu))
 
-    def in_menu(self, menu: str) -> tuple[Command, ...]:
+    def in_menu(self, menu: str) -> tuple[Action, ...]:
         """The commands of one menu."""
         return tuple(command for command in self if command.menu == menu)
 

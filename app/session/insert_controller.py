@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.move_controller import Moving
+from instdrive_app.session.move_controller import MoveController
 from instdrive_app.state import Viewpoint
 from instdrive_core.edits.bases.parameters import Vector
 from instdrive_core.edits.document.document import Document
@@ -29,10 +29,10 @@ EYE_HEIGHT = 1.6
 """Metres below the camera where no ground is found."""
 
 
-class Inserting:
+class InsertController:
     """Opens a scene beside the window and puts it into the open document."""
 
-    def __init__(self, context: SessionContext, moving: Moving) -> None:
+    def __init__(self, context: SessionContext, moving: MoveController) -> None:
         self._state, self._document, self._jobs = context.state, context.document, context.jobs
         self._messages, self._moving = context.messages, moving
 
@@ -55,7 +55,7 @@ class Inserting:
 
         def work() -> tuple[InsertScene, Spot]:
             source = (document.open_scene or open_scene)(path)
-            spot = spot_before(document, source, viewpoint, time, edge)
+            spot = find_spot(document, source, viewpoint, time, edge)
             return InsertScene.of(source, str(path), spot.translation), spot
 
         def done(result: tuple[InsertScene, Spot]) -> None:
@@ -85,9 +85,7 @@ class Spot:
     """What the user should know about it."""
 
 
-def spot_before(
-    document: Document, source: Scene, viewpoint: Viewpoint, time: float, edge: float | None = None
-) -> Spot:
+def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: float, edge: float | None = None) -> Spot:
     """Before the camera on the ground; to the right of `edge` where something was put there already.
 
     Raises EditError where the scene has no splats.

@@ -5,18 +5,18 @@ from __future__ import annotations
 import os.path
 from pathlib import Path
 
-from instdrive_app.files.file_names import working_folder
+from instdrive_app.files.file_names import find_working_folder
 from instdrive_app.session.context import SessionContext
+from instdrive_app.session.document_files import DocumentFiles
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
-from instdrive_app.session.files import Files
 from instdrive_core.project.export import make_file_name
 from instdrive_core.project.sources import is_source
 
 
-class Exporting:
+class ExportController:
     """Keeps the choice of the export dialog, and carries exports out."""
 
-    def __init__(self, context: SessionContext, files: Files) -> None:
+    def __init__(self, context: SessionContext, files: DocumentFiles) -> None:
         self._state, self._document, self._jobs = context.state, context.document, context.jobs
         self._messages, self._files = context.messages, files
         self.choice = ExportChoice()
@@ -35,12 +35,12 @@ class Exporting:
         # Once, since counting a million splats takes longer than a frame has; nothing changes while the dialog is open.
         self.amounts = {name: kind.amount(document) for name, kind in KINDS.items()} if document is not None else {}
 
-    def proposed(self) -> Path:
+    def propose_path(self) -> Path:
         """A path for what is chosen, in the folder of the last export or of the scene."""
         near = self._files.last_export or self._files.path
-        return (near.resolve().parent if near else working_folder()) / self._proposed_name()
+        return (near.resolve().parent if near else find_working_folder()) / self._proposed_name()
 
-    def proposed_beside(self, path: str) -> Path:
+    def propose_path_in(self, path: str) -> Path:
         """The same in the folder of the path as it is typed."""
         folder = Path(os.path.expanduser(path))  # these never raise, whatever is typed
         return (folder if os.path.isdir(folder) else folder.parent) / self._proposed_name()

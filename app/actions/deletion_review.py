@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from instdrive_app.actions.conditions import editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable
 from instdrive_app.session.editor_session import EditorSession
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """At the end of the Edit and View menus."""
 
     def residue() -> bool:
-        found = session.aftermath.finding
-        return editable(session) and found is not None and found.residue_count > 0
+        found = session.aftermath.findings
+        return is_editable(session) and found is not None and found.residue_count > 0
 
     def hole() -> bool:
-        found = session.aftermath.finding
-        return editable(session) and found is not None and found.hole is not None and not session.aftermath.filling
+        found = session.aftermath.findings
+        return (
+            is_editable(session) and found is not None and found.hole is not None and not session.aftermath.is_filling
+        )
 
     return [
-        Command(
+        Action(
             "aftermath.absorb",
             "Absorb floaters of the deletion",
             session.aftermath.absorb,
@@ -29,7 +31,7 @@ def commands(session: EditorSession) -> list[Command]:
             separator=True,
             undoable=True,
         ),
-        Command(
+        Action(
             "aftermath.fill",
             "Fill hole",
             session.aftermath.fill,
@@ -38,12 +40,12 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_FILL_DRIP",
             undoable=True,
         ),
-        Command(
+        Action(
             "aftermath.clear",
             "Clear report of the deletion",
             session.aftermath.clear,
             "View",
-            enabled=lambda: session.aftermath.finding is not None,
+            enabled=lambda: session.aftermath.findings is not None,
             icon="ICON_FA_XMARK",
         ),
     ]
