@@ -108,7 +108,7 @@ def work(cell: Cell, place: Workplace) -> None:
 
 
 def provenance() -> dict[str, Any]:
-    """Of what code, on what machine and when."""
+    """What code was measured, on what machine and when."""
     import numba
 
     return {

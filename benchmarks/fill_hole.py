@@ -30,12 +30,12 @@ from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import Instance
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.scene import Scene
 
 GROUND_LABELS = (1, 2, 3, 4)
-"""Of the synthetic street: road, marks, kerbs and pavements."""
+"""Classes of the synthetic street's ground: road, marks, kerbs and pavements."""
 BLUR = 8.0
 """Pixels: texture that is elsewhere than in truth is no error, another brightness is."""
 NEAREST = 1.2
@@ -49,7 +49,7 @@ class Options:
     scene: Path | None = None
     """Trained from the street; default: the sample scene."""
     seed: int = 7
-    """Of the street."""
+    """Seed of the street."""
     min_splats: int = 1200
     """Smaller cars are left out."""
     views: int = 3
@@ -104,7 +104,7 @@ def best_views(scene: Scene, instance: int, count: int) -> list[CameraView]:
     """The photos that show most of an instance, from different places."""
     areas = []
     for view in scene.views:
-        ids = instance_map(scene, view_scene(scene, view.camera, view.time))
+        ids = build_instance_map(scene, view_scene(scene, view.camera, view.time))
         areas.append(int((ids == instance).sum()))
     chosen: list[CameraView] = []
     for index in np.argsort(areas)[::-1]:

@@ -31,7 +31,7 @@ class Read:
     """What came out of a file that was read without an error."""
 
     digest: str
-    """Of everything that was read."""
+    """Digest of everything that was read."""
     reported: tuple[str, ...] = ()
     """What the linter, or a note to the user, says of it."""
     unreported: str = ""

@@ -110,7 +110,7 @@ def clip_trainer(options: Options, path: Path, config: TrainConfig, backend: Bac
 
 
 def steps_per_second(trainer: Trainer, warm_up: int, steps: int) -> float:
-    """Of the RGB stage, once photos have been read and kernels compiled."""
+    """Training speed of the RGB stage, once photos have been read and kernels compiled."""
     start = 0.0
     for number in range(warm_up + steps):
         if number == warm_up:

@@ -32,7 +32,7 @@ class Options:
     gaussians: int = 500_000
     """Gaussians to start with, about."""
     steps: int = 200
-    """Of each stage."""
+    """Steps of each stage."""
     options: ClipOptions = field(default_factory=lambda: ClipOptions(scale=0.5))
 
 

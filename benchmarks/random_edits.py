@@ -179,7 +179,7 @@ class RandomEdits:
 
 
 def document_digest(document: Document) -> bytes:
-    """Of every array and table that edits may change: equal where all bits are."""
+    """Digest of every array and table that edits may change: equal where all bits are."""
     scene, digest = document.scene, hashlib.sha256()
     arrays = [document.state.flags, document.colors.indices, document.colors.values]
     arrays += [document.transforms.indices, document.transforms.values]

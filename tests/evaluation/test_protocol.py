@@ -38,7 +38,7 @@ NESTED_KEYS = {
     "lidar.": ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance"),
     "click.": ("hit_rate", "iou", "collateral", "residue"),
 }
-"""As EVALUATION writes them."""
+"""Keys that EVALUATION writes."""
 EXTRA_KEYS = {
     "lidar.": ("instances_to_cover", "codes_per_object", "objects_per_code"),
     "lidar.oracle_": (*NESTED_KEYS["lidar."], "instances_to_cover"),

@@ -36,7 +36,7 @@ def small(count, sigma=0.02):
 
 
 def angle_between(one, other):
-    """Of two axes without direction."""
+    """Angle between two axes without direction, in radians."""
     return abs((one - other + math.pi / 2) % math.pi - math.pi / 2)
 
 

@@ -37,7 +37,7 @@ def lying(scene, up):
 
 
 def anonymous(scene):
-    """As another program would have it: no cameras, no instances, one moment."""
+    """Scene as another program would have it: no cameras, no instances, one moment."""
     return scene_from_gaussians(scene.gaussians.select(scene.nodes == 0))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from instdrive_core.datasets.clip import Clip, Frame, is_held_out
-from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
+from instdrive_core.evaluation.metrics.box_pixels import find_box_silhouette
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.masks.ground_truth import GroundTruthInstance
 from instdrive_core.maths.activations import logit
@@ -20,7 +20,7 @@ from instdrive_core.scene.track import Track
 
 ROAD, PARKED, DRIVING, POLE = 1, 2, 3, 4
 COLORS = np.array([[0.6, 0.7, 0.9], [0.3, 0.3, 0.3], [0.8, 0.1, 0.1], [0.1, 0.2, 0.8], [0.9, 0.8, 0.1]], np.float32)
-"""Of sky, road, parked, driving, pole."""
+"""Colours of sky, road, parked, driving, pole."""
 SPACING, DEVIATION = 0.2, 0.1
 ROAD_SIDE, ROAD_END = 8.0, 25.0
 WIDTH, HEIGHT = 192, 108
@@ -54,7 +54,7 @@ def exact_labels(camera: Camera, boxes: list[tuple[int, np.ndarray, np.ndarray]]
     labels = np.where(on_road & (rays[..., 2] < 0), ROAD, 0).astype(np.uint32)
     far_to_near = sorted(boxes, key=lambda box: -np.linalg.norm(box[1][:3, 3] - camera.position))
     for label, world_from_box, size in far_to_near:
-        labels[box_silhouette(camera, world_from_box, size)] = label
+        labels[find_box_silhouette(camera, world_from_box, size)] = label
     return labels
 
 

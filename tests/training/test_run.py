@@ -169,7 +169,7 @@ def trained(street, tmp_path_factory):
 
 
 def with_growth(config: TrainConfig) -> TrainConfig:
-    """The same with Gaussians that grow within the few steps there are."""
+    """Configuration whose Gaussians grow within the few steps there are."""
     return replace(config, densify=replace(config.densify, start=4, every=5, stop=0.9, gradient_threshold=1e-6))
 
 

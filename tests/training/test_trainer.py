@@ -54,7 +54,7 @@ def test_instance_losses_leave_geometry_and_colour_alone():
 
 
 def growing(config: TrainConfig) -> TrainConfig:
-    """The same with densification and a reset of the opacities within the few steps there are."""
+    """Configuration with densification and a reset of the opacities within the few steps there are."""
     densify = replace(
         config.densify,
         start=4,

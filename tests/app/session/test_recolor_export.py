@@ -34,7 +34,7 @@ EDITS = {
     ],
 }
 TOLERANCE = 1.0 / 255
-"""Of the mean difference of two pictures of the car; right before the camera renderers cut splats differently."""
+"""Largest mean difference of two pictures of the car; right before the camera renderers cut splats differently."""
 
 
 def glossy_street():

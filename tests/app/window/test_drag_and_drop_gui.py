@@ -133,7 +133,7 @@ def test_what_cannot_be_opened_is_told_and_the_window_lives(window, source, file
 
 
 def test_paths_that_are_typed_or_listed_may_be_odd_too(window, tmp_path):
-    """As those that are dropped."""
+    """Names that are dropped may be odd; so may these."""
     for name in (HARD_NAME, "caf\udce9.ply"):
         (tmp_path / name).touch()
     window.key("ctrl+o")

@@ -42,7 +42,7 @@ DIALOGS = (
     "rename",
 )
 LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
-"""As long as a name may be."""
+"""The longest name allowed."""
 PATIENCE_FRAMES = 400
 
 

@@ -152,7 +152,7 @@ def fitted(poses: ActorPoses, truth: Track, times: np.ndarray, steps: int = 200)
 
 
 def errors(track: Track, truth: Track) -> tuple[np.ndarray, np.ndarray]:
-    """Of every key: metres and degrees."""
+    """Errors of every key: metres and degrees."""
     between = np.swapaxes(track.world_from_box[:, :3, :3], 1, 2) @ truth.world_from_box[:, :3, :3]
     metres = np.linalg.norm(track.world_from_box[:, :3, 3] - truth.world_from_box[:, :3, 3], axis=1)
     return metres, np.degrees(Rotation.from_matrix(between).magnitude())
