@@ -17,7 +17,7 @@ from tyro.conf import Positional
 
 from benchmarks.pictures import clip_of_run, save_picture
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
+from instdrive_core.evaluation.metrics.box_pixels import find_box_silhouette
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.exposure import apply_exposure
@@ -59,7 +59,7 @@ def largest_crops(clip: Clip, count: int) -> list[Crop]:
         for track in clip.tracks:
             if not (track.moving and track.covers(time)):
                 continue
-            seen = box_silhouette(camera, track.pose_at(time), track.dimensions)
+            seen = find_box_silhouette(camera, track.pose_at(time), track.dimensions)
             rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
             if not len(rows) or rows[0] == 0 or columns[0] == 0 or columns[-1] == camera.width - 1:
                 continue

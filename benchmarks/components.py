@@ -25,7 +25,7 @@ from benchmarks.workload import ROOT
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
+from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.components import split_components
 from instdrive_core.instances.table import build_instance_table
@@ -114,7 +114,7 @@ def main(options: Options) -> dict[str, object]:
     clip = None
     if options.run is not None:
         facts = read_run_facts(options.run)
-        clip = load_clip(facts["clip"], clip_options(facts))
+        clip = load_clip(facts["clip"], build_clip_options(facts))
     labels = [actor.label for actor in scene.actors]
     growths: tuple[Growth, ...] = ("longer", "denser")
     figures = {

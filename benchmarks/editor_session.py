@@ -125,7 +125,7 @@ class DrivenEditor:
         """Median time of the frames in which instances are deleted and recoloured, and of those that undo it."""
         session, taken = self.session, {"delete": [], "recolor": [], "undo": []}
         assert session.document is not None
-        visible = session.document.visible_instances()
+        visible = session.document.find_visible_instances()
         for number in range(count):
             instance = (visible[7 * number % len(visible)],)
             steps = {

@@ -143,7 +143,7 @@ def main(options: Options) -> dict[str, object]:
         report = report_deletion(document, (instance.id,), 0.0)
         gone = bake_document(document)
         before += [errors(gone, part) for part in parts]
-        for edit in (report.absorption(), report.filling()):
+        for edit in (report.make_absorb_edit(), report.make_fill_edit()):
             if edit is not None:
                 document.apply(edit)
         filled = bake_document(document)

@@ -48,11 +48,11 @@ class Desk:
     @property
     def ids(self) -> tuple[int, ...]:
         """All instances that are left."""
-        return self.document.visible_instances()
+        return self.document.find_visible_instances()
 
     def largest(self, count: int) -> tuple[int, ...]:
         """The instances with the most splats."""
-        counts = self.document.counts()
+        counts = self.document.count_states()
         return tuple(counts.ids[np.argsort(-counts.count)[:count]].tolist())
 
     def run(self, command: str) -> None:

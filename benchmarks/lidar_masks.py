@@ -24,7 +24,7 @@ from tyro.conf import Positional
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.metrics.segmentation import confusion, evaluated_truth, one_to_one
+from instdrive_core.evaluation.metrics.segmentation import count_confusion, match_one_to_one, prepare_truth
 from instdrive_core.masks.annotated.labels import AnnotationLabels
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import GroundTruth
@@ -65,8 +65,8 @@ def truth_of(clip: Clip) -> GroundTruth:
 
 def score_photo(truth: GroundTruth, masks: LabelSource, frame: Frame) -> PhotoScores | None:
     """Compare one photo's masks; None where nothing is known of it."""
-    expected = evaluated_truth(truth.load(frame), None if frame.valid is None else ~frame.valid)
-    pixels = confusion(expected.astype(np.int64), masks.load(frame).astype(np.int64))
+    expected = prepare_truth(truth.load(frame), None if frame.valid is None else ~frame.valid)
+    pixels = count_confusion(expected.astype(np.int64), masks.load(frame).astype(np.int64))
     if not len(pixels.truth_ids):
         return None
     things = {number for number, one in truth.instances.items() if one.kind == "thing"}
@@ -74,7 +74,7 @@ def score_photo(truth: GroundTruth, masks: LabelSource, frame: Frame) -> PhotoSc
     return PhotoScores(
         np.isin(pixels.truth_ids, list(things)),
         pixels.iou.max(axis=1, initial=0),
-        one_to_one(pixels).iou,
+        match_one_to_one(pixels).iou,
         int((pixels.predicted_areas >= pixels.ignored_areas).sum()),
         None if sky is None or not sky.any() else _iou(sky, masks.sky(frame)),
     )

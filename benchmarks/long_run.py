@@ -119,7 +119,7 @@ def _editing_round(editor, rng: np.random.Generator, folder: Path, reopen: Path 
     from instdrive_core.edits.kinds.move import MoveInstances
 
     session = editor.session
-    visible = session.document.visible_instances()
+    visible = session.document.find_visible_instances()
     chosen = tuple(int(i) for i in rng.choice(visible, min(3, len(visible)), replace=False))
     acts: tuple[Callable[[], object], ...] = (
         lambda: session.select(chosen),

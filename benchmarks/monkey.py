@@ -134,7 +134,7 @@ class Monkey:
     def _command(self) -> Iterator[None]:
         document = self._session.document
         if document is not None and self._random.random() < 0.6:
-            visible = document.visible_instances()
+            visible = document.find_visible_instances()
             count = min(len(visible), self._random.choice((1, 1, 2, 5)))
             self._session.select(tuple(self._random.sample(visible, count)))
         commands = [command for command in self._session.actions if command.id not in NEVER]

@@ -19,7 +19,7 @@ from tyro.conf import Positional, arg
 
 from instdrive_core.edits.queries.bake import recount_table
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
-from instdrive_core.rasterize.kernels.blend_weights import blend_weights
+from instdrive_core.rasterize.kernels.blend_weights import compute_blend_weights
 from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.sky import Sky
 
@@ -56,7 +56,7 @@ def weight_shown(scene: Scene) -> Float64[ndarray, " n"]:
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(present[scene.nodes] > 0, gaussians.opacities, np.float32(0))
         pixels = np.arange(view.camera.width * view.camera.height)
-        weights = blend_weights(means, quats, gaussians.log_scales, opacities, view.camera, pixels)
+        weights = compute_blend_weights(means, quats, gaussians.log_scales, opacities, view.camera, pixels)
         total += np.bincount(weights.rows, weights.weights, len(scene))
     return total
 

@@ -24,7 +24,7 @@ from tyro.conf import Positional
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
+from instdrive_core.evaluation.metrics.box_pixels import find_moving_box_pixels
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.masks.label_map_folder import MaskFolder, open_masks
 from instdrive_core.rasterize.scene_view import view_scene
@@ -76,7 +76,7 @@ def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
         photo = frame.load_image().astype(np.float32) / 255
         valid = np.ones(photo.shape[:2], bool) if frame.valid is None else frame.valid
         whole.append(psnr(np.clip(image, 0, 1), photo, valid))
-        actors.append(psnr(np.clip(image, 0, 1), photo, valid & moving_box_pixels(camera, clip.tracks, moment)))
+        actors.append(psnr(np.clip(image, 0, 1), photo, valid & find_moving_box_pixels(camera, clip.tracks, moment)))
     known = [value for value in actors if value is not None]
     return Quality(
         float(np.mean([value for value in whole if value is not None])), float(np.mean(known)) if known else None

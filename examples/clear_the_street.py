@@ -21,7 +21,7 @@ for car in sorted(parked, key=lambda instance: instance.count, reverse=True)[:MO
     document.apply(DeleteInstances((car.id,)))
     report = report_deletion(document, (car.id,), time=0.0)
     print(f"{car.name}: {report.summary}")
-    for edit in (report.absorption(), report.filling()):
+    for edit in (report.make_absorb_edit(), report.make_fill_edit()):
         if edit is not None:
             document.apply(edit)
     print(f"  then: {report_deletion(document, (car.id,), time=0.0).summary}")

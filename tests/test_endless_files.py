@@ -16,7 +16,7 @@ from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.masks.imported.label_map import read_imported_label_map
 from instdrive_core.masks.imported.npz import read_imported_npz
-from instdrive_core.masks.label_map_folder import read_sky
+from instdrive_core.masks.label_map_folder import read_sky_mask
 from instdrive_core.project.open import open_document
 
 PIPE = "a pipe, socket or device"
@@ -65,7 +65,7 @@ def test_arrays_of_a_scene_folder(tmp_path: Path, make) -> None:
         ("00.jpg", read_photo_size),
         ("masks.npz", lambda path: read_imported_npz(path, 4, 3)),
         ("labels.png", lambda path: read_imported_label_map(path, 4, 3)),
-        ("sky.png", read_sky),
+        ("sky.png", read_sky_mask),
     ],
 )
 def test_files_of_clips_and_masks(tmp_path: Path, make, name: str, read) -> None:

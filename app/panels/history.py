@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, packed, rgba
-from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Ui, fit_text, get_icon, scale_pixels
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.wording import format_count
 
@@ -70,7 +70,7 @@ class HistoryPanel:
             clipper.include_item_by_index(history.cursor)
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
-                if _step(ui, number, edits[number - 1] if number else None, history.cursor):
+                if _draw_step(ui, number, edits[number - 1] if number else None, history.cursor):
                     target = number
                 if moved and number == history.cursor:
                     imgui.set_scroll_here_y(0.7)
@@ -84,7 +84,7 @@ class HistoryPanel:
             ui.session.jump(target)
 
 
-def _step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
+def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     """One line; returns whether it was clicked. No edit = the state that was opened."""
     present, undone = number == cursor, number > cursor
     title = edit.title if edit is not None else "Opened"
@@ -99,15 +99,17 @@ def _step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
         count = abs(cursor - number)
         way = f"{'Redo' if undone else 'Undo'} {format_count(count, 'step')}"
         imgui.set_tooltip(f"{title}\n{'Where you are now' if present else way}")
-    fitted = fitted_text(title, imgui.get_content_region_avail().x - width)
+    fitted = fit_text(title, imgui.get_content_region_avail().x - width)
     draw, height = imgui.get_window_draw_list(), imgui.get_text_line_height()
     if present:
         draw.add_rect_filled(
-            ImVec2(at.x - scaled(6), at.y - 1), ImVec2(at.x - scaled(3), at.y + height + 1), packed(ACCENT)
+            ImVec2(at.x - scale_pixels(6), at.y - 1),
+            ImVec2(at.x - scale_pixels(3), at.y + height + 1),
+            pack_color(ACCENT),
         )
-    glyph = icon(ICONS.get(edit.kind, OTHER_ICON) if edit is not None else "ICON_FA_FOLDER_OPEN")
+    glyph = get_icon(ICONS.get(edit.kind, OTHER_ICON) if edit is not None else "ICON_FA_FOLDER_OPEN")
     tone = imgui.get_color_u32(rgba(ACCENT) if present else rgba(DIM, 0.5 if undone else 1.0))
-    draw.add_text(ImVec2(at.x + (width - scaled(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
+    draw.add_text(ImVec2(at.x + (width - scale_pixels(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
     draw.add_text(ImVec2(at.x + width, at.y), imgui.get_color_u32(color), fitted)
     imgui.pop_style_color()
     return clicked

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.messages import Level
 from instdrive_app.panels.widgets.theme import ERROR, rgba
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 
 
 class LogPanel:
@@ -21,7 +21,7 @@ class LogPanel:
         """One frame."""
         log = ui.session.messages.log
         for message in log:
-            dim_text(time.strftime("%H:%M:%S", time.localtime(message.when)))
+            draw_dim_text(time.strftime("%H:%M:%S", time.localtime(message.when)))
             imgui.same_line()
             if message.level is Level.ERROR:
                 imgui.push_style_color(imgui.Col_.text, rgba(ERROR))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from instdrive_app.action import Action, format_shortcut
-from instdrive_app.panels.widgets.ui import Ui, icon_menu_item, icon_submenu
+from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {
@@ -25,23 +25,23 @@ def draw_menus(ui: Ui) -> None:
             for command in ui.session.actions.in_menu(menu):
                 if command.separator:
                     imgui.separator()
-                _menu_item(ui, command)
+                _draw_menu_item(ui, command)
             imgui.end_menu()
 
 
-def _menu_item(ui: Ui, command: Action) -> None:
+def _draw_menu_item(ui: Ui, command: Action) -> None:
     shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
     checked = command.checked() if command.checked else False
     if command.items is not None:
-        _submenu(ui, command)
-    elif icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
+        _draw_submenu(ui, command)
+    elif draw_icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
         ui.session.actions.run(command.id)
     ui.mark(f"menu {command.id}")
 
 
-def _submenu(ui: Ui, command: Action) -> None:
+def _draw_submenu(ui: Ui, command: Action) -> None:
     assert command.items is not None
-    opened = icon_submenu(command.icon, command.title, command.enabled())
+    opened = begin_icon_submenu(command.icon, command.title, command.enabled())
     ui.mark(f"menu {command.id}")
     if not opened:
         return
@@ -62,7 +62,7 @@ def run_shortcuts(ui: Ui) -> None:
         return
     for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
-        if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in shortcuts):
+        if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
             ui.session.actions.run(command.id)
 
 
@@ -73,7 +73,7 @@ def _close_by_escape() -> None:
         imgui.internal.close_popup_to_level(0, True)
 
 
-def key_chord(shortcut: str) -> int:
+def parse_shortcut(shortcut: str) -> int:
     """``Ctrl+Shift+Z`` as ImGui's number. Raises KeyError or AttributeError for a name that does not exist."""
     *modifiers, key = shortcut.split("+")
     name = _NAMED.get(key, key.lower())
@@ -83,6 +83,6 @@ def key_chord(shortcut: str) -> int:
     return chord
 
 
-def full_title(command: Action) -> str:
+def format_title(command: Action) -> str:
     """The title, and where what the command does cannot be undone, that it cannot."""
     return f"{command.title}  (not undoable)" if command.undoable is False else command.title

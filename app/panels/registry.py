@@ -7,11 +7,11 @@ from typing import NamedTuple, Protocol
 from instdrive_app.panels.dialogs import DialogHost
 from instdrive_app.panels.dialogs.about import AboutDialog
 from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
+from instdrive_app.panels.dialogs.command_palette import CommandPalette
 from instdrive_app.panels.dialogs.dropped import DroppedDialog
 from instdrive_app.panels.dialogs.file_browser import FileBrowser
 from instdrive_app.panels.dialogs.findings import FindingsDialog
 from instdrive_app.panels.dialogs.other_save import OtherSaveDialog
-from instdrive_app.panels.dialogs.palette import CommandPalette
 from instdrive_app.panels.dialogs.reassign import ReassignDialog
 from instdrive_app.panels.dialogs.recovery import RecoveryDialog
 from instdrive_app.panels.dialogs.rename import RenameDialog
@@ -28,7 +28,7 @@ from instdrive_app.panels.log import LogPanel
 from instdrive_app.panels.overlays.camera_tag import CameraTag
 from instdrive_app.panels.overlays.deletion import DeletionOverlay
 from instdrive_app.panels.overlays.depth_legend import DepthLegend
-from instdrive_app.panels.overlays.first_picture import FirstPicture
+from instdrive_app.panels.overlays.first_picture import FirstPictureNotice
 from instdrive_app.panels.overlays.gizmo import Gizmo
 from instdrive_app.panels.overlays.hover_label import HoverLabel
 from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
@@ -61,9 +61,9 @@ VIEW = "View"
 """The panel with the picture."""
 
 
-def created_panels() -> tuple[DockedPanel, ...]:
+def create_panels() -> tuple[DockedPanel, ...]:
     """The panels, in the order of their tabs."""
-    beneath = (FirstPicture(), DeletionOverlay())
+    beneath = (FirstPictureNotice(), DeletionOverlay())
     above = (
         ViewSwitch(),
         Toolbar(),
@@ -83,7 +83,7 @@ def created_panels() -> tuple[DockedPanel, ...]:
     )
 
 
-def created_dialogs() -> DialogHost:
+def create_dialogs() -> DialogHost:
     """The dialogs, none of them open."""
     return DialogHost(
         (

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, packed, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 
 MARGIN = 10.0
 """Pixels at scale 1, as are the others, between the picture's edge and the bar."""
@@ -25,50 +25,50 @@ class Toolbar:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
         side = round(imgui.get_font_size() * BUTTON)
-        left, top = place.x + scaled(MARGIN), place.y + scaled(2 * MARGIN) + imgui.get_frame_height()
+        left, top = place.x + scale_pixels(MARGIN), place.y + scale_pixels(2 * MARGIN) + imgui.get_frame_height()
         commands = {name: ui.session.actions[f"tool.{name}"] for name in ui.tools}
-        tops = _tops(commands.values(), side)
-        _plate(left, top, side, tops[-1] + side)
+        tops = _compute_tops(commands.values(), side)
+        _draw_plate(left, top, side, tops[-1] + side)
         for (name, command), offset in zip(commands.items(), tops, strict=True):
-            _tool_button(ui, command, ImVec2(left, top + offset), side)
+            _draw_tool_button(ui, command, ImVec2(left, top + offset), side)
             if name == ui.session.state.tool and ui.tool.options:
-                _options(ui, left + side + scaled(2 * PADDING + MARGIN / 2), top + offset, side)
+                _draw_options(ui, left + side + scale_pixels(2 * PADDING + MARGIN / 2), top + offset, side)
 
 
-def _tops(commands: Iterable[Action], side: float) -> list[float]:
+def _compute_tops(commands: Iterable[Action], side: float) -> list[float]:
     """How far each tool is below the first; a gap parts the groups."""
     tops, top = [], 0.0
     for command in commands:
-        top += scaled(GROUP_GAP) if command.separator else 0.0
+        top += scale_pixels(GROUP_GAP) if command.separator else 0.0
         tops.append(top)
-        top += side + scaled(GAP)
+        top += side + scale_pixels(GAP)
     return tops
 
 
-def _options(ui: Ui, left: float, top: float, side: float) -> None:
-    step, names = side + scaled(GAP), ui.tool.options
-    _plate(left, top, len(names) * step - scaled(GAP), side)
+def _draw_options(ui: Ui, left: float, top: float, side: float) -> None:
+    step, names = side + scale_pixels(GAP), ui.tool.options
+    _draw_plate(left, top, len(names) * step - scale_pixels(GAP), side)
     for number, name in enumerate(names):
-        _tool_button(ui, ui.session.actions[name], ImVec2(left + number * step, top), side)
+        _draw_tool_button(ui, ui.session.actions[name], ImVec2(left + number * step, top), side)
 
 
-def _plate(left: float, top: float, width: float, height: float) -> None:
+def _draw_plate(left: float, top: float, width: float, height: float) -> None:
     """What buttons stand on, so that they show on any picture."""
-    edges = scaled(2 * PADDING)
+    edges = scale_pixels(2 * PADDING)
     low, high = ImVec2(left, top), ImVec2(left + width + edges, top + height + edges)
-    imgui.get_window_draw_list().add_rect_filled(low, high, packed(BACKGROUND, 0.78), scaled(6))
+    imgui.get_window_draw_list().add_rect_filled(low, high, pack_color(BACKGROUND, 0.78), scale_pixels(6))
 
 
-def _tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> None:
+def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> None:
     """An icon, filled with the accent's colour where the command is on; `corner` is the plate's."""
-    imgui.set_cursor_screen_pos(ImVec2(corner.x + scaled(PADDING), corner.y + scaled(PADDING)))
+    imgui.set_cursor_screen_pos(ImVec2(corner.x + scale_pixels(PADDING), corner.y + scale_pixels(PADDING)))
     on = command.checked is not None and command.checked()
     imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.95) if on else rgba(BACKGROUND, 0.0))
     if on:
         imgui.push_style_color(imgui.Col_.button_hovered, rgba(ACCENT))
     imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
-    if imgui.button(f"{icon(command.icon)}##{command.id}", ImVec2(side, side)):
+    if imgui.button(f"{get_icon(command.icon)}##{command.id}", ImVec2(side, side)):
         ui.session.actions.run(command.id)
     imgui.pop_style_var()
     imgui.pop_style_color(3 if on else 2)

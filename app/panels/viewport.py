@@ -9,10 +9,10 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app import camera
 from instdrive_app.panels.empty_view import EmptyView
-from instdrive_app.panels.instances.menu import instance_menu
+from instdrive_app.panels.instances.menu import draw_instance_menu
 from instdrive_app.panels.overlays import Handles, Overlay
-from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.overlays.reference import ReferenceOverlay, split_viewport
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 
@@ -56,7 +56,7 @@ class ViewportPanel:
         if ui.session.document is None:
             self._empty.draw(ui, place)
             return
-        place, beside = parted(ui, place)
+        place, beside = split_viewport(ui, place)
         if beside is not None:
             self._reference.draw_beside(ui, beside)
             at = ImVec2(place.x, place.y)
@@ -70,10 +70,10 @@ class ViewportPanel:
         layers.channels_set_current(1)
         self._offer_handles(ui, place)
         layers.channels_set_current(0)
-        hovered, active = self._picture_button(place)
+        hovered, active = self._add_picture_button(place)
         self._navigate(ui, place, hovered, active)
-        self._point(ui, place, hovered)
-        self._context_menu(ui)
+        self._update_pointer(ui, place, hovered)
+        self._draw_context_menu(ui)
         for overlay in self._beneath:
             overlay.draw(ui, place)
         layers.channels_merge()
@@ -90,7 +90,7 @@ class ViewportPanel:
         self._handles.draw(ui, place)
         context.hovered_id_previous_frame = hovered_before
 
-    def _picture_button(self, place: Rectangle) -> tuple[bool, bool]:
+    def _add_picture_button(self, place: Rectangle) -> tuple[bool, bool]:
         """The picture as one thing to point at and press, where the handles leave it the mouse: hovered, and active."""
         imgui.set_next_item_allow_overlap()
         if self._handles.holds_mouse:
@@ -106,21 +106,21 @@ class ViewportPanel:
         viewpoint = state.viewpoint
         if any(imgui.is_mouse_clicked(button) for button in range(3)):
             self._drags = self._tool_stopped = False
-        moved = self._dragged_view(ui, place) if active else viewpoint
+        moved = self._drag_view(ui, place) if active else viewpoint
         if hovered and io.mouse_wheel:
             moved = camera.dolly(moved, 0.88**io.mouse_wheel)
         if (hovered or active) and not io.want_text_input and not io.key_ctrl:
-            moved = _flown(moved, io.delta_time, io.key_shift)
+            moved = _fly(moved, io.delta_time, io.key_shift)
         if moved is not viewpoint:
             ui.session.navigation.look_from(moved)
 
-    def _dragged_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
+    def _drag_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
         """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans.
 
         Where the left button is the tool's, the right one orbits.
         """
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
-        button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scaled(DRAG_PIXELS))), None)
+        button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scale_pixels(DRAG_PIXELS))), None)
         if button is None:
             return viewpoint
         path = imgui.get_mouse_drag_delta(button)
@@ -139,7 +139,7 @@ class ViewportPanel:
         if button == 2 or (button == 0 and io.key_shift):
             return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
         turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
-        return turn(viewpoint, -dx * TURN_PER_PIXEL / scaled(1), -dy * TURN_PER_PIXEL / scaled(1))
+        return turn(viewpoint, -dx * TURN_PER_PIXEL / scale_pixels(1), -dy * TURN_PER_PIXEL / scale_pixels(1))
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:
         if imgui.is_key_pressed(imgui.Key.escape):
@@ -149,7 +149,7 @@ class ViewportPanel:
             self._tool_drags = True
             ui.tool.drag(start, to)
 
-    def _point(self, ui: Ui, place: Rectangle, hovered: bool) -> None:
+    def _update_pointer(self, ui: Ui, place: Rectangle, hovered: bool) -> None:
         io, snapshot = imgui.get_io(), ui.view.snapshot
         x, y = io.mouse_pos.x - place.x, io.mouse_pos.y - place.y
         if ui.script_pointer is not None:
@@ -175,13 +175,13 @@ class ViewportPanel:
             self._menu_instance = ui.session.state.hovered
             imgui.open_popup("##picture menu")
 
-    def _context_menu(self, ui: Ui) -> None:
+    def _draw_context_menu(self, ui: Ui) -> None:
         if imgui.begin_popup("##picture menu"):
-            instance_menu(ui, self._menu_instance)
+            draw_instance_menu(ui, self._menu_instance)
             imgui.end_popup()
 
 
-def _flown(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:
+def _fly(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:
     step, up = np.zeros(3), 0.0
     for key, direction in FLY_KEYS.items():
         if imgui.is_key_down(key):

@@ -91,7 +91,7 @@ class LiveView:
             return None
         poses, _ = document.scene.at(snapshot.time)
         pose = poses[document.scene.nodes[row]]
-        place = pose[:3, :3] @ document.means_of(np.array([row]))[0] + pose[:3, 3]
+        place = pose[:3, :3] @ document.compute_means(np.array([row]))[0] + pose[:3, 3]
         axis = snapshot.camera.camera_from_world[2]
         return float(place @ axis[:3] + axis[3])
 

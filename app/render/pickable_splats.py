@@ -8,7 +8,7 @@ from numpy import ndarray
 
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
-from instdrive_core.rasterize.shown_rows import largest_log_scales, shown_opacities, world_shapes
+from instdrive_core.rasterize.edited_rows import compute_world_shapes, write_largest_log_scales, write_shown_opacities
 from instdrive_core.scene.selection import Flag
 
 _NOT_SHOWN = int(Flag.HIDDEN | Flag.DELETED)
@@ -45,7 +45,7 @@ class PickableSplats:
         moved = self._world.update(time)
         if moved is not None:
             entries, frames = document.transforms.indices, self._world.frames
-            largest_log_scales(scene.gaussians.log_scales, entries, frames, moved, self.log_sizes)
+            write_largest_log_scales(scene.gaussians.log_scales, entries, frames, moved, self.log_sizes)
         changed = [self._dirty_states.take(), self._dirty_colors.take(), self._new.take()]
         if self._present is None or not np.array_equal(self._present, self._world.present):
             changed.append((0, count))
@@ -55,12 +55,12 @@ class PickableSplats:
             rows = min(start for start, _ in ranges), max(stop for _, stop in ranges)
             logits, flags = scene.gaussians.opacity_logits, document.state.flags
             looks = (logits, document.colors, flags, _NOT_SHOWN)
-            shown_opacities(*looks, scene.nodes, self._present, rows, self.opacities)
+            write_shown_opacities(*looks, scene.nodes, self._present, rows, self.opacities)
 
     def shapes(self, rows: Int[ndarray, " k"]) -> tuple[Float32[ndarray, "k 4"], Float32[ndarray, "k 3"]]:
         """Quaternions and log scales of some rows in the world."""
         document = self.document
-        return world_shapes(
+        return compute_world_shapes(
             document.scene.gaussians, document.transforms.indices, document.scene.nodes, self._world.frames, rows
         )
 

@@ -12,8 +12,13 @@ from numpy import ndarray
 from instdrive_app.render.pickable_splats import PickableSplats
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot
 from instdrive_core.edits.document.document import Document
-from instdrive_core.rasterize.kernels.settings import settings_for
-from instdrive_core.rasterize.pixel import Contributors, fragments_among, rows_near, winner_of
+from instdrive_core.rasterize.kernels.settings import choose_raster_settings
+from instdrive_core.rasterize.pixel_contributors import (
+    Contributors,
+    find_fragments_among,
+    find_rows_near_pixel,
+    pick_winner,
+)
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
 
 
@@ -67,12 +72,12 @@ def _versions(document: Document) -> tuple:
 
 def _found(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> Below:
     camera, opacities, ids = snapshot.camera, splats.opacities, splats.document.scene.instance_ids
-    settings = settings_for(splats.document.scene)
-    near = rows_near(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
+    settings = choose_raster_settings(splats.document.scene)
+    near = find_rows_near_pixel(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
     shape = splats.means[near], *splats.shapes(near), opacities[near]
-    fragments = fragments_among(near, *shape, camera, column, row, settings)
+    fragments = find_fragments_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-    winner = winner_of(fragments.blended, rule)
+    winner = pick_winner(fragments.blended, rule)
     first = int(ids[winner]) if winner >= 0 else 0
     if first == 0:
         return _NOTHING

@@ -37,14 +37,14 @@ def warm_up() -> None:
     find_rows_near(both, np.zeros(1, np.int64), np.ones(1, np.int64), 1.0)
     first = np.zeros(1, np.int64)
     document.transforms.assign(first, np.array([document.transforms.add(2 * np.eye(3, 4))], np.uint16))
-    document.means_of(first)
+    document.compute_means(first)
     _edit(document)
 
 
 def _edit(document: Document) -> None:
     """What recolouring, moving and taking them back again walk through."""
     document.scene.instance_ids[:] = 1
-    document.instances_changed(ids_changed=True)
+    document.note_instances_changed(ids_changed=True)
     document.scene.table.set(Instance(1, "warm-up"))
     edits = (
         SelectInstances((1,)),
@@ -54,7 +54,7 @@ def _edit(document: Document) -> None:
     )
     for edit in edits:
         document.apply(edit)
-        document.counts()
+        document.count_states()
     summarize_adjustments(document, (1,))
     document.undo()
 

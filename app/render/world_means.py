@@ -7,7 +7,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.rasterize.shown_rows import Frames, place_means
+from instdrive_core.rasterize.edited_rows import RowFrames, write_world_means
 
 
 class WorldMeans:
@@ -24,7 +24,7 @@ class WorldMeans:
         self.poses: Float64[ndarray, "m 4 4"] = np.eye(4)[None]
         """world_from_node."""
         self.present: UInt8[ndarray, " m"] = np.ones(1, np.uint8)
-        self.frames = Frames.of(document.transforms, self.poses)
+        self.frames = RowFrames.of(document.transforms, self.poses)
 
     def update(self, time: float) -> tuple[int, int] | None:
         """Bring everything to the document's present state at `time` (seconds); the range of rows that may have moved
@@ -41,8 +41,10 @@ class WorldMeans:
         if not touched:
             return None
         rows = min(start for start, _ in touched), max(stop for _, stop in touched)
-        self.frames = Frames.of(document.transforms, self.poses)
-        place_means(scene.gaussians.means, document.transforms.indices, scene.nodes, self.frames, rows, self.values)
+        self.frames = RowFrames.of(document.transforms, self.poses)
+        write_world_means(
+            scene.gaussians.means, document.transforms.indices, scene.nodes, self.frames, rows, self.values
+        )
         return rows
 
     def _new_rows(self) -> tuple[int, int] | None:

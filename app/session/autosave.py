@@ -41,7 +41,7 @@ class Autosave:
     def saved(self, path: Path, state: ProjectState) -> None:
         """The document's project was written."""
         if self._recovery is not None:
-            self._recovery.saved(path, state)
+            self._recovery.mark_saved(path, state)
 
     def discard(self, session: RecoverableSession) -> None:
         """Remove what a dead editor left, for good."""

@@ -36,7 +36,7 @@ class DeletionFindings:
     nodes: UInt16[ndarray, " r"]
     absorption: Edit | None
     """The edit that takes the residue away, done or not; None where there is none."""
-    is_filling: Edit | None = None
+    fill_edit: Edit | None = None
     """The edit that filled the hole, once it was done."""
 
     @property
@@ -47,7 +47,7 @@ class DeletionFindings:
     @property
     def hole(self) -> Hole | None:
         """The hole, while it is open."""
-        return None if self._is_done(self.is_filling) or not self.report.hole_area else self.report.hole
+        return None if self._is_done(self.fill_edit) or not self.report.hole_area else self.report.hole
 
     @property
     def is_current(self) -> bool:
@@ -101,7 +101,7 @@ class DeletionReview:
     def fill(self) -> None:
         """Fill the hole with ground from around, worked out beside the window."""
         found, document = self.findings, self._document()
-        edit = found.report.is_filling() if found is not None and found.hole is not None else None
+        edit = found.report.make_fill_edit() if found is not None and found.hole is not None else None
         if self._filling or found is None or edit is None or document is None:
             return
         frozen = freeze_document(document)
@@ -110,7 +110,7 @@ class DeletionReview:
         def done(_: object) -> None:
             self._filling = False
             if self._document() is document and self._apply(lambda: edit):
-                found.is_filling = edit
+                found.fill_edit = edit
                 self._messages.info(f"Filled a hole of {found.report.hole_area:.1f} m² with synthetic ground")
 
         def failed(error: BaseException) -> bool:
@@ -134,10 +134,10 @@ class DeletionReview:
         def look() -> DeletionFindings:
             report = work(frozen)
             progress.report(0.9)
-            absorption = report.absorption()
+            absorption = report.make_absorb_edit()
             if isinstance(absorption, AbsorbFloaters):
                 absorption.prepare(frozen)
-            places = frozen.means_of(report.residue).astype(np.float64)
+            places = frozen.compute_means(report.residue).astype(np.float64)
             return DeletionFindings(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
 
         def done(found: DeletionFindings) -> None:

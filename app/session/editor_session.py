@@ -109,7 +109,7 @@ class EditorSession:
         scene = document.scene
         self.jumping.stop()
         self.document = document
-        document.bounds_can_wait = True
+        document.can_defer_bounds = True
         self.files.entered(document, path, saved)
         self.state.hovered = 0
         self.references.forget()
@@ -193,14 +193,14 @@ class EditorSession:
     @property
     def selected(self) -> tuple[int, ...]:
         """IDs of the selected instances."""
-        return self.document.selected_instances() if self.document else ()
+        return self.document.find_selected_instances() if self.document else ()
 
     @property
     def locked(self) -> tuple[int, ...]:
         """IDs of the instances with any locked splat."""
         if self.document is None:
             return ()
-        counts = self.document.counts()
+        counts = self.document.count_states()
         return tuple(counts.ids[counts.locked > 0].tolist())
 
     @property
@@ -254,7 +254,7 @@ class EditorSession:
     def _selects_whole_instances(self) -> bool:
         if self.document is None:
             return False
-        counts = self.document.counts()
+        counts = self.document.count_states()
         chosen = counts.selected > 0
         whole = (counts.selected == counts.count - counts.deleted)[chosen].all()
         alone = counts.selected.sum() == len(self.document.state.rows_with(Flag.SELECTED))
@@ -314,9 +314,9 @@ class EditorSession:
         if document is None:
             return
         goes_on, self._moved = document.geometry_version != self._moved, document.geometry_version
-        if document.rest is not None:
+        if document.deferred is not None:
             if not goes_on:
-                document.catch_up(CAUGHT_UP)
+                document.run_deferred(CAUGHT_UP)
             self.wake()
 
     def close(self, by_choice: bool = True) -> None:

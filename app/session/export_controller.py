@@ -48,7 +48,7 @@ class ExportController:
     def _proposed_name(self) -> str:
         source, document = self._files.path, self._document()
         stem = source.name.split(".")[0].removesuffix("_edited") if source else "scene"
-        selected = document.selected_instances() if document else ()
+        selected = document.find_selected_instances() if document else ()
         if self.choice.what == "selection" and document is not None and len(selected) == 1:
             return f"{stem}_{make_file_name(document.scene.table[selected[0]].name)}.ply"
         return f"{stem}{self.kind.suggestion}"

@@ -17,11 +17,11 @@ from instdrive_core.errors import OptionError
 from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
-from instdrive_core.masks.export.id_maps import MAX_SIDE, chosen_views, id_maps
+from instdrive_core.masks.export.id_maps import MAX_SIDE, choose_views, render_id_maps
 from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
 from instdrive_core.progress import report, report_span
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
-from instdrive_core.rasterize.pictures import Mode, picture
+from instdrive_core.rasterize.pictures import Mode, colorize_preview
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
@@ -104,8 +104,8 @@ class ExportKind:
 
 def choose_instances(document: Document) -> tuple[int, ...]:
     """The selected instances, or all that are left."""
-    counts = document.counts()
-    return document.selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
+    counts = document.count_states()
+    return document.find_selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
 
 
 def choose_actors(document: Document) -> tuple[int, ...]:
@@ -159,17 +159,17 @@ def _objects(request: ExportRequest) -> str:
 def _masks(request: ExportRequest) -> str:
     with report_span(0.0, _BAKING):
         scene = bake_document(request.document, to_read=True)
-    views = chosen_views(scene)
+    views = choose_views(scene)
     write = write_coco_panoptic if request.choice.coco else write_id_pictures
     with report_span(_BAKING, 1.0):
-        maps = id_maps(scene, views, request.choice.scale)
+        maps = render_id_maps(scene, views, request.choice.scale)
         count = write(request.path, scene, maps, lambda done: report(done / len(views)))
     return f"Exported the masks of {format_count(count, 'photo')} to {request.path}"
 
 
 def _cameras(request: ExportRequest) -> str:
     scene = _shown_scene(request)
-    views = chosen_views(scene)
+    views = choose_views(scene)
     with report_span(_BAKING, 1.0):
         for number, view in enumerate(views):
             report(number / len(views))
@@ -199,7 +199,7 @@ def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request
     camera = camera.scaled(request.choice.scale)
     if max(camera.width, camera.height) > MAX_SIDE:
         raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
-    save_png(path, picture(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
+    save_png(path, colorize_preview(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
 
 
 def _parts(written: ExportedParts, noun: str, folder: Path) -> str:
@@ -213,18 +213,18 @@ def _splats(document: Document) -> str:
 
 
 def _selected_splats(document: Document) -> str:
-    count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.selected_instances())
+    count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.find_selected_instances())
     return f"{format_count(count, 'splat')} of {format_count(instances, 'instance')}" if count else ""
 
 
 def _all_instances(document: Document) -> str:
     count = len(choose_instances(document))
-    selected = "selected " if document.selected_instances() else ""
+    selected = "selected " if document.find_selected_instances() else ""
     return format_count(count, f"{selected}instance") if count else ""
 
 
 def _every_instance(document: Document) -> str:
-    counts = document.counts()
+    counts = document.count_states()
     left = int((counts.count > counts.deleted).sum())
     return format_count(left, "instance") if left else ""
 

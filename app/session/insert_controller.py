@@ -56,7 +56,7 @@ class InsertController:
         def work() -> tuple[InsertScene, Spot]:
             source = (document.open_scene or open_scene)(path)
             spot = find_spot(document, source, viewpoint, time, edge)
-            return InsertScene.of(source, str(path), spot.translation), spot
+            return InsertScene.from_scene(source, str(path), spot.translation), spot
 
         def done(result: tuple[InsertScene, Spot]) -> None:
             edit, spot = result

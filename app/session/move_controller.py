@@ -89,7 +89,7 @@ class MoveController:
     def ids(self) -> Ids:
         """The selected instances."""
         document = self._document()
-        return document.selected_instances() if document is not None else ()
+        return document.find_selected_instances() if document is not None else ()
 
     @property
     def yaw_only(self) -> bool:
@@ -127,7 +127,7 @@ class MoveController:
         """Where the selection, which is not empty, is now."""
         document, time = self._opened, self._state.time
         first = document.scene.table[self.ids[0]]
-        matrix = document.transforms.move_of(int(document.transforms.indices[document.rows_of((first.id,))[0]]))
+        matrix = document.transforms.move_of(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
         turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
         return Placement(_vector(self.center()), yaw, extract_scale(matrix))

@@ -106,12 +106,12 @@ class Navigation:
         document = self._document()
         assert document is not None
         scene = document.scene
-        rows = document.rows_of(ids) if ids else np.arange(len(scene))
+        rows = document.find_rows(ids) if ids else np.arange(len(scene))
         rows = rows[:: 1 + len(rows) // MAX_LOOKED_AT]
         rows = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
         poses, _ = scene.at(self._state.time)
         matrices = poses[scene.nodes[rows]]
-        return np.einsum("nij,nj->ni", matrices[:, :3, :3], document.means_of(rows)) + matrices[:, :3, 3]
+        return np.einsum("nij,nj->ni", matrices[:, :3, :3], document.compute_means(rows)) + matrices[:, :3, 3]
 
     def tick(self, seconds: float) -> None:
         """Once a frame: where the drive plays, go on by `seconds`."""

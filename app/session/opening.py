@@ -46,10 +46,9 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
         else:
             document, view = open_document(path, keep_every=keep_every)
             if keep_every > 1:
-                notes = (
-                    f"Every {format_ordinal(keep_every)} splat was opened, each made larger: {len(document.scene):,} in all",
-                )
-    document.counts()  # builds the index of instances here, so that the first click finds it built
+                every = f"Every {format_ordinal(keep_every)} splat"
+                notes = (f"{every} was opened, each made larger: {len(document.scene):,} in all",)
+    document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
     findings = tuple(finding for finding in find_defects(document.scene) if len(finding.rows))
     return OpenedDocument(document, path, view, notes, findings)
@@ -61,5 +60,5 @@ def recover_for_editing(session: RecoverableSession, accept_changed: bool = Fals
     Raises DataError, SceneChangedError where the scene has changed.
     """
     found = restore_session(session, accept_changed)
-    found.document.counts()
+    found.document.count_states()
     return OpenedDocument(found.document, found.path, notes=found.notes, restored=found)

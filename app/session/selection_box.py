@@ -88,11 +88,11 @@ class SelectionBoxes:
         instance = document.scene.table[ids[0]]
         if len(ids) == 1 and instance.node:
             return _track_box(document, instance.node, time)
-        entry = None if len(ids) > 1 else _common_entry(document, document.rows_of(ids))
+        entry = None if len(ids) > 1 else _common_entry(document, document.find_rows(ids))
         if entry is None:
             key = (tuple(ids), time, document.geometry_version, document.table_version)
             return self._group.of(document, key, lambda: self._level_box(document, ids, time))
-        counts = document.counts()  # made anew where splats change owner or state, but not where they move
+        counts = document.count_states()  # made anew where splats change owner or state, but not where they move
         home = document.transforms.homes[entry]
         if counts is not self._counts or instance.id != self._instance or not np.array_equal(home, self._home):
             self._trained = _trained_box(document, instance.id, home)
@@ -103,8 +103,8 @@ class SelectionBoxes:
         """Around the bounds of all instances, along the world's axes."""
         table = document.scene.table
         still = self._still.of(document, (tuple(ids), document.table_version), lambda: _still_bounds(document, ids))
-        if isinstance(document.rest, DeferredBounds) and len(still):
-            still = document.rest.moved(still, ids)
+        if isinstance(document.deferred, DeferredBounds) and len(still):
+            still = document.deferred.move_box(still, ids)
         nodes = [node for node in (table[instance_id].node for instance_id in ids) if node]
         points = np.concatenate([still, *(_track_box(document, node, time).corners for node in nodes)])
         low, high = points.min(axis=0), points.max(axis=0)
@@ -119,7 +119,7 @@ def _track_box(document: Document, node: int, time: float) -> Box:
 
 def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
     """Of the solid splats that are left, as they were trained, in a scene that was turned so."""
-    rows = document.rows_of((instance_id,))
+    rows = document.find_rows((instance_id,))
     left = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
     rows = left if len(left) else rows
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), COUNTED)).astype(int)]

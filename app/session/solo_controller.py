@@ -37,7 +37,7 @@ class SoloController:
         return self._ids if self._known[2] else ()
 
     def _still_holds(self, document: Document) -> bool:
-        visible = document.visible_instances()
+        visible = document.find_visible_instances()
         if visible:
             return len(visible) <= len(self._ids) and set(visible) <= set(self._ids)
         # What was shown alone has been deleted or hidden since: all else waits for the way back, unless undo took it.
@@ -75,5 +75,5 @@ class SoloController:
 
 def find_hidden_instances(document: Document) -> Ids:
     """Instances of which something is left and nothing drawn, rising."""
-    counts = document.counts()
+    counts = document.count_states()
     return tuple(counts.ids[(counts.drawn == 0) & (counts.count > counts.deleted)].tolist())

@@ -73,7 +73,7 @@ class TurnController:
             return
         x, y, z = up.tolist()
         direction: Vector = (x, y, z)
-        edit = TurnScene.upright(direction, scale)
+        edit = TurnScene.make_upright(direction, scale)
         if edit.is_quick:
             self._apply(lambda: edit)
             return

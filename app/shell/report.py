@@ -59,7 +59,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "tool": session.state.tool,
         "selected": list(session.selected),
         "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
-        "visible": list(document.visible_instances()),
+        "visible": list(document.find_visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,
         "unsaved": session.is_unsaved,

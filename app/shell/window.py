@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from instdrive_app.actions import register_actions
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
-from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
+from instdrive_app.panels.registry import VIEW, DockedPanel, create_dialogs, create_panels
 from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
 from instdrive_app.panels.widgets.theme import apply_style, load_fonts
@@ -43,7 +43,7 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs, self._panels = created_dialogs(), created_panels()
+        self._dialogs, self._panels = create_dialogs(), create_panels()
         self._status, self._title = StatusBar(), ""
         register_actions(session)
 

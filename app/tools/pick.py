@@ -64,7 +64,7 @@ class PickTool:
         if document is None:
             return 0
         shown = instance_shown_at(document, snapshot, x, y)
-        if shown is not None and not (shown and document.instance_flags(shown).is_locked):
+        if shown is not None and not (shown and document.summarize_instance(shown).is_locked):
             return shown
         return next(iter(self._unlocked(document, self._picker.below(document, snapshot, x, y).seen)), 0)
 
@@ -77,7 +77,7 @@ class PickTool:
 
     @staticmethod
     def _unlocked(document: Document, ids: tuple[int, ...]) -> tuple[int, ...]:
-        return tuple(instance for instance in ids if not document.instance_flags(instance).is_locked)
+        return tuple(instance for instance in ids if not document.summarize_instance(instance).is_locked)
 
     def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
         """How often this place was clicked before, plainly and from the same viewpoint."""

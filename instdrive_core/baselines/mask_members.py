@@ -11,7 +11,7 @@ from jaxtyping import Int, Int32, Int64
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.kernels.top_contributors import top_contributors
+from instdrive_core.rasterize.kernels.top_contributors import find_top_contributors
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import gaussians_in_view
 from instdrive_core.training.views.view_store import ViewStore
@@ -82,7 +82,7 @@ def _shown(
             continue
         pixels = _grid_pixels(view.labels)
         rows, gaussians = gaussians_in_view(model, view)
-        top = top_contributors(*gaussians, view.camera, pixels, min_alpha)
+        top = find_top_contributors(*gaussians, view.camera, pixels, min_alpha)
         pixels, top = pixels[top >= 0], top[top >= 0]
         yield rows[top], np.unique(view.labels.ravel()[pixels], return_inverse=True)[1]
     store.release()

@@ -34,8 +34,8 @@ class DeletionOptions:
         found = report_deletion(document, ids, time)
         if self.report:
             print("\n".join(_lines(found, document)))
-        cleanup = found.absorption() if self.absorb_residue else None
-        fill = found.filling() if self.fill_holes else None
+        cleanup = found.make_absorb_edit() if self.absorb_residue else None
+        fill = found.make_fill_edit() if self.fill_holes else None
         for edit in (cleanup, fill):
             if edit is not None:
                 document.apply(edit)

@@ -47,11 +47,11 @@ def masks(
         sam: How Segment Anything makes masks.
     """
     from instdrive_core.datasets.registry import load_clip
-    from instdrive_core.masks.contact_sheet import check_sheet, write_sheets
+    from instdrive_core.masks.contact_sheet import check_sheet_path, write_contact_sheets
     from instdrive_core.masks.sources import SourceOptions, make_masks
 
     if sheet is not None:
-        check_sheet(sheet)
+        check_sheet_path(sheet)
     if imported is not None and source != "import":
         raise OptionError(f"--from {imported} is read by --source import only; the source is {source!r}")
     loaded = load_clip(str(clip), options)
@@ -66,7 +66,7 @@ def masks(
     with_faults = f" with the faults {faults}" if faults else ""
     print(f"{count} masks in {len(written.counts)} photos, from {source}{with_faults}: {folder}")
     if sheet is not None:
-        print("Contact sheets:", *map(str, write_sheets(loaded, written, sheet)))
+        print("Contact sheets:", *map(str, write_contact_sheets(loaded, written, sheet)))
 
 
 def _with_progress(make: Callable[[Callable[[int], None]], MaskFolder], title: str, total: int) -> MaskFolder:

@@ -32,13 +32,13 @@ class PartOptions:
 
     def rows(self, document: Document) -> Int[ndarray, " k"] | None:
         """The splats of --only; None for all. Raises OptionError for an unknown ID."""
-        return document.rows_of(known_ids(self.only, document.scene.table)) if self.only else None
+        return document.find_rows(known_ids(self.only, document.scene.table)) if self.only else None
 
     def write(self, document: Document, time: float, ending: str, sibr: bool) -> None:
         """Write --each and --actors; `ending` is that of the scene's file, empty for a folder."""
         ending = ending or DEFAULT_ENDING
         if self.each is not None:
-            counts = document.counts()
+            counts = document.count_states()
             ids = self.only or tuple(counts.ids[counts.count > counts.deleted].tolist())
             _require(ids, "the scene has no instances, so --each has nothing to write; train it with masks first")
             written = export_instances(document, self.each, ids, time, ending, sibr=sibr)

@@ -16,7 +16,7 @@ from instdrive_core.cli.arguments import known_ids, moment, view_named
 from instdrive_core.errors import OptionError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.project.open import open_edited_scene
-from instdrive_core.rasterize.pictures import Mode, picture
+from instdrive_core.rasterize.pictures import Mode, colorize_preview
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import Scene, place_in_world
@@ -59,7 +59,7 @@ def render(
     for (camera, its_time), path in shots:
         shown_at = its_time if time is None else moment(opened, time)
         shown = view_scene(opened, _resized(camera, width, height), shown_at, drawn)
-        _save_png(path, picture(opened, shown, mode))
+        _save_png(path, colorize_preview(opened, shown, mode))
         print(path)
 
 

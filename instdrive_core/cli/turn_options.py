@@ -32,7 +32,7 @@ class TurnOptions:
         """The edit, or none where none is asked for. `path` is the scene's. Raises OptionError, and EditError."""
         if self.up is None:
             return [TurnScene(scale=self.scale)] if self.scale != 1 else []
-        return [TurnScene.upright(self._direction(self.up, document, path), self.scale)]
+        return [TurnScene.make_upright(self._direction(self.up, document, path), self.scale)]
 
     @staticmethod
     def _direction(text: str, document: Document, path: Path) -> tuple[float, float, float]:

@@ -18,7 +18,13 @@ from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
-from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, build_camera, build_photo_clip, resolve_inner_path
+from instdrive_core.datasets.posed_photos import (
+    ListedPoints,
+    PosedPhoto,
+    build_camera,
+    build_photo_clip,
+    resolve_inner_path,
+)
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.scene.camera import Camera

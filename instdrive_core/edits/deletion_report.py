@@ -71,7 +71,7 @@ class DeletionReport:
             hole += f", shadow of {self.hole.shadow_area:.1f} m²"
         return f"{residue}, {hole}"
 
-    def absorption(self) -> Edit | None:
+    def make_absorb_edit(self) -> Edit | None:
         """The edit that takes the residue away; None where there is none."""
         if not len(self.residue):
             return None
@@ -80,7 +80,7 @@ class DeletionReport:
         # Of an instance that is not gone as a whole, not all strays are residue.
         return CompoundEdit((SelectRows(self.residue), DeleteSelected()), f"Absorb floaters of {self.name}")
 
-    def filling(self, seed: int = 0) -> FillHole | None:
+    def make_fill_edit(self, seed: int = 0) -> FillHole | None:
         """The edit that fills the hole; None where there is none."""
         if self.hole is None or not self.hole_area:
             return None
@@ -95,7 +95,7 @@ def report_deletion(document: Document, ids: Iterable[int], time: float) -> Dele
     parts = []
     for instance_id in check_ids(ids):
         name = get_instance(document, instance_id).name
-        parts.append(DeletedPart(instance_id, name, document.rows_of((instance_id,)), True))
+        parts.append(DeletedPart(instance_id, name, document.find_rows((instance_id,)), True))
     return _build_report(document, parts, time)
 
 
@@ -104,7 +104,7 @@ def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: fl
     ids, parts = document.scene.instance_ids[rows], []
     for instance_id in np.unique(ids[ids > 0]).tolist():
         mine, name = rows[ids == instance_id], document.scene.table[instance_id].name
-        whole = document.rows_of((instance_id,))
+        whole = document.find_rows((instance_id,))
         left = (document.state.flags[whole] & Flag.DELETED) == 0
         if np.isin(whole[left], mine).all():  # the last part of what was deleted bit by bit
             parts.append(DeletedPart(instance_id, name, whole, True))

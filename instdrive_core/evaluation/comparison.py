@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.protocol import Progress, evaluation_of_run
-from instdrive_core.evaluation.report import figure_text, write_figures
+from instdrive_core.evaluation.protocol import Progress, evaluate_saved_run
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
+from instdrive_core.evaluation.tables import format_figure, write_figures
 from instdrive_core.formats.folder.scenes import MANIFEST
 
 EVALUATED = "eval.json"
@@ -103,7 +103,7 @@ class ComparedCell:
     best: bool
 
 
-def measured_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list[MeasuredRun]:
+def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list[MeasuredRun]:
     """Figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
 
     A folder's `eval.json` is taken where it is newer than the scene; else, or where `fresh`, the run is evaluated and
@@ -115,7 +115,7 @@ def measured_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> lis
     return [MeasuredRun(name, values, folder) for name, values, folder in entries]
 
 
-def compared_rows(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
+def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
     """The figures that any run knows; last those of oracles, and those that have no row of their own in `COMPARED`.
 
     Values that read the same are equally good; where all do, none is best.
@@ -133,7 +133,7 @@ def compared_rows(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, lis
     return rows
 
 
-def differences(runs: Sequence[MeasuredRun]) -> list[str]:
+def find_differences(runs: Sequence[MeasuredRun]) -> list[str]:
     """What makes figures of these runs incomparable, in words."""
     found = []
     for key in COMPARABLE:
@@ -176,7 +176,7 @@ def _figures_of(path: Path, fresh: bool, progress: Progress) -> dict[str, Any]:
     evaluated = path / EVALUATED
     if not fresh and evaluated.is_file() and _newer_than_scene(evaluated, path):
         return _read_figures(evaluated)
-    figures = evaluation_of_run(path, progress).figures
+    figures = evaluate_saved_run(path, progress).figures
     write_figures(evaluated, figures)
     return figures
 
@@ -223,7 +223,7 @@ def _best(values: Sequence[float | None], figure: ComparedFigure) -> set[int]:
 
 def _text(value: float | None, figure: ComparedFigure) -> str:
     if value is None:
-        return figure_text(None)
+        return format_figure(None)
     return f"{value:,.{figure.digits}f}"
 
 

@@ -25,7 +25,7 @@ MAX_SWEEPS = 20
 """More training sweeps than this are sampled evenly."""
 
 
-def component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
+def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
     """An ID per Gaussian: its node's for an actor's, else that of the nearest point's component; None without LiDAR.
 
     Points of the training sweeps are joined, those in boxes of moving objects left out.

@@ -14,29 +14,29 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.lidar_components import component_ids
-from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.lidar_components import assign_component_ids
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
 from instdrive_core.evaluation.metrics.id_measure import (
     CLICK_KEYS,
     SEED,
     IdMeasure,
     Progress,
-    codes_of,
-    id_measure,
-    nothing_measured,
+    build_empty_scores,
+    get_codes,
+    prepare_id_measure,
 )
 from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS
-from instdrive_core.evaluation.metrics.map_scores import per_view_scores, scene_scores
+from instdrive_core.evaluation.metrics.map_scores import score_scene, score_views
 from instdrive_core.evaluation.metrics.object_rows import ObjectRow
-from instdrive_core.evaluation.metrics.sharing import shared_ids
-from instdrive_core.evaluation.oracle import true_instance_ids
-from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
+from instdrive_core.evaluation.metrics.sharing import find_shared_ids
+from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
+from instdrive_core.evaluation.true_ids import find_true_ids
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.masks.ground_truth import (
     NOT_KNOWN,
     GroundTruth,
     GroundTruthInstance,
-    known_ground_truth,
+    find_ground_truth,
 )
 from instdrive_core.scene.scene import Scene
 
@@ -78,29 +78,29 @@ class Evaluation:
     @property
     def shared_instances(self) -> dict[int, tuple[int, ...]]:
         """Instances that count for several objects: instance → ground-truth IDs."""
-        return shared_ids({row.id: row.instances for row in self.objects})
+        return find_shared_ids({row.id: row.instances for row in self.objects})
 
     @property
     def shared_codes(self) -> dict[int, tuple[int, ...]]:
         """Codewords that count for several objects: codeword (without the + 1) → ground-truth IDs."""
         coded = {row.id: row.codes for row in self.objects if row.codes is not None}
-        return {code - 1: objects for code, objects in shared_ids(coded).items()}
+        return {code - 1: objects for code, objects in find_shared_ids(coded).items()}
 
 
 def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> dict[str, Any]:
     """The figures of a finished run. Raises DataError where run, clip or ground truth cannot be read."""
-    return evaluation_of_run(run, progress).figures
+    return evaluate_saved_run(run, progress).figures
 
 
-def evaluation_of_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
+def evaluate_saved_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
     """As `evaluate_run`, with the trivial controls."""
     facts = read_run_facts(run)
     scene = read_scene_folder(run)
-    clip = load_clip(facts["clip"], clip_options(facts))
+    clip = load_clip(facts["clip"], build_clip_options(facts))
     if not np.allclose(clip.origin, scene.origin):
         problem = f"its origin {scene.origin} is not that of {clip.path}, {clip.origin}"
         raise DataError(run, problem, "Evaluate with the clip as it was when the run was trained.")
-    return evaluate_scene(scene, clip, known_ground_truth(clip), facts, progress)
+    return evaluate_scene(scene, clip, find_ground_truth(clip), facts, progress)
 
 
 def evaluate_scene(
@@ -117,12 +117,12 @@ def evaluate_scene(
     """
     views = _held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN
-    measure = id_measure(scene, views, clip, ground_truth, progress)
-    learned, objects = nothing_measured(), ()
+    measure = prepare_id_measure(scene, views, clip, ground_truth, progress)
+    learned, objects = build_empty_scores(), ()
     if scene.instance_ids.any() and has_truth:
-        learned = _measured(measure, scene.instance_ids, codes_of(scene), "deletions", progress)
-        objects = measure.objects(scene.instance_ids, codes_of(scene))
-    oracle = nothing_measured()
+        learned = _measured(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
+        objects = measure.objects(scene.instance_ids, get_codes(scene))
+    oracle = build_empty_scores()
     if oracle_too and ground_truth.source == "exact":
         true_ids = _true_ids(scene, clip, ground_truth, progress)
         oracle = _measured(measure, true_ids, None, "deletions, true IDs", progress)
@@ -170,7 +170,7 @@ def _held_out_views(scene: Scene, clip: Clip, ground_truth: GroundTruth, progres
         raise DataError(clip.path, problem, "Train on a frame range that contains one.")
     views = []
     for frame in frames:
-        views.append(held_out_view(scene, clip, frame, ground_truth))
+        views.append(measure_held_out_view(scene, clip, frame, ground_truth))
         progress("held-out views", len(views), len(frames))
     return views
 
@@ -185,7 +185,7 @@ def _image_scores(views: Sequence[HeldOutView]) -> dict[str, float | None]:
 
 def _codeword_scores(views: Sequence[HeldOutView]) -> dict[str, dict[str, float | None]]:
     maps = [view.labelled(view.codewords) for view in views if view.codewords is not None]
-    per_view, of_scene = per_view_scores(maps), scene_scores(maps, (), ())
+    per_view, of_scene = score_views(maps), score_scene(maps, (), ())
     return {
         "per_view": {key: per_view[key] for key in ("miou", "macc")},
         "scene": {key: of_scene[key] for key in ("miou", "macc")},
@@ -195,7 +195,7 @@ def _codeword_scores(views: Sequence[HeldOutView]) -> dict[str, dict[str, float 
 def _true_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
     frames = clip.training_frames()
     spread = frames[:: -(-len(frames) // MAX_ORACLE_VIEWS)] if frames else frames
-    return true_instance_ids(
+    return find_true_ids(
         scene, spread, ground_truth, SEED, progress=lambda done, total: progress("oracle", done, total)
     )
 
@@ -205,7 +205,7 @@ def _controls(scene: Scene, clip: Clip, ground_truth: GroundTruth) -> dict[str, 
     rows, objects = len(scene), len(ground_truth.instances)
     random_ids = np.random.default_rng(SEED).integers(1, objects + 1, rows).astype(np.uint32)
     controls = {"one ID for all": np.ones(rows, np.uint32), "random IDs": random_ids}
-    components = component_ids(scene, clip)
+    components = assign_component_ids(scene, clip)
     return controls if components is None else controls | {"LiDAR components": components}
 
 

@@ -43,7 +43,7 @@ def read_run_facts(run: Path) -> dict[str, Any]:
     return facts
 
 
-def clip_options(facts: dict[str, Any]) -> ClipOptions:
+def build_clip_options(facts: dict[str, Any]) -> ClipOptions:
     """The part of the clip that the run was trained on."""
     return ClipOptions(
         cameras=facts["cameras"],

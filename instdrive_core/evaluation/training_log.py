@@ -38,18 +38,18 @@ def read_log(run: Path) -> list[LoggedStep]:
     return [step for step in steps if step is not None]
 
 
-def column(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
+def get_column(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
     """A field of every step; NaN where it is None."""
     values = [getattr(step, name) for step in steps]
     return np.array([np.nan if value is None else value for value in values], np.float64)
 
 
-def term_names(steps: Sequence[LoggedStep]) -> list[str]:
+def list_terms(steps: Sequence[LoggedStep]) -> list[str]:
     """Every loss term that occurs, in order of appearance."""
     return list(dict.fromkeys(name for step in steps for name in step.terms))
 
 
-def term(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
+def get_term(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
     """A loss term of every step; NaN where the step has none."""
     return np.array([step.terms.get(name, np.nan) for step in steps], np.float64)
 

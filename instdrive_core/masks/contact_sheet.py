@@ -27,7 +27,7 @@ HATCH = 8
 """Pixels between the lines that mark the sky."""
 
 
-def write_sheets(clip: Clip, masks: MaskFolder, path: Path) -> tuple[Path, ...]:
+def write_contact_sheets(clip: Clip, masks: MaskFolder, path: Path) -> tuple[Path, ...]:
     """Write a sheet per camera and return their files.
 
     Args:
@@ -44,7 +44,7 @@ def write_sheets(clip: Clip, masks: MaskFolder, path: Path) -> tuple[Path, ...]:
             by_camera.setdefault(frame.view.name, []).append(frame)
     files = [_sheet_file(path, name, alone=len(by_camera) == 1) for name in by_camera]
     for file, frames in zip(files, by_camera.values(), strict=True):
-        picture = contact_sheet(frames, masks)
+        picture = build_contact_sheet(frames, masks)
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             picture.save(file, quality=85)
@@ -54,13 +54,13 @@ def write_sheets(clip: Clip, masks: MaskFolder, path: Path) -> tuple[Path, ...]:
     return tuple(files)
 
 
-def check_sheet(path: Path) -> None:
+def check_sheet_path(path: Path) -> None:
     """Raise OptionError for a file name that is no picture's, before any work is done."""
     if path.suffix and path.suffix.lower() not in (".jpg", ".jpeg", ".png"):
         raise OptionError(f"--sheet {path}: a picture is .jpg or .png, a folder has no ending")
 
 
-def contact_sheet(frames: Sequence[Frame], masks: MaskFolder) -> Image.Image:
+def build_contact_sheet(frames: Sequence[Frame], masks: MaskFolder) -> Image.Image:
     """Up to `COLUMNS` × `ROWS` photos of one camera, evenly spread over the frames, in their order."""
     count = min(len(frames), COLUMNS * ROWS)
     chosen = [frames[round(number * (len(frames) - 1) / max(1, count - 1))] for number in range(count)]
@@ -73,7 +73,7 @@ def contact_sheet(frames: Sequence[Frame], masks: MaskFolder) -> Image.Image:
     return sheet
 
 
-def painted_photo(image: UInt8[ndarray, "h w 3"], masks: FrameMasks) -> UInt8[ndarray, "h w 3"]:
+def paint_masks(image: UInt8[ndarray, "h w 3"], masks: FrameMasks) -> UInt8[ndarray, "h w 3"]:
     """The photo under its masks: outlines white, the sky hatched, what has no mask dark and without colour."""
     grey = image.mean(axis=2, keepdims=True)
     labels = masks.labels
@@ -85,7 +85,7 @@ def painted_photo(image: UInt8[ndarray, "h w 3"], masks: FrameMasks) -> UInt8[nd
 
 
 def _tile(frame: Frame, masks: FrameMasks) -> Image.Image:
-    tile = Image.fromarray(painted_photo(frame.load_image(), masks))
+    tile = Image.fromarray(paint_masks(frame.load_image(), masks))
     if tile.width > MAX_WIDTH:
         tile = tile.resize((MAX_WIDTH, round(tile.height * MAX_WIDTH / tile.width)), Image.Resampling.LANCZOS)
     count = len(np.unique(masks.labels[masks.labels > 0]))

@@ -16,7 +16,7 @@ from instdrive_core.datasets.clip import Frame
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_fields import parse_whole_number, read_json, require_field
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
-from instdrive_core.masks.label_map_folder import nearest, read_label_map, read_sky
+from instdrive_core.masks.label_map_folder import read_label_map, read_sky_mask, resample_nearest
 
 _REMEDY = "Write the synthetic clip again with `instdrive synth`, or use --source annotations"
 
@@ -47,13 +47,13 @@ class ExactLabels:
         unknown = set(np.unique(labels).tolist()) - {0} - set(self.instances)
         if unknown:
             raise DataError(file, f"holds the instance {min(unknown)}, which instances.json does not list", _REMEDY)
-        sized = nearest(labels, frame.view.camera.width, frame.view.camera.height).astype(np.uint32)
+        sized = resample_nearest(labels, frame.view.camera.width, frame.view.camera.height).astype(np.uint32)
         return sized if frame.valid is None else np.where(frame.valid, sized, np.uint32(0))
 
     def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
-        sky = read_sky(self.folder / "sky" / f"{frame.key}.png")
-        return nearest(sky, frame.view.camera.width, frame.view.camera.height)
+        sky = read_sky_mask(self.folder / "sky" / f"{frame.key}.png")
+        return resample_nearest(sky, frame.view.camera.width, frame.view.camera.height)
 
 
 def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:

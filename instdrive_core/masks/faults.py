@@ -44,7 +44,7 @@ FAULT_MODELS: dict[FaultModel, MaskFaults] = {"sam-v1": MaskFaults()}
 """The published sets of faults by name; a name never changes its meaning."""
 
 
-def with_faults(
+def add_faults(
     instances: Integer[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, key: str, seed: int
 ) -> UInt32[ndarray, "h w"]:
     """A frame's masks as a segmenter would have got them wrong.

@@ -56,7 +56,7 @@ def open_ground_truth(clip: Clip) -> GroundTruth:
     return ExactLabels(clip.path) if has_exact_labels(clip.path) else AnnotationLabels(clip, held_out=True)
 
 
-def known_ground_truth(clip: Clip) -> GroundTruth:
+def find_ground_truth(clip: Clip) -> GroundTruth:
     """As `open_ground_truth`; for a clip of photos alone, labels that leave every pixel unknown.
 
     Raises DataError where labels are damaged.

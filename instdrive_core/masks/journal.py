@@ -14,7 +14,7 @@ from typing import Any
 JOURNAL = "masks.partial.jsonl"
 
 
-class Journal:
+class MaskJournal:
     """The frames written so far by the same recipe, and the file that remembers them.
 
     Args:

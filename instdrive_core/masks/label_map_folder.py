@@ -29,7 +29,7 @@ from instdrive_core.files.atomic import replace_atomically, write_bytes
 from instdrive_core.files.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.files.plain_file import BoundedReader
-from instdrive_core.masks.journal import Journal
+from instdrive_core.masks.journal import MaskJournal
 
 SIDECAR = "masks.json"
 VERSION = 1
@@ -48,7 +48,7 @@ class FrameMasks:
         """The nearest label for each pixel of another raster."""
         if self.labels.shape == (height, width):
             return self
-        return FrameMasks(nearest(self.labels, width, height), nearest(self.sky, width, height))
+        return FrameMasks(resample_nearest(self.labels, width, height), resample_nearest(self.sky, width, height))
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class MaskFolder:
         key = frame if isinstance(frame, str) else frame.key
         if key not in self.counts:
             raise DataError(self.path / SIDECAR, f"the frame '{key}' has no masks", _REMEDY + " for all of its frames")
-        label_file, sky_file = label_path(self.path, key), sky_path(self.path, key)
-        labels, sky = read_label_map(label_file), read_sky(sky_file)
+        label_file, sky_file = locate_label_map(self.path, key), locate_sky_mask(self.path, key)
+        labels, sky = read_label_map(label_file), read_sky_mask(sky_file)
         if labels.shape != sky.shape:
             problem = f"is {sky.shape[1]}×{sky.shape[0]}, the label map {labels.shape[1]}×{labels.shape[0]}"
             raise DataError(sky_file, problem, _REMEDY)
@@ -91,7 +91,7 @@ def write_masks(
     source: str,
     seed: int,
     faults: str | None = None,
-    journal: Journal | None = None,
+    journal: MaskJournal | None = None,
 ) -> MaskFolder:
     """Write masks by frame key, one after the other, and the sidecar at the end: a folder without it is unfinished.
 
@@ -106,14 +106,14 @@ def write_masks(
     Raises DataError where the folder cannot be written.
     """
     folder = Path(folder)
-    journal = journal or Journal(folder, None)
+    journal = journal or MaskJournal(folder, None)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / SIDECAR).unlink(missing_ok=True)
         journal.begin()
         for key, masks in frames:
-            _write_png(label_path(folder, key), masks.labels)
-            _write_png(sky_path(folder, key), masks.sky.astype(np.uint8) * 255)
+            _write_png(locate_label_map(folder, key), masks.labels)
+            _write_png(locate_sky_mask(folder, key), masks.sky.astype(np.uint8) * 255)
             height, width = masks.labels.shape
             count = len(np.unique(masks.labels[masks.labels > 0]))
             journal.add(key, {"width": width, "height": height, "masks": count})
@@ -153,7 +153,7 @@ def open_masks(folder: str | Path) -> MaskFolder:
     return MaskFolder(folder, str(require_field(file, sidecar, "source")), seed, counts, faults)
 
 
-def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
+def shuffle_labels(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
     """Labels 1…n in random order for the n instances (> 0) of a frame; the order depends on seed and frame key only.
 
     Raises ValueError for more instances than 16 bits hold.
@@ -168,7 +168,7 @@ def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[
     return labels[positions].reshape(instances.shape)
 
 
-def nearest(raster: ndarray, width: int, height: int) -> ndarray:
+def resample_nearest(raster: ndarray, width: int, height: int) -> ndarray:
     """The raster (h, w) sampled at the pixel centres of a raster of another size."""
     if raster.shape == (height, width):
         return raster
@@ -177,12 +177,12 @@ def nearest(raster: ndarray, width: int, height: int) -> ndarray:
     return raster[rows[:, None], columns[None, :]]
 
 
-def label_path(folder: Path, key: str) -> Path:
+def locate_label_map(folder: Path, key: str) -> Path:
     """File of a frame's label map."""
     return folder / f"{key}.png"
 
 
-def sky_path(folder: Path, key: str) -> Path:
+def locate_sky_mask(folder: Path, key: str) -> Path:
     """File of a frame's sky mask."""
     return folder / f"{key}_sky.png"
 
@@ -195,7 +195,7 @@ def read_label_map(file: Path) -> Integer[ndarray, "h w"]:
     return raster
 
 
-def read_sky(file: Path) -> Bool[ndarray, "h w"]:
+def read_sky_mask(file: Path) -> Bool[ndarray, "h w"]:
     """A sky mask: 0 = no sky. Raises DataError as `read_label_map`."""
     raster, mode = _read_png(file)
     if mode not in ("L", "1"):

@@ -11,16 +11,16 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations
 from instdrive_core.masks.exact import ExactLabels
-from instdrive_core.masks.faults import FAULT_MODELS, FaultModel, with_faults
-from instdrive_core.masks.journal import Journal
+from instdrive_core.masks.faults import FAULT_MODELS, FaultModel, add_faults
+from instdrive_core.masks.journal import MaskJournal
 from instdrive_core.masks.label_map_folder import (
     SIDECAR,
     FrameMasks,
     MaskFolder,
-    label_path,
+    locate_label_map,
+    locate_sky_mask,
     open_masks,
-    shuffled,
-    sky_path,
+    shuffle_labels,
     write_masks,
 )
 from instdrive_core.masks.label_source import LabelSource
@@ -39,7 +39,7 @@ class SourceOptions:
     """`sam`: how."""
 
 
-def open_source(clip: Clip, source: Source, options: SourceOptions = SourceOptions()) -> LabelSource:
+def open_mask_source(clip: Clip, source: Source, options: SourceOptions = SourceOptions()) -> LabelSource:
     """What makes a clip's masks; modules and packages that only one source needs are loaded for it alone.
 
     Raises DataError where the clip lacks what the source needs, OptionError where an option does.
@@ -89,11 +89,11 @@ def make_masks(
     option is missing.
     """
     folder, frames = Path(folder), clip.training_frames()
-    journal = Journal(folder, _recipe(clip, source, seed, faults, options))
+    journal = MaskJournal(folder, _recipe(clip, source, seed, faults, options))
     sizes = {frame.key: (frame.view.camera.width, frame.view.camera.height) for frame in frames}
     journal.keep(lambda key, entry: sizes.get(key) == (entry["width"], entry["height"]) and _has_files(folder, key))
     left = [frame for frame in frames if frame.key not in journal.entries]
-    labels = open_source(clip, source, options)
+    labels = open_mask_source(clip, source, options)
 
     def masks() -> Iterator[tuple[str, FrameMasks]]:
         for done, frame in enumerate(left, len(frames) - len(left)):
@@ -131,8 +131,8 @@ def _frame_masks(labels: LabelSource, frame: Frame, seed: int, faults: FaultMode
     found, sky = labels.load(frame), labels.sky(frame)
     if faults is not None:
         closed = sky if frame.valid is None else sky | ~frame.valid
-        found = with_faults(found, closed, FAULT_MODELS[faults], frame.key, seed)
-    return FrameMasks(shuffled(found, frame.key, seed), sky)
+        found = add_faults(found, closed, FAULT_MODELS[faults], frame.key, seed)
+    return FrameMasks(shuffle_labels(found, frame.key, seed), sky)
 
 
 def _recipe(clip: Clip, source: Source, seed: int, faults: FaultModel | None, options: SourceOptions) -> dict[str, Any]:
@@ -146,4 +146,4 @@ def _recipe(clip: Clip, source: Source, seed: int, faults: FaultModel | None, op
 
 
 def _has_files(folder: Path, key: str) -> bool:
-    return label_path(folder, key).is_file() and sky_path(folder, key).is_file()
+    return locate_label_map(folder, key).is_file() and locate_sky_mask(folder, key).is_file()

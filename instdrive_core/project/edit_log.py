@@ -63,7 +63,7 @@ class ReadLog:
     _count: int = 0
     _saved: list[int] | None = None
 
-    def take(self, line: Mapping[str, Any]) -> None:
+    def apply_line(self, line: Mapping[str, Any]) -> None:
         """Follow a line of `diff_histories`. Raises KeyError, TypeError or ValueError where it is none."""
         keep = line.get("keep", len(self.entries))
         added = line.get("add", [])
@@ -79,7 +79,7 @@ class ReadLog:
         self._count += len(added)
         self.cursor = line["cursor"]
 
-    def mark_saved(self, done: int | None) -> None:
+    def set_saved(self, done: int | None) -> None:
         """So many of the edits were done when the document was saved; None = no file holds it. Raises ValueError."""
         if done is not None and not (type(done) is int and 0 <= done <= len(self.entries)):
             raise ValueError(f"a line says that {done!r} of {len(self.entries)} edits were saved")
@@ -91,7 +91,7 @@ class ReadLog:
         work = set(self._work(self.cursor))
         return len(work if self._saved is None else work ^ set(self._saved))
 
-    def full_entries(self) -> list[Any]:
+    def unpack_entries(self) -> list[Any]:
         """The edits as `Edit.to_json` gave them."""
         return [unpack_lists(entry, _from_text) for entry in self.entries]
 

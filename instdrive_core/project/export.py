@@ -87,7 +87,7 @@ def export_instances(
 
     def write(number: int) -> tuple[Path, int] | None:
         instance = table[number]
-        part = bake_part(document, document.rows_of((number,)), time)
+        part = bake_part(document, document.find_rows((number,)), time)
         if not len(part):
             return None
         path = folder / f"{number:04d}_{make_file_name(instance.name)}{suffix}"

@@ -32,7 +32,7 @@ def pack_lists(value: Any, keep: Callable[[Numbers], Any]) -> Any:
         keep: stores an array and returns what names it, as JSON.
     """
     if isinstance(value, Edit):
-        value = value.parameters()
+        value = value.get_parameters()
     if isinstance(value, dict):
         return {key: pack_lists(part, keep) for key, part in value.items()}
     if isinstance(value, RowRuns):

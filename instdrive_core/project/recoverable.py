@@ -87,7 +87,7 @@ def restore_session(session: RecoverableSession, accept_changed: bool = False) -
     lock = _lock_session(session.folder)
     try:
         read = read_session(session.folder)
-        entries = read.log.full_entries()
+        entries = read.log.unpack_entries()
         kept = KeptHistory(read.path, read.base, read.inserted, read.log.cursor, lambda _: entries)
         document, notes = replay_history(kept, accept_changed)
     except BaseException:

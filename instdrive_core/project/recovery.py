@@ -94,7 +94,7 @@ class Recovery:
                 self._wanted = now
                 self._wake()
 
-    def saved(self, path: str | Path, state: ProjectState) -> None:
+    def mark_saved(self, path: str | Path, state: ProjectState) -> None:
         """Tell that `state` of the document was written to `path`, which names the session from now on."""
         with self._changed:
             self._wanted = self._now()
@@ -155,9 +155,9 @@ class Recovery:
                 if time.monotonic() >= next_sync:
                     self._journal.sync()
                     next_sync = time.monotonic() + SYNC_INTERVAL
-                    self._synced()
+                    self._note_synced()
             except (OSError, DataError) as error:
-                self._failed(error)
+                self._note_failure(error)
             with self._changed:
                 # Edits that come close after one another become one line.
                 self._changed.wait_for(lambda: self._ending, SYNC_INTERVAL if self._failure else WRITE_INTERVAL)
@@ -190,13 +190,13 @@ class Recovery:
             self._replaced = None
         self._is_announced = True
 
-    def _synced(self) -> None:
+    def _note_synced(self) -> None:
         with self._changed:
             self._behind = self._wanted is not self._written or bool(self._marks)
             self._failure = None
             self._changed.notify_all()
 
-    def _failed(self, error: OSError | DataError) -> None:
+    def _note_failure(self, error: OSError | DataError) -> None:
         with self._changed:
             if self._failure is None:
                 self._failure = self._problem = _not_written_error(self.folder, error)

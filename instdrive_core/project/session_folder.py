@@ -97,6 +97,6 @@ def remove_session(folder: Path) -> None:
 def _take_line(line: dict[str, Any], log: ReadLog, inserted: dict[str, RecordedSource]) -> None:
     inserted |= {name: source_from_json(source) for name, source in line.get("inserted", {}).items()}
     if "cursor" in line:
-        log.take(line)
+        log.apply_line(line)
     if "saved" in line:
-        log.mark_saved(line["saved"])
+        log.set_saved(line["saved"])

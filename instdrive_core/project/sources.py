@@ -40,7 +40,7 @@ class RecordedSource:
     keep_every: int = 1
     """As of `SceneSource`: edits name the splats that were opened."""
 
-    def places(self, project: Path) -> list[Path]:
+    def list_places(self, project: Path) -> list[Path]:
         """Where it may be, the likeliest first: beside the project as before, where it was, or in its folder."""
         folder = project.parent
         name = PurePosixPath(self.relative or Path(self.absolute).as_posix()).name
@@ -145,7 +145,7 @@ def open_recorded_source(recorded: RecordedSource, project: Path, accept_changed
 
     Raises DataError where it is not found, SceneChangedError where it is another one.
     """
-    places = recorded.places(project)
+    places = recorded.list_places(project)
     there = [place for place in places if place.is_file() or place.is_dir()]
     if not there:
         problem = f"a scene that it needs is not at {' nor at '.join(map(str, places))}"

@@ -23,7 +23,7 @@ class Fragments:
     """opacity · exp(-½ dᵀ·Σ⁻¹·d), neither clamped nor skipped."""
 
 
-def fragments(
+def evaluate_fragments(
     means: ndarray,
     quats: ndarray,
     log_scales: ndarray,
@@ -62,7 +62,7 @@ def fragments(
     return Fragments(rows, z, drawn[:, None, None] * np.exp(-powers))
 
 
-def kept(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[ndarray, "v h w"]:
+def find_blended_fragments(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[ndarray, "v h w"]:
     """Which fragments are blended: bright enough, and not behind the one that would have finished the pixel."""
     alphas = np.minimum(found.raw_alphas, settings.max_alpha)
     bright = found.raw_alphas >= settings.min_alpha
@@ -77,7 +77,7 @@ def kept(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[
     return result
 
 
-def weights(
+def compute_fragment_weights(
     found: Fragments, blended: Bool[ndarray, "v h w"], settings: RasterSettings = DEFAULT_SETTINGS
 ) -> Float64[ndarray, "v h w"]:
     """w = α′ · Π (1 - α′) over the nearer fragments, for a given choice of which are blended."""
@@ -96,11 +96,13 @@ def render_reference(
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> tuple[Float64[ndarray, "h w c"], Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
     """Image, depth and alpha as `render` defines them."""
-    found = fragments(means, quats, log_scales, opacities, camera, settings)
-    return composed(found, weights(found, kept(found, settings), settings), channels)
+    found = evaluate_fragments(means, quats, log_scales, opacities, camera, settings)
+    return sum_fragments(
+        found, compute_fragment_weights(found, find_blended_fragments(found, settings), settings), channels
+    )
 
 
-def composed(
+def sum_fragments(
     found: Fragments, weight: Float64[ndarray, "v h w"], channels: ndarray
 ) -> tuple[Float64[ndarray, "h w c"], Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
     """Σ w·channels, Σ w·z and Σ w."""

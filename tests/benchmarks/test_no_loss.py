@@ -31,9 +31,9 @@ def test_every_kind_of_edit_is_drawn():
 def test_the_digest_sees_single_bits():
     document = Document(edit_street())
     before = document_digest(document)
-    document.state.change(document.rows_of([1])[:1], Flag.HIDDEN, True)
+    document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, True)
     assert document_digest(document) != before
-    document.state.change(document.rows_of([1])[:1], Flag.HIDDEN, False)
+    document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, False)
     assert document_digest(document) == before
     document.scene.gaussians.means.view("u4")[7, 1] ^= 1
     assert document_digest(document) != before

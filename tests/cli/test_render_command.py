@@ -15,8 +15,8 @@ from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import build_instance_table
-from instdrive_core.rasterize.pictures import depth_colors
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.pictures import colorize_depth
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_instance_and_codeword_pictures_decode_to_ids(run, scene, tmp_path):
     for mode in ("instance", "codeword"):
         assert main(["render", str(run), "--mode", mode, "-o", str(tmp_path / "a.png")]) == 0
         ids = ids_from_colors(pixels(tmp_path / "a.png"))
-        expected = instance_map(scene, shown)
+        expected = build_instance_map(scene, shown)
         if mode == "codeword":
             expected = np.where(shown.winner >= 0, scene.codewords[shown.winner], 0)
         np.testing.assert_array_equal(ids, expected)
@@ -151,11 +151,11 @@ def test_depth_runs_from_violet_to_red_and_is_black_where_nothing_is():
     depth = np.geomspace(1, 100, 200, dtype=np.float32).reshape(10, 20)
     there = np.ones_like(depth, bool)
     there[5] = False
-    colors = depth_colors(depth, there).astype(int)
+    colors = colorize_depth(depth, there).astype(int)
     assert not colors[5].any()
     assert colors[0, 0, 2] > colors[0, 0, 0]
     assert colors[-1, -1, 0] > colors[-1, -1, 2]
-    assert not depth_colors(depth, np.zeros_like(there)).any()
+    assert not colorize_depth(depth, np.zeros_like(there)).any()
 
 
 def test_placed_scenes_look_like_moving_ones(scene):

@@ -104,7 +104,7 @@ def check_invariants(document):
     ids = document.scene.instance_ids
     for instance in document.scene.table:
         members = flags[ids == instance.id]
-        summary = document.instance_flags(instance.id)
+        summary = document.summarize_instance(instance.id)
         assert summary.count == instance.count == len(members)
         assert summary.selected == (members & Flag.SELECTED != 0).sum()
         assert summary.drawn == (members & (Flag.HIDDEN | Flag.DELETED) == 0).sum()

@@ -23,7 +23,7 @@ from instdrive_core.scene.track import Track
 
 def under_car(hole):
     """How many of a hole's cells lie in the footprint of the car, and how many do not."""
-    inside = (np.abs(hole.grid.centers(hole.cells) - CAR_CENTER[:2]) <= CAR_SIZE[:2] / 2).all(axis=1)
+    inside = (np.abs(hole.grid.compute_centers(hole.cells) - CAR_CENTER[:2]) <= CAR_SIZE[:2] / 2).all(axis=1)
     return np.count_nonzero(inside), np.count_nonzero(~inside)
 
 
@@ -62,8 +62,8 @@ def test_ground_that_is_there_is_no_hole(street):
     document.apply(DeleteInstances((OTHER_CAR,)))
     report = report_deletion(document, (OTHER_CAR,), 0.0)
     assert report.hole_area == 0
-    assert report.filling() is None
-    assert report.absorption() is None
+    assert report.make_fill_edit() is None
+    assert report.make_absorb_edit() is None
     assert report.summary == "no residue, no hole"
 
 
@@ -81,7 +81,7 @@ def test_absorbing_empties_the_residue(street):
     document.apply(DeleteInstances((CAR,)))
     report = report_deletion(document, (CAR,), 0.0)
     flags = document.state.flags.copy()
-    document.apply(report.absorption())
+    document.apply(report.make_absorb_edit())
     assert not len(report_deletion(document, (CAR,), 0.0).residue)
     assert document.state.mask(Flag.DELETED)[street.strays].all()
     document.undo()
@@ -91,7 +91,7 @@ def test_absorbing_empties_the_residue(street):
 
 def test_a_lassoed_car_leaves_what_the_lasso_missed(street):
     document = Document(deepcopy(street.scene))
-    members = document.rows_of((CAR,))
+    members = document.find_rows((CAR,))
     missed = members[::20]
     rows = np.setdiff1d(members, missed)
     document.apply(SelectRows(rows))
@@ -101,7 +101,7 @@ def test_a_lassoed_car_leaves_what_the_lasso_missed(street):
     assert np.isin(missed, report.residue).mean() > 0.5
     assert set(report.carriers) == {CAR, PAVEMENT}
     assert report.hole_area == pytest.approx(CAR_SIZE[0] * CAR_SIZE[1], rel=0.3)
-    document.apply(report.absorption())
+    document.apply(report.make_absorb_edit())
     assert not np.isin(report.residue, report_row_deletion(document, rows, 0.0).residue).any()
     assert document.state.mask(Flag.DELETED)[report.residue].all()
 
@@ -148,7 +148,7 @@ def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(st
     shaded = np.flatnonzero(ground & (x > 0.2) & (x < 1.2) & (np.abs(y) < 2.2))
     scene.gaussians.sh_dc[shaded] = dc_from_color(0.4 * color_from_dc(scene.gaussians.sh_dc[shaded]))
     report = report_deletion(Document(scene), (CAR,), 0.0)
-    lit = report.hole.grid.centers(report.hole.shadow)
+    lit = report.hole.grid.compute_centers(report.hole.shadow)
     assert report.hole.shadow_area > 2
     assert (np.abs(lit - [0.7, 0.0]) < [0.9, 2.7]).all()
     assert f"shadow of {report.hole.shadow_area:.1f} m²" in report.summary
@@ -170,5 +170,5 @@ def test_an_actor_with_strays_in_the_background_is_an_actor():
     document.apply(DeleteInstances((OTHER_CAR,)))
     report = report_deletion(document, (OTHER_CAR,), 0.6)
     assert report.hole_area == 0
-    around = find_surroundings(document, [(OTHER_CAR, document.rows_of((OTHER_CAR,)))], 0.6)
+    around = find_surroundings(document, [(OTHER_CAR, document.find_rows((OTHER_CAR,)))], 0.6)
     assert len(around.deleted[0].points) == len(rows) - 100

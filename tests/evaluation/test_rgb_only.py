@@ -12,8 +12,8 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.evaluation import comparison
 from instdrive_core.evaluation.page.compare import write_comparison
 from instdrive_core.evaluation.page.report import write_report
-from instdrive_core.evaluation.protocol import evaluation_of_run
-from instdrive_core.evaluation.report import summary_rows
+from instdrive_core.evaluation.protocol import evaluate_saved_run
+from instdrive_core.evaluation.tables import list_summary_rows
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.training.run import RunRequest, run_training
@@ -57,7 +57,7 @@ def test_eval_measures_images_and_says_why_nothing_else(run, capsys):
 
 
 def test_the_page_has_no_empty_sections(run):
-    evaluation = evaluation_of_run(run)
+    evaluation = evaluate_saved_run(run)
     write_report(run / "page.html", run, evaluation)
     page = (run / "page.html").read_text(encoding="utf-8")
     for there in ("RGB only", "Held-out views", "photo: ", "image: ", "Training", "PSNR (dB)", "SSIM"):
@@ -65,7 +65,7 @@ def test_the_page_has_no_empty_sections(run):
     for empty in ("Predicted maps", "Objects", "Confusion", "LiDAR points", "ground truth: ", "instance map: ", "mIoU"):
         assert empty not in page
     assert page.count("<h2>") == 4
-    assert "–" not in summary_rows(evaluation).values()
+    assert "–" not in list_summary_rows(evaluation).values()
 
 
 def test_the_rest_of_the_chain_works(run, tmp_path, capsys):
@@ -73,7 +73,7 @@ def test_the_rest_of_the_chain_works(run, tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "5 photos" in printed
     assert "instances:    0" in printed
-    runs = comparison.measured_runs([run, run], False, lambda stage, done, total: None)
+    runs = comparison.measure_runs([run, run], False, lambda stage, done, total: None)
     write_comparison(tmp_path / "compare.html", runs)
     page = (tmp_path / "compare.html").read_text(encoding="utf-8")
     assert "photo: " in page
@@ -86,7 +86,7 @@ def test_instances_of_unlabelled_photos_are_shown_but_not_measured(run, tmp_path
     scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
     write_scene_folder(tmp_path, scene)
     (tmp_path / "run.json").write_bytes((run / "run.json").read_bytes())
-    evaluation = evaluation_of_run(tmp_path)
+    evaluation = evaluate_saved_run(tmp_path)
     assert evaluation.figures["scene"]["miou"] is None
     assert evaluation.figures["n_instances"] == 2
     assert np.unique(evaluation.views[0].with_ids(scene.instance_ids).predicted).max() == 2

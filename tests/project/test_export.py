@@ -30,13 +30,13 @@ def document():
 def test_all_and_some(document, tmp_path):
     count = export_scene(document, tmp_path / "all.ply", 0.3)
     assert count == len(open_scene(tmp_path / "all.ply")) == len(bake_document(document, 0.3))
-    rows = document.rows_of((1, 2, 8))
-    assert export_scene(document, tmp_path / "some", None, rows) == len(document.rows_of((2, 8)))
+    rows = document.find_rows((1, 2, 8))
+    assert export_scene(document, tmp_path / "some", None, rows) == len(document.find_rows((2, 8)))
     some = open_scene(tmp_path / "some")
     assert [actor.id for actor in some.actors] == ["actor-1"]
     assert {instance.id for instance in some.table} == {2, 8}
     with pytest.raises(OptionError, match="9 s"):
-        export_scene(document, tmp_path / "nothing.ply", 9.0, document.rows_of((7, 8)))
+        export_scene(document, tmp_path / "nothing.ply", 9.0, document.find_rows((7, 8)))
     assert not (tmp_path / "nothing.ply").exists()
 
 

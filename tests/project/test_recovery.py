@@ -93,7 +93,7 @@ def test_a_restored_document_is_offered_again_until_it_is_saved(tmp_path, root, 
     third = Recovery.begin(restored.document, restored.path, restored=restored, root=root)
     state = capture_project_state(restored.document)
     save_project(tmp_path / "a.instdrive", restored.document)
-    third.saved(tmp_path / "a.instdrive", state)
+    third.mark_saved(tmp_path / "a.instdrive", state)
     die(third)
     assert find_pending_sessions(root) == []
 
@@ -123,7 +123,7 @@ def test_only_what_was_done_since_saving_counts(tmp_path, root, started):
     state = capture_project_state(document)
     save_project(tmp_path / "a.instdrive", document)
     do(document, recovery, DeleteInstances((4,)))  # while it was being written
-    recovery.saved(tmp_path / "a.instdrive", state)
+    recovery.mark_saved(tmp_path / "a.instdrive", state)
     die(recovery)
     (session,) = find_pending_sessions(root)
     assert (session.title, session.edits) == ("a.instdrive", 1)
@@ -133,7 +133,7 @@ def test_only_what_was_done_since_saving_counts(tmp_path, root, started):
 def test_undoing_what_was_saved_is_a_change_and_redoing_it_is_none(tmp_path, root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
-    recovery.saved(tmp_path / "a.instdrive", capture_project_state(document))
+    recovery.mark_saved(tmp_path / "a.instdrive", capture_project_state(document))
     document.undo()
     recovery.record()
     recovery.flush()
@@ -152,7 +152,7 @@ def test_a_saved_state_that_was_edited_away_counts_as_unsaved(tmp_path, root, st
     state = capture_project_state(document)
     document.undo()
     do(document, recovery, RenameInstance(3, "tram"))
-    recovery.saved(tmp_path / "a.instdrive", state)
+    recovery.mark_saved(tmp_path / "a.instdrive", state)
     die(recovery)
     assert [session.edits for session in find_pending_sessions(root)] == [1]
 

@@ -10,9 +10,15 @@ from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.queries.bake import bake_document
-from instdrive_core.rasterize import shown_rows
-from instdrive_core.rasterize.pixel import rows_near
-from instdrive_core.rasterize.shown_rows import Frames, largest_log_scales, place_means, shown_opacities, world_shapes
+from instdrive_core.rasterize import edited_rows
+from instdrive_core.rasterize.edited_rows import (
+    RowFrames,
+    compute_world_shapes,
+    write_largest_log_scales,
+    write_shown_opacities,
+    write_world_means,
+)
+from instdrive_core.rasterize.pixel_contributors import find_rows_near_pixel
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.selection import Flag
 
@@ -33,15 +39,15 @@ def document():
 def arrays_of(document, ranges):
     scene, count = document.scene, len(document.scene)
     poses, present = scene.at(TIME)
-    frames, entries = Frames.of(document.transforms, poses), document.transforms.indices
+    frames, entries = RowFrames.of(document.transforms, poses), document.transforms.indices
     means, sizes = np.full((count, 3), np.nan, np.float32), np.full((count, 1), np.nan, np.float32)
     opacities = np.full(count, np.nan, np.float32)
     hidden, flags = int(Flag.DELETED | Flag.HIDDEN), document.state.flags
     for rows in ranges:
-        place_means(scene.gaussians.means, entries, scene.nodes, frames, rows, means)
-        largest_log_scales(scene.gaussians.log_scales, entries, frames, rows, sizes)
+        write_world_means(scene.gaussians.means, entries, scene.nodes, frames, rows, means)
+        write_largest_log_scales(scene.gaussians.log_scales, entries, frames, rows, sizes)
         logits = scene.gaussians.opacity_logits
-        shown_opacities(logits, document.colors, flags, hidden, scene.nodes, present, rows, opacities)
+        write_shown_opacities(logits, document.colors, flags, hidden, scene.nodes, present, rows, opacities)
     return frames, means, sizes, opacities
 
 
@@ -54,7 +60,7 @@ def test_ranges_together_are_what_baking_gives(document):
     np.testing.assert_allclose(sizes[:, 0], expected.log_scales.max(axis=1), atol=1e-5)
     np.testing.assert_allclose(opacities, expected.opacities, rtol=2e-5)
     rows = np.arange(count)[::-3]
-    quats, log_scales = world_shapes(scene.gaussians, document.transforms.indices, scene.nodes, frames, rows)
+    quats, log_scales = compute_world_shapes(scene.gaussians, document.transforms.indices, scene.nodes, frames, rows)
     np.testing.assert_allclose(log_scales, expected.log_scales[rows], atol=1e-5)
     turns = np.abs((quats * expected.quats[rows]).sum(axis=1))
     lengths = np.linalg.norm(quats, axis=1) * np.linalg.norm(expected.quats[rows], axis=1)
@@ -70,7 +76,7 @@ def test_rows_outside_the_range_are_left_alone(document):
 
 def test_arrays_that_cannot_be_written_need_no_other_kernels(document):
     arrays_of(document, [(0, 10)])
-    kernels = (shown_rows._place_means, shown_rows._largest_log_scales, shown_rows._shown_opacities)
+    kernels = (edited_rows._place_means, edited_rows._largest_log_scales, edited_rows._shown_opacities)
     before = [len(kernel.signatures) for kernel in kernels]
     gaussians = document.scene.gaussians
     for array in (gaussians.means, gaussians.log_scales, gaussians.opacity_logits, document.scene.nodes):
@@ -85,7 +91,7 @@ def test_deleted_rows_and_absent_actors_have_no_opacity(document):
     present = np.array([1, 0, *[1] * (len(scene.actors) - 1)], np.uint8)
     opacities = np.full(len(scene), np.nan, np.float32)
     logits, flags = scene.gaussians.opacity_logits, document.state.flags
-    shown_opacities(logits, document.colors, flags, 10, scene.nodes, present, (0, len(scene)), opacities)
+    write_shown_opacities(logits, document.colors, flags, 10, scene.nodes, present, (0, len(scene)), opacities)
     np.testing.assert_array_equal(opacities == 0, (scene.instance_ids == 4) | (scene.nodes == 1))
 
 
@@ -93,8 +99,8 @@ def test_the_largest_axis_finds_the_same_rows_as_all_three(document):
     _, means, sizes, opacities = arrays_of(document, [(0, len(document.scene))])
     camera = Camera(60.0, 61.0, 32.0, 24.0, 64, 48, look_at(np.array([9.0, -8, 3]), np.zeros(3)))
     log_scales = np.repeat(sizes, 3, axis=1) - np.array([0, 1, 2], np.float32)
-    near = rows_near(means, sizes, opacities, camera, 30, 20)
+    near = find_rows_near_pixel(means, sizes, opacities, camera, 30, 20)
     assert 0 < len(near) < len(means)
-    np.testing.assert_array_equal(near, rows_near(means, log_scales, opacities, camera, 30, 20))
+    np.testing.assert_array_equal(near, find_rows_near_pixel(means, log_scales, opacities, camera, 30, 20))
     with pytest.raises(ValueError, match="outside"):
-        rows_near(means, sizes, opacities, camera, 64, 20)
+        find_rows_near_pixel(means, sizes, opacities, camera, 64, 20)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 
 TITLE = "The scene has changed"
@@ -35,4 +35,4 @@ class ChangedSceneDialog:
             files.changed_scene = None
 
         then = "Opened anyway, the edits are done on the scene as it is now, without those that do not fit."
-        question(ui, TITLE, f"{changed.said}\n\n{then}", {"Cancel": leave, "Open anyway": open_anyway})
+        draw_question(ui, TITLE, f"{changed.said}\n\n{then}", {"Cancel": leave, "Open anyway": open_anyway})

@@ -8,9 +8,9 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from instdrive_app.files.file_names import join_names
-from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sorted_out
+from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sort_dropped
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
-from instdrive_app.panels.dialogs.questions import Answers, question
+from instdrive_app.panels.dialogs.questions import Answers, draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession
 
@@ -33,12 +33,12 @@ class DroppedDialog:
         session = ui.session
         dropped, session.dropped = session.dropped, ()
         if dropped:
-            self._take(session, dropped)
+            self._receive(session, dropped)
         if self._asked is not None:
-            text, answers = _asking(session, self._asked)
-            question(ui, TITLE, text, answers)
+            text, answers = _compose_question(session, self._asked)
+            draw_question(ui, TITLE, text, answers)
 
-    def _take(self, session: EditorSession, dropped: Sequence[Path]) -> None:
+    def _receive(self, session: EditorSession, dropped: Sequence[Path]) -> None:
         if session.jobs.blocking:
             session.messages.error("Please wait until the work under way is done, then drop again")
             return
@@ -46,7 +46,7 @@ class DroppedDialog:
             # Another question would close the one that is open, without an answer.
             session.messages.error("Please finish with the dialog that is open, then drop again")
             return
-        found = sorted_out(dropped)
+        found = sort_dropped(dropped)
         if found.complaint:
             session.messages.error(found.complaint)
         if not found.openable:
@@ -58,7 +58,7 @@ class DroppedDialog:
             imgui.open_popup(TITLE)
 
 
-def _asking(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
+def _compose_question(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
     """The question, and what its answers do."""
     first = found.openable[0]
 

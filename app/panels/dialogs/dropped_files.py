@@ -12,7 +12,7 @@ from instdrive_app.files.file_names import find_name_problem
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_core.wording import format_count
 
-_TOLD = 3
+_MOST_REPORTED = 3
 """Problems that are told of one drop; of more, their number."""
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
 """How a web page's link begins when it is dropped; a drive's letter is shorter."""
@@ -34,31 +34,33 @@ class DroppedFiles:
     @property
     def complaint(self) -> str:
         """The problems as one message; empty where there are none."""
-        told = list(self.problems[:_TOLD])
-        if len(self.problems) > _TOLD:
-            told.append(f"So it is with {format_count(len(self.problems) - _TOLD, 'other')} of what was dropped")
+        told = list(self.problems[:_MOST_REPORTED])
+        if len(self.problems) > _MOST_REPORTED:
+            told.append(
+                f"So it is with {format_count(len(self.problems) - _MOST_REPORTED, 'other')} of what was dropped"
+            )
         return ". ".join(told)
 
 
-def sorted_out(paths: Iterable[Path]) -> DroppedFiles:
+def sort_dropped(paths: Iterable[Path]) -> DroppedFiles:
     """Look at what was dropped."""
     openable, problems = [], []
     for path in dict.fromkeys(paths):
-        problem = _problem(path)
+        problem = _find_problem(path)
         if problem:
             problems.append(problem)
         else:
             openable.append(path)
-    scenes = [path for path in openable if not PURPOSES["insert"].problem(path)]
+    scenes = [path for path in openable if not PURPOSES["insert"].find_problem(path)]
     projects = [path for path in openable if path not in scenes]
     return DroppedFiles(tuple(scenes), tuple(projects), tuple(openable), tuple(problems))
 
 
-def _problem(path: Path) -> str:
+def _find_problem(path: Path) -> str:
     """Why a path cannot be opened; empty where it can."""
     if find_name_problem(path):
         return find_name_problem(path)
-    if not PURPOSES["open"].problem(path):
+    if not PURPOSES["open"].find_problem(path):
         return ""
     if os.path.isdir(path):
         return f"The folder {path.name or path} holds no scene. Drop a run's folder or one that holds a scene"

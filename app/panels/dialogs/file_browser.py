@@ -15,9 +15,9 @@ from instdrive_app.files.file_names import find_working_folder
 from instdrive_app.files.folder_listing import FolderEntry, list_folder
 from instdrive_app.panels.dialogs.export import ExportOptions
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, holds_scene
-from instdrive_app.panels.dialogs.frame import centered, confirmed
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import DIM, ERROR, rgba
-from instdrive_app.panels.widgets.ui import Ui, dim_text, icon
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon
 
 DESKTOP_TOOLS = ("zenity", "kdialog", "matedialog", "qarma")
 RELIST_SECONDS = 1.0
@@ -46,7 +46,7 @@ class FileBrowser:
         if self._options is not None:
             # Never the desktop's dialog: it has no room for what is asked beside the path.
             self._text, self._listed = self._options.begin(ui.session, name), None
-            self._purpose = self._options.purpose(ui.session)
+            self._purpose = self._options.build_purpose(ui.session)
             imgui.open_popup(self._purpose.title)
             return
         purpose = self._purpose = PURPOSES[name]
@@ -68,19 +68,19 @@ class FileBrowser:
         if self._pending is not None and self._pending.ready(0):
             self._take_answer(ui)
         em, options = imgui.get_font_size(), self._options
-        centered(
+        center_next_window(
             ImVec2(46 * em, 29 * em + (0 if options is None else options.rows * imgui.get_frame_height_with_spacing()))
         )
         if imgui.begin_popup_modal(self._purpose.title, None, imgui.WindowFlags_.no_saved_settings)[0]:
             if options is not None:
                 self._text = options.draw(ui, self._text)
-                self._purpose = options.purpose(ui.session)
-            self._browse(ui, self._purpose)
+                self._purpose = options.build_purpose(ui.session)
+            self._draw_browser(ui, self._purpose)
             self._shown = True
             imgui.end_popup()
         elif self._shown:
             self._shown = False
-            self._purpose.closed(ui.session)
+            self._purpose.on_close(ui.session)
 
     def _take_answer(self, ui: Ui) -> None:
         assert self._pending is not None
@@ -90,14 +90,14 @@ class FileBrowser:
             path = Path(answer)
             if self._purpose.writes and not path.suffix and not self._purpose.folders:
                 path = path.with_name(path.name + self._purpose.suffixes[0])
-            problem = self._purpose.problem(path)
+            problem = self._purpose.find_problem(path)
             if problem:
                 ui.session.messages.error(f"{path}: {problem}")
             else:
                 self._purpose.act(ui.session, path)
-        self._purpose.closed(ui.session)
+        self._purpose.on_close(ui.session)
 
-    def _browse(self, ui: Ui, purpose: FilePurpose) -> None:
+    def _draw_browser(self, ui: Ui, purpose: FilePurpose) -> None:
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)
@@ -107,36 +107,36 @@ class FileBrowser:
         folder = path if os.path.isdir(path) and not holds_scene(path) else path.parent
         below = ImVec2(0, -imgui.get_frame_height() * 2.7)
         if imgui.begin_child("##places", ImVec2(11 * imgui.get_font_size(), below.y)):
-            self._places(ui)
+            self._draw_places(ui)
         imgui.end_child()
         imgui.same_line()
         if imgui.begin_child("##entries", below, imgui.ChildFlags_.borders):
-            self._entries(ui, folder, path)
+            self._draw_entries(ui, folder, path)
         imgui.end_child()
-        problem = purpose.problem(path)
+        problem = purpose.find_problem(path)
         if problem:
             imgui.text_colored(rgba(DIM if os.path.isdir(path) else ERROR), problem)
         else:
-            dim_text(_consequence(purpose, path))
-        if confirmed(ui, purpose.verb, entered, not problem):
+            draw_dim_text(_describe_consequence(purpose, path))
+        if draw_confirm_buttons(ui, purpose.verb, entered, not problem):
             purpose.act(ui.session, path)
 
-    def _places(self, ui: Ui) -> None:
+    def _draw_places(self, ui: Ui) -> None:
         places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": find_working_folder()}
         for symbol, place in places.items():
-            if imgui.selectable(f"{icon(symbol)}   {place.name or place}##{symbol}", False, _STAY)[0]:
-                self._go(place)
+            if imgui.selectable(f"{get_icon(symbol)}   {place.name or place}##{symbol}", False, _STAY)[0]:
+                self._show_folder(place)
         recents = ui.session.files.recents.paths
         if recents:
             imgui.spacing()
-            dim_text("Recent")
+            draw_dim_text("Recent")
         for recent in recents:
             if imgui.selectable(f"{recent.name}##{recent}", False, _STAY)[0]:
                 self._choose(recent)
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
                 imgui.set_tooltip(str(recent))
 
-    def _entries(self, ui: Ui, folder: Path, path: Path) -> None:
+    def _draw_entries(self, ui: Ui, folder: Path, path: Path) -> None:
         flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.no_borders_in_body
         if not imgui.begin_table("##files", 3, flags):
             return
@@ -149,20 +149,20 @@ class FileBrowser:
         if folder.parent != folder:
             imgui.table_next_row()
             imgui.table_set_column_index(0)
-            if imgui.selectable(f"{icon('ICON_FA_ARROW_UP')}   ..", False, _STAY)[0]:
-                self._go(folder.parent)
-        for entry in self._listing(folder):
-            self._entry(ui, entry, entry.path == path)
+            if imgui.selectable(f"{get_icon('ICON_FA_ARROW_UP')}   ..", False, _STAY)[0]:
+                self._show_folder(folder.parent)
+        for entry in self._list_folder(folder):
+            self._draw_entry(ui, entry, entry.path == path)
         imgui.end_table()
 
-    def _entry(self, ui: Ui, entry: FolderEntry, chosen: bool) -> None:
+    def _draw_entry(self, ui: Ui, entry: FolderEntry, chosen: bool) -> None:
         imgui.table_next_row()
         imgui.table_set_column_index(0)
-        symbol = icon("ICON_FA_CUBES" if entry.is_scene else "ICON_FA_FOLDER")
+        symbol = get_icon("ICON_FA_CUBES" if entry.is_scene else "ICON_FA_FOLDER")
         flags = _STAY | imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_double_click
         if imgui.selectable(f"{symbol}   {entry.path.name}", chosen, flags)[0]:
             if not entry.is_scene:
-                self._go(entry.path)
+                self._show_folder(entry.path)
             elif not self._purpose.writes and imgui.is_mouse_double_clicked(0):
                 imgui.close_current_popup()
                 self._purpose.act(ui.session, entry.path)
@@ -173,13 +173,13 @@ class FileBrowser:
             imgui.table_set_column_index(column)
             imgui.text_colored(rgba(DIM), text)
 
-    def _listing(self, folder: Path) -> list[FolderEntry]:
+    def _list_folder(self, folder: Path) -> list[FolderEntry]:
         now, key = time.monotonic(), (folder, self._purpose.suffixes)
         if self._listed is None or self._listed[0] != key or now - self._listed[1] > RELIST_SECONDS:
             self._listed = (key, now, list_folder(folder, self._purpose.suffixes, holds_scene))
         return self._listed[2]
 
-    def _go(self, folder: Path) -> None:
+    def _show_folder(self, folder: Path) -> None:
         """Show another folder; the name of a file to be written stays."""
         name = Path(self._text).name if self._purpose.writes else ""
         self._text = str(folder / name) if name else f"{str(folder).rstrip('/')}/"
@@ -188,7 +188,7 @@ class FileBrowser:
         self._text = str(path)
 
 
-def _consequence(purpose: FilePurpose, path: Path) -> str:
+def _describe_consequence(purpose: FilePurpose, path: Path) -> str:
     """What happens to what is there."""
     if purpose.writes and os.path.isfile(path):
         return "The file there is replaced."

@@ -14,8 +14,8 @@ from instdrive_core.formats.registry import FORMATS
 from instdrive_core.formats.sog.levels import is_sog_folder
 from instdrive_core.project.save import SUFFIX
 
-SCENES = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
-FILES = (*SCENES, SUFFIX, ".json", ".glb", ".png")
+SCENE_ENDINGS = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
+FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png")
 """Endings that no folder's name should have."""
 
 
@@ -36,42 +36,42 @@ class FilePurpose:
     """Ending of the name that is proposed for a new file, after the scene's own."""
     refusal: str = ""
     """Why no path can be the answer; empty where some can."""
-    closed: Callable[[EditorSession], None] = lambda _: None
+    on_close: Callable[[EditorSession], None] = lambda _: None
     """Called when the dialog is gone, after `act` where there was an answer."""
 
-    def problem(self, path: Path) -> str:
+    def find_problem(self, path: Path) -> str:
         """Why the path cannot be the answer; empty where it can."""
         if self.refusal or not self.writes:
-            return self.refusal or self._problem_of_old(path)
-        return self._problem_of_new(path) if self.suffixes else _problem_of_filled(path)
+            return self.refusal or self._check_existing(path)
+        return self._check_new(path) if self.suffixes else _check_filled_folder(path)
 
-    def _problem_of_old(self, path: Path) -> str:
+    def _check_existing(self, path: Path) -> str:
         if os.path.isfile(path) and path.name.lower().endswith(self.suffixes):
             return ""
         if self.folders and holds_scene(path):
             return ""
         return "Choose a scene file or a folder that holds a scene"
 
-    def _problem_of_new(self, path: Path) -> str:
+    def _check_new(self, path: Path) -> str:
         endings = " or ".join(self.suffixes)
         if os.path.isdir(path) and not (self.folders and holds_scene(path)):
             return f"Add a file name that ends in {endings}"
         if not path.name.lower().endswith(self.suffixes) and (path.suffix or not self.folders):
             folder = ", or be that of a scene folder" if self.folders else ""
             return f"The name must end in {endings}{folder}"
-        return _problem_of_parent(path)
+        return _check_parent(path)
 
 
-def _problem_of_filled(path: Path) -> str:
+def _check_filled_folder(path: Path) -> str:
     """Of a folder that many files are written into."""
-    if os.path.isfile(path) or path.name.lower().endswith(FILES):
+    if os.path.isfile(path) or path.name.lower().endswith(FILE_ENDINGS):
         return "Many files are written: give the name of a folder"
     if holds_scene(path):
         return "That folder holds a scene; give the name of another"
-    return _problem_of_parent(path)
+    return _check_parent(path)
 
 
-def _problem_of_parent(path: Path) -> str:
+def _check_parent(path: Path) -> str:
     return "" if os.path.isdir(path.parent) else f"There is no folder {path.parent}"
 
 
@@ -98,9 +98,11 @@ def _stay(session: EditorSession) -> None:
 
 
 PURPOSES = {
-    "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENES), _open),
-    "insert": FilePurpose("Insert a scene", "Insert", SCENES, lambda session, path: session.inserting.insert(path)),
-    "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX, closed=_stay),
+    "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENE_ENDINGS), _open),
+    "insert": FilePurpose(
+        "Insert a scene", "Insert", SCENE_ENDINGS, lambda session, path: session.inserting.insert(path)
+    ),
+    "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX, on_close=_stay),
     "export": FilePurpose("Export", "Export", WRITTEN, lambda session, path: session.exporting.export(path), True),
 }
 """By the name that `session.dialog` takes."""

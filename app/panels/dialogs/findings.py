@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.scene.lint import HARMFUL
 
@@ -29,7 +29,7 @@ class FindingsDialog:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         em = imgui.get_font_size()
-        centered(ImVec2(38 * em, 0))
+        center_next_window(ImVec2(38 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         findings = ui.session.findings
@@ -41,10 +41,10 @@ class FindingsDialog:
             imgui.same_line()
             imgui.push_text_wrap_pos(0)
             imgui.text(finding.what)
-            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + imgui.get_frame_height() + scaled(8))
-            dim_text(finding.remedy)
+            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + imgui.get_frame_height() + scale_pixels(8))
+            draw_dim_text(finding.remedy)
             imgui.pop_text_wrap_pos()
         rows = [finding.rows for finding in findings if self._chosen.get(finding.kind)]
-        if confirmed(ui, "Remove", False, any(map(len, rows)), cancel="Keep all"):
+        if draw_confirm_buttons(ui, "Remove", False, any(map(len, rows)), cancel="Keep all"):
             ui.session.apply(DeleteRows, np.unique(np.concatenate(rows)))
         imgui.end_popup()

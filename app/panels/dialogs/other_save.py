@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 
 TITLE = "Saved by another editor"
@@ -38,4 +38,4 @@ class OtherSaveDialog:
             f"{other.path.name} was saved by another editor since it was opened here. Saved over, what was done there "
             "is lost.\n\nFile, Save project as… keeps both."
         )
-        question(ui, TITLE, text, {"Cancel": leave, "Save over it": save_over})
+        draw_question(ui, TITLE, text, {"Cancel": leave, "Save over it": save_over})

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered
+from instdrive_app.panels.dialogs.frame import center_next_window
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.wording import format_count
 
@@ -25,14 +25,14 @@ class RecoveryDialog:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         em = imgui.get_font_size()
-        centered(ImVec2(40 * em, 0))
+        center_next_window(ImVec2(40 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         imgui.text_wrapped("The editor ended without saving these documents. Their edits were kept.")
         imgui.spacing()
         for number, session in enumerate(list(ui.session.autosave.recoverable)):
             imgui.push_id(number)
-            self._row(ui, session, number)
+            self._draw_row(ui, session, number)
             imgui.pop_id()
         imgui.spacing()
         imgui.set_cursor_pos_x(imgui.get_window_width() - 7 * em - imgui.get_style().window_padding.x)
@@ -42,7 +42,7 @@ class RecoveryDialog:
             imgui.close_current_popup()
         imgui.end_popup()
 
-    def _row(self, ui: Ui, session: RecoverableSession, number: int) -> None:
+    def _draw_row(self, ui: Ui, session: RecoverableSession, number: int) -> None:
         em = imgui.get_font_size()
         imgui.separator()
         imgui.push_font(ui.fonts.bold, 0.0)
@@ -63,13 +63,13 @@ class RecoveryDialog:
         imgui.end_disabled()
         ui.mark(f"recovery.{number}.recover")
         changes = format_count(session.edits, "change")
-        dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
+        draw_dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
         if session.problem:
             imgui.push_style_color(imgui.Col_.text, rgba(ERROR))
             imgui.text_wrapped(session.problem)
             imgui.pop_style_color()
         else:
-            dim_text(str(session.path.parent))
+            draw_dim_text(str(session.path.parent))
         if discarded:
             ui.session.autosave.discard(session)
         if recovered:

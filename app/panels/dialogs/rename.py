@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, scaled_size
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, scale_size
 
 TITLE = "Rename"
 
@@ -36,7 +36,7 @@ class RenameDialog:
         self._frames = self._frames + 1 if ui.session.renamed else 0
         if self._frames > PATIENCE_FRAMES:
             self.ask(ui, "rename")
-        centered(scaled_size(340, 0))
+        center_next_window(scale_size(340, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():
@@ -45,6 +45,6 @@ class RenameDialog:
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
         entered, self._name = imgui.input_text("##name", self._name, flags)
         ui.mark("rename.name")
-        if confirmed(ui, "Rename", entered, bool(self._name.strip())):
+        if draw_confirm_buttons(ui, "Rename", entered, bool(self._name.strip())):
             ui.session.labels.rename(self._instance, self._name.strip())
         imgui.end_popup()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, fitted_selectable, scaled_size
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, draw_fitted_selectable, scale_size
 
 TITLE = "Set class"
 
@@ -31,7 +31,7 @@ class ClassDialog:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        centered(scaled_size(340, 0))
+        center_next_window(scale_size(340, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():
@@ -45,10 +45,10 @@ class ClassDialog:
         imgui.begin_child("##known", ImVec2(0, height))
         for name in known:
             flags = imgui.SelectableFlags_.no_auto_close_popups | imgui.SelectableFlags_.allow_double_click
-            if fitted_selectable(name, name, name == self._text, flags):
+            if draw_fitted_selectable(name, name, name == self._text, flags):
                 self._text, entered = name, imgui.is_mouse_double_clicked(0)
             ui.mark(f"class.{name}")
         imgui.end_child()
-        if confirmed(ui, "Set", entered, True):
+        if draw_confirm_buttons(ui, "Set", entered, True):
             ui.session.labels.set_class(self._ids, self._text.strip())
         imgui.end_popup()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_core.errors import format_gigabytes, format_ordinal
 
@@ -42,4 +42,4 @@ class TooLargeDialog:
             f"{format_gigabytes(found.available)} are free. Open {every} splat?\n\n"
             "The splats that are opened are made larger, so that they leave no gaps. The file stays as it is."
         )
-        question(ui, TITLE, text, {"Cancel": leave, f"Open {every}": open_part})
+        draw_question(ui, TITLE, text, {"Cancel": leave, f"Open {every}": open_part})

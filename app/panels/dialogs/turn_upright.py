@@ -9,8 +9,8 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_core.edits.kinds.turn_scene import SCALE_LIMITS
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import UpEstimate
@@ -50,25 +50,25 @@ class TurnUprightDialog:
     def draw(self, ui: Ui) -> None:
         """One frame."""
         em = imgui.get_font_size()
-        centered(ImVec2(31 * em, 0))
+        center_next_window(ImVec2(31 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         estimate = ui.session.turning.estimate
         imgui.text("What points up, as the scene lies now?")
         imgui.spacing()
-        self._axes(ui)
-        self._other_choices(ui, estimate)
+        self._draw_axes(ui)
+        self._draw_other_choices(ui, estimate)
         imgui.spacing()
-        self._scale_field(ui)
+        self._draw_scale_field(ui)
         imgui.separator()
         imgui.push_text_wrap_pos(0)
-        up = self._up(ui, estimate)
+        up = self._find_up(ui, estimate)
         if ui.session.document is not None:
-            imgui.text(told(up, self._scale, ui.session.document.scene))
-        dim_text(guessed(estimate))
+            imgui.text(describe_turn(up, self._scale, ui.session.document.scene))
+        draw_dim_text(describe_guess(estimate))
         imgui.pop_text_wrap_pos()
         changes = self._scale != 1 or not np.array_equal(up, compute_axis_direction(UP))
-        if confirmed(ui, "Turn", False, changes):
+        if draw_confirm_buttons(ui, "Turn", False, changes):
             ui.session.turning.turn(up, self._scale)
         imgui.end_popup()
 
@@ -76,30 +76,30 @@ class TurnUprightDialog:
         if not self._chosen:
             self._choice = GROUND if found.tilt else found.axis
 
-    def _axes(self, ui: Ui) -> None:
+    def _draw_axes(self, ui: Ui) -> None:
         column = imgui.get_font_size() * 5
         for number, axis in enumerate(AXES):
             if number:
                 imgui.same_line(number * column + imgui.get_style().window_padding.x)
-            self._radio(ui, axis, format_axis(axis))
+            self._draw_radio(ui, axis, format_axis(axis))
 
-    def _other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
+    def _draw_other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
         up, angle = ui.session.turning.view_up()
         axis, tilt = find_nearest_axis(up)
         exact = f"{format_axis(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {format_axis(axis)}"
         near = f" (the view is {angle:.0f}° off)" if angle >= 1 else ""
-        self._radio(ui, VIEW, f"What is up in the view: {exact}{near}")
+        self._draw_radio(ui, VIEW, f"What is up in the view: {exact}{near}")
         if estimate is not None and estimate.tilt:
-            self._radio(ui, GROUND, f"Up by {estimate.reason}: {estimate.words}")
+            self._draw_radio(ui, GROUND, f"Up by {estimate.reason}: {estimate.words}")
 
-    def _radio(self, ui: Ui, choice: Choice, title: str) -> None:
+    def _draw_radio(self, ui: Ui, choice: Choice, title: str) -> None:
         if imgui.radio_button(f"{title}##{choice}", self._choice == choice):
             self._choice, self._chosen = choice, True
         ui.mark(f"upright.{choice}")
 
-    def _scale_field(self, ui: Ui) -> None:
+    def _draw_scale_field(self, ui: Ui) -> None:
         imgui.align_text_to_frame_padding()
-        dim_text("Scale everything by")
+        draw_dim_text("Scale everything by")
         imgui.same_line()
         imgui.set_next_item_width(imgui.get_font_size() * 6)
         _, scale = imgui.input_float("##scale", self._scale, 0.0, 0.0, "%g")
@@ -107,9 +107,9 @@ class TurnUprightDialog:
         if isfinite(scale):
             self._scale = min(max(scale, SCALE_LIMITS[0]), SCALE_LIMITS[1])
         imgui.same_line()
-        dim_text("(0.01 where the file is in centimetres)")
+        draw_dim_text("(0.01 where the file is in centimetres)")
 
-    def _up(self, ui: Ui, estimate: UpEstimate | None) -> Float64[ndarray, "3"]:
+    def _find_up(self, ui: Ui, estimate: UpEstimate | None) -> Float64[ndarray, "3"]:
         """The chosen direction."""
         if self._choice == VIEW:
             return ui.session.turning.view_up()[0]
@@ -118,7 +118,7 @@ class TurnUprightDialog:
         return next((compute_axis_direction(axis) for axis in AXES if axis == self._choice), compute_axis_direction(UP))
 
 
-def told(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
+def describe_turn(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
     """What happens to a scene whose `up` becomes up, in a few short sentences."""
     rotation = compute_upright_rotation(up)
     angle = float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
@@ -139,7 +139,7 @@ def told(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
     return " ".join([*parts, "It can be undone."])
 
 
-def guessed(estimate: UpEstimate | None) -> str:
+def describe_guess(estimate: UpEstimate | None) -> str:
     """How the guess came about."""
     if estimate is None:
         return "Looking for the way up…"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
 
 TITLE = "Unsaved changes"
@@ -41,4 +41,4 @@ class UnsavedDialog:
         def stay() -> None:
             session.waiting = None
 
-        question(ui, TITLE, text, {"Cancel": stay, "Don't save": discard, "Save": save})
+        draw_question(ui, TITLE, text, {"Cancel": stay, "Don't save": discard, "Save": save})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from instdrive_app.panels.widgets.gestures import Gesture
-from instdrive_app.panels.widgets.ui import Ui, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, scale_size
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorMode
 
@@ -27,10 +27,10 @@ MODE_HINTS: dict[RecolorMode, str] = {
 }
 
 
-def preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
+def draw_preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
     """One small button per preset; returns whether one was clicked."""
     size, clicked = imgui.get_frame_height() * 0.86, False
-    imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(5, 5))
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(5, 5))
     for number, (name, color) in enumerate(PRESETS.items()):
         if number:
             imgui.same_line()
@@ -65,14 +65,14 @@ class RecolorSection:
             ui.mark(f"inspector.mode.{mode}")
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
                 imgui.set_tooltip(MODE_HINTS[mode])
-        preset_row(ui, "inspector", ids)
+        draw_preset_row(ui, "inspector", ids)
         flags = imgui.ColorEditFlags_
         style = flags.no_alpha | flags.display_hex | flags.picker_hue_wheel | flags.no_options | flags.no_label
         imgui.same_line()
         imgui.set_next_item_width(-1)
         pressed = imgui.is_mouse_clicked(0)
         changed, picked = imgui.color_edit3("##recolor", list(session.recolor_color), style)
-        gesture = self._gesture.after_item(pressed)
+        gesture = self._gesture.name_drag(pressed)
         ui.mark("inspector.color")
         if changed:
             r, g, b = (min(max(float(channel), 0.0), 1.0) for channel in picked)

@@ -18,7 +18,7 @@ class Walk:
     cursor: int = 0
     """The end that moves."""
 
-    def after(self, step: Step, extends: bool, ids: Sequence[int], may_stop: Callable[[int], bool]) -> Walk:
+    def advance(self, step: Step, extends: bool, ids: Sequence[int], may_stop: Callable[[int], bool]) -> Walk:
         """The walk after one key; `extends` keeps the anchor. The cursor stays where no further row may be stopped at;
         where it is in no row, the step goes to the first one, or to the last one if it leads upwards."""
         row = ids.index(self.cursor) if self.cursor in ids else None
@@ -32,7 +32,7 @@ class Walk:
         cursor = next((ids[place] for place in path if may_stop(ids[place])), self.cursor)
         return Walk(self.anchor if extends and self.anchor in ids else cursor, cursor)
 
-    def between(self, ids: Sequence[int]) -> tuple[int, ...]:
+    def list_range(self, ids: Sequence[int]) -> tuple[int, ...]:
         """The instances from one end to the other, in the order of the list; both ends must be in it."""
         first, last = sorted((ids.index(self.anchor), ids.index(self.cursor)))
         return tuple(ids[first : last + 1])

@@ -10,7 +10,7 @@ from instdrive_app.panels.instances.list_walk import Step, Walk
 from instdrive_app.panels.instances.row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
-from instdrive_app.panels.widgets.ui import Ui, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, get_icon, scale_pixels, scale_size
 from instdrive_core.edits.document.document import Document
 from instdrive_core.wording import format_count
 
@@ -50,22 +50,22 @@ class InstancesPanel:
             return
         if self._query.class_name is not None and self._query.class_name not in dict(self._rows.classes):
             self._query = replace(self._query, class_name=None)
-        self._search(ui, document)
+        self._draw_search(ui, document)
         self._take_rename(ui)
         self._rows.update(document, self._query)
-        self._class_chips(ui)
-        self._banner(ui, document)
-        self._keys(ui, document)
-        self._table(ui, document)
+        self._draw_class_chips(ui)
+        self._draw_banner(ui, document)
+        self._handle_keys(ui, document)
+        self._draw_table(ui, document)
         self._take_rename(ui)
 
     # ------------------------------------------------------------------ above the list
 
-    def _search(self, ui: Ui, document: Document) -> None:
+    def _draw_search(self, ui: Ui, document: Document) -> None:
         code_button = document.scene.code_bits > 0
         room = imgui.get_frame_height() + imgui.get_style().item_inner_spacing.x if code_button else 0
         imgui.set_next_item_width(-room or -1)
-        hint = f"{icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
+        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
         _, search = imgui.input_text_with_hint("##search", hint, self._query.search)
         ui.mark("instances.search")
         self._types_search = imgui.is_item_active()
@@ -74,21 +74,21 @@ class InstancesPanel:
             return
         imgui.same_line(0, imgui.get_style().item_inner_spacing.x)
         imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if self._shows_codes else DIM))
-        if imgui.button(icon("ICON_FA_BARCODE"), ImVec2(imgui.get_frame_height(), 0)):
+        if imgui.button(get_icon("ICON_FA_BARCODE"), ImVec2(imgui.get_frame_height(), 0)):
             self._flips_codes = True
         imgui.pop_style_color()
         ui.mark("instances.codes")
         imgui.set_item_tooltip("Show the codeword of each instance, bit by bit")
 
-    def _class_chips(self, ui: Ui) -> None:
+    def _draw_class_chips(self, ui: Ui) -> None:
         """One button per class: a click lists that class only, another one all again. As many as fit into a line."""
         if len(self._rows.classes) < 2:
             return
         imgui.push_style_var(imgui.StyleVar_.frame_rounding, imgui.get_text_line_height() / 2)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(7, 1))
-        imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(4, 6))
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, scale_size(7, 1))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(4, 6))
         more, end = (
-            imgui.calc_text_size("…").x + scaled(18),
+            imgui.calc_text_size("…").x + scale_pixels(18),
             imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x,
         )
         chosen = self._query.class_name
@@ -98,20 +98,20 @@ class InstancesPanel:
         for number, (name, count) in enumerate(order):
             text = f"{name or UNKNOWN} {count}"
             last = number == len(order) - 1
-            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + scaled(4)
-            if number and x + imgui.calc_text_size(text).x + scaled(14) + (0 if last else more) > end:
+            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + scale_pixels(4)
+            if number and x + imgui.calc_text_size(text).x + scale_pixels(14) + (0 if last else more) > end:
                 left = order[number:]
                 break
             if number:
                 imgui.same_line()
-            self._chip(ui, name, text, name == chosen)
+            self._draw_chip(ui, name, text, name == chosen)
         imgui.pop_style_var(1)
         if left:
-            imgui.same_line(0, scaled(4))
-            self._other_chips(ui, left)
+            imgui.same_line(0, scale_pixels(4))
+            self._draw_other_chips(ui, left)
         imgui.pop_style_var(2)
 
-    def _chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
+    def _draw_chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
         if on:
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
         imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT, 1.0 if on else 0.85))
@@ -122,7 +122,7 @@ class InstancesPanel:
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip("List all classes again" if on else f"List {name or 'instances without a class'} only")
 
-    def _other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
+    def _draw_other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
         if imgui.button("…##classes"):
             imgui.open_popup("##classes")
         ui.mark("instances.classes")
@@ -133,11 +133,11 @@ class InstancesPanel:
                 ui.mark(f"instances.class.{name or UNKNOWN}")
             imgui.end_popup()
 
-    def _banner(self, ui: Ui, document: Document) -> None:
+    def _draw_banner(self, ui: Ui, document: Document) -> None:
         """What keeps instances out of the list or the view, and the way back."""
         solo, shown = ui.session.solo.ids, len(self._rows.ids)
         if shown < self._rows.total:
-            self._notice(
+            self._draw_notice(
                 ui,
                 f"{shown:,} of {self._rows.total:,}",
                 "Select",
@@ -146,11 +146,11 @@ class InstancesPanel:
                 self._select_shown,
             )
         if solo:
-            left = len(document.visible_instances())
+            left = len(document.find_visible_instances())
             what = f"Only {format_count(left, 'instance')} shown" if left else "All that is left is hidden"
-            self._notice(ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave())
+            self._draw_notice(ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave())
 
-    def _notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
+    def _draw_notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
         imgui.align_text_to_frame_padding()
         imgui.text_colored(rgba(ACCENT if mark == "instances.leave_solo" else DIM), text)
         width = imgui.calc_text_size(button).x + 2 * imgui.get_style().frame_padding.x
@@ -167,7 +167,7 @@ class InstancesPanel:
 
     # ------------------------------------------------------------------ by keys
 
-    def _keys(self, ui: Ui, document: Document) -> None:
+    def _handle_keys(self, ui: Ui, document: Document) -> None:
         """Arrows, Home and End go from row to row, with Shift they extend the selection; Enter renames."""
         io = imgui.get_io()
         if ui.popup_open or not imgui.is_window_focused(imgui.FocusedFlags_.child_windows):
@@ -187,32 +187,32 @@ class InstancesPanel:
         if self._walk.cursor not in selected:  # something else was selected since, in the view say
             start = next((i for i in selected if i in self._rows.place), 0)
             self._walk = Walk(start, start)
-        self._walk = self._walk.after(step, extends, ids, lambda i: not document.instance_flags(i).is_locked)
+        self._walk = self._walk.advance(step, extends, ids, lambda i: not document.summarize_instance(i).is_locked)
         if self._walk.cursor not in self._rows.place:
             return
         self._own_click, self._scroll_to = True, self._walk.cursor
-        chosen = self._walk.between(ids) if extends else (self._walk.cursor,)
+        chosen = self._walk.list_range(ids) if extends else (self._walk.cursor,)
         if chosen != selected:
             ui.session.select(chosen)
 
     # ------------------------------------------------------------------ the list
 
-    def _table(self, ui: Ui, document: Document) -> None:
+    def _draw_table(self, ui: Ui, document: Document) -> None:
         flags = imgui.TableFlags_
         style = (
             flags.scroll_y | flags.row_bg | flags.sortable | flags.hideable | flags.resizable | flags.no_saved_settings
         )
-        imgui.push_style_var(imgui.StyleVar_.cell_padding, scaled_size(3, 3))
+        imgui.push_style_var(imgui.StyleVar_.cell_padding, scale_size(3, 3))
         if imgui.begin_table("##instances", len(COLUMNS), style | flags.no_borders_in_body):
-            self._columns(document)
+            self._set_up_columns(document)
             self._draw_rows(ui, document)
             imgui.end_table()
         imgui.pop_style_var()
 
-    def _columns(self, document: Document) -> None:
+    def _set_up_columns(self, document: Document) -> None:
         fixed, stretch = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
         em = imgui.get_font_size()
-        code_width = min(document.scene.code_bits, 12) * scaled(BIT_SIZE + 1)
+        code_width = min(document.scene.code_bits, 12) * scale_pixels(BIT_SIZE + 1)
         for number, column in enumerate(COLUMNS):
             width = code_width if column.name == "Code" else column.width * em
             flags = stretch if column.stretches else fixed
@@ -238,7 +238,7 @@ class InstancesPanel:
     def _draw_rows(self, ui: Ui, document: Document) -> None:
         selected, solo = ui.session.selected, ui.session.solo.ids
         chosen = set(selected)
-        scroll_to = self._newly_selected(selected)
+        scroll_to = self._find_newly_selected(selected)
         if self._painter.renamed and self._painter.is_new:
             scroll_to = self._rows.place.get(self._painter.renamed)
         self._painter.begin()
@@ -252,7 +252,7 @@ class InstancesPanel:
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
                 instance = self._rows.instances[number]
-                summary = document.instance_flags(instance.id)
+                summary = document.summarize_instance(instance.id)
                 row = Row(instance, summary, instance.id in chosen, instance.id in solo, document.scene.code_bits)
                 if self._painter.draw(ui, row):
                     self._click(ui, row)
@@ -265,7 +265,7 @@ class InstancesPanel:
             imgui.table_set_column_index([column.name for column in COLUMNS].index("Name"))
             imgui.text_disabled("No instances" if not self._rows.total else "None found")
 
-    def _newly_selected(self, selected: tuple[int, ...]) -> int | None:
+    def _find_newly_selected(self, selected: tuple[int, ...]) -> int | None:
         """The row to scroll to: the first that was selected elsewhere since the last frame."""
         if selected == self._selected_before:
             return None
@@ -279,7 +279,7 @@ class InstancesPanel:
         self._own_click = True
         if io.key_shift and self._walk.anchor in self._rows.place:
             self._walk = replace(self._walk, cursor=instance)
-            session.select(self._walk.between(self._rows.ids), "add" if io.key_ctrl else "replace")
+            session.select(self._walk.list_range(self._rows.ids), "add" if io.key_ctrl else "replace")
             return
         self._walk = Walk(instance, instance)
         if row.summary.is_locked:

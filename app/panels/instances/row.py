@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.instances.menu import instance_menu
-from instdrive_app.panels.widgets.codeword import bit_squares
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, packed, rgba
-from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon, scaled, scaled_size, swatch
+from instdrive_app.panels.instances.menu import draw_instance_menu
+from instdrive_app.panels.widgets.codeword import draw_bit_squares
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Ui, draw_swatch, fit_text, get_icon, scale_pixels, scale_size
 from instdrive_core.edits.document.document import InstanceSummary
 from instdrive_core.instances.table import Instance
 
@@ -80,34 +80,36 @@ class RowPainter:
         imgui.push_id(instance.id)
         imgui.table_next_row()
         imgui.table_set_column_index(_PLACE["Colour"])
-        swatch(instance)
-        clicked = self._number(ui, row)
+        draw_swatch(instance)
+        clicked = self._draw_number(ui, row)
         if imgui.table_set_column_index(_PLACE["Code"]) and row.code_bits:
-            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(BIT_SIZE)) / 2)
-            bit_squares(instance.codeword, row.code_bits, scaled(BIT_SIZE), scaled(1))
+            imgui.set_cursor_pos_y(
+                imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scale_pixels(BIT_SIZE)) / 2
+            )
+            draw_bit_squares(instance.codeword, row.code_bits, scale_pixels(BIT_SIZE), scale_pixels(1))
         color = rgba(DIM if row.summary.is_hidden or row.summary.is_locked else TEXT)
         imgui.table_set_column_index(_PLACE["Name"])
         if instance.id == self.renamed:
-            self._name_field(ui)
+            self._draw_name_field(ui)
         else:
-            self._text(instance.name, color)
+            self._draw_text(instance.name, color)
         if imgui.table_set_column_index(_PLACE["Class"]):
-            self._text(instance.class_name, color)
+            self._draw_text(instance.class_name, color)
         if imgui.table_set_column_index(_PLACE["Splats"]):
             text = f"{row.summary.count - row.summary.deleted:,}"
             free = imgui.get_content_region_avail().x - imgui.calc_text_size(text).x
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(free, 0))
             imgui.text_colored(color, text)
-        self._switches(ui, row)
+        self._draw_switches(ui, row)
         imgui.pop_id()
         return clicked or (self._missed_press and not imgui.is_any_item_active())
 
-    def _number(self, ui: Ui, row: Row) -> bool:
+    def _draw_number(self, ui: Ui, row: Row) -> bool:
         """The number, and with it the whole row as one thing to click, point at and open a menu on."""
         instance, state = row.instance, ui.session.state
         imgui.table_set_column_index(_PLACE["#"])
         if state.hovered == instance.id and not row.selected:
-            imgui.table_set_bg_color(imgui.TableBgTarget_.row_bg1, packed(ACCENT, 0.09))
+            imgui.table_set_bg_color(imgui.TableBgTarget_.row_bg1, pack_color(ACCENT, 0.09))
         flags = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_overlap
         clicked = imgui.selectable(str(instance.id), row.selected, flags)[0]
         self._missed_press = _misses_press()
@@ -117,21 +119,21 @@ class RowPainter:
             if imgui.is_mouse_double_clicked(0):
                 ui.session.navigation.frame((instance.id,))
         if imgui.begin_popup_context_item("##menu"):
-            instance_menu(ui, instance.id)
+            draw_instance_menu(ui, instance.id)
             imgui.end_popup()
         return clicked
 
-    def _text(self, text: str, color) -> None:
+    def _draw_text(self, text: str, color) -> None:
         width = imgui.get_content_region_avail().x
-        fitted = fitted_text(text, width)
+        fitted = fit_text(text, width)
         imgui.text_colored(color, fitted)
         if fitted != text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(text)
 
-    def _name_field(self, ui: Ui) -> None:
+    def _draw_name_field(self, ui: Ui) -> None:
         self._drawn = True
         imgui.set_next_item_width(-1)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(3, 0))
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, scale_size(3, 0))
         if self.is_new:
             imgui.set_keyboard_focus_here()
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
@@ -147,7 +149,7 @@ class RowPainter:
                 ui.session.labels.rename(self.renamed, name)
             self.renamed = 0
 
-    def _switches(self, ui: Ui, row: Row) -> None:
+    def _draw_switches(self, ui: Ui, row: Row) -> None:
         session, instance, summary = ui.session, row.instance, row.summary
         ids = (instance.id,)
         imgui.push_style_color(imgui.Col_.button, rgba(DIM, 0.0))
@@ -183,7 +185,7 @@ class RowPainter:
             if not imgui.table_set_column_index(_PLACE[column]):
                 continue
             imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else DIM, weight))
-            if imgui.button(f"{icon(symbol)}##{column}", ImVec2(-1, 0)):
+            if imgui.button(f"{get_icon(symbol)}##{column}", ImVec2(-1, 0)):
                 action()
             imgui.pop_style_color()
             ui.mark(f"instances.{instance.id}.{_MARKS[column]}")

@@ -84,7 +84,7 @@ class InstanceRows:
         table_changed = document is not self._document or document.table_version != self._table_version
         changed = table_changed or query != self._query
         if table_changed or document.state.version != self._state_version:
-            states = _States.of(document.counts())
+            states = _States.of(document.count_states())
             changed = changed or not states.equals(self._states)
             if changed:
                 self._count(document, states)
@@ -112,17 +112,17 @@ class InstanceRows:
         found = [
             i for i in self._alive if query.class_name in (None, i.class_name) and (not words or matches(i, words))
         ]
-        found.sort(key=self._key(query.column), reverse=query.descending)
+        found.sort(key=self._build_sort_key(query.column), reverse=query.descending)
         self.instances = tuple(found)
         self.ids = tuple(instance.id for instance in found)
         self.place = {instance_id: row for row, instance_id in enumerate(self.ids)}
 
-    def _key(self, column: str) -> Callable[[Instance], tuple]:
+    def _build_sort_key(self, column: str) -> Callable[[Instance], tuple]:
         keys: dict[str, Callable[[Instance], tuple]] = {
             "#": lambda i: (i.id,),
             "Code": lambda i: (i.codeword, i.id),
-            "Name": lambda i: (natural(i.name), i.id),
-            "Class": lambda i: (not i.class_name, i.class_name.lower(), natural(i.name)),
+            "Name": lambda i: (build_natural_key(i.name), i.id),
+            "Class": lambda i: (not i.class_name, i.class_name.lower(), build_natural_key(i.name)),
             "Splats": lambda i: (self._left[i.id], i.id),
             "Shown": lambda i: (i.id in self._hidden, i.id),
             "Locked": lambda i: (i.id not in self._locked, i.id),
@@ -136,7 +136,7 @@ def matches(instance: Instance, words: list[str]) -> bool:
     return all(word in text for word in words)
 
 
-def natural(text: str) -> tuple[tuple[int, int, str], ...]:
+def build_natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
     """A key that sorts ``car 9`` before ``car 10``."""
     parts = re.split(r"(\d+)", text.lower())
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)

@@ -8,8 +8,8 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_app.panels.overlays.world_pen import WorldPen
-from instdrive_app.panels.widgets.theme import ACCENT, TEXT, packed
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, TEXT, pack_color
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Operation
 from instdrive_app.session.move_controller import MoveController
 from instdrive_app.session.selection_box import BOX_EDGES, Box, upright
@@ -61,12 +61,12 @@ class Gizmo:
         camera, box = snapshot.camera, moving.box()
         pen = WorldPen(camera, place)
         for first, second in BOX_EDGES:
-            pen.line(box.corners[first], box.corners[second], packed(ACCENT, 0.45))
+            pen.draw_line(box.corners[first], box.corners[second], pack_color(ACCENT, 0.45))
         drag = moving.drag
-        axes = gizmo_axes(moving, box, operation) if drag is None else drag.axes
+        axes = choose_gizmo_axes(moving, box, operation) if drag is None else drag.axes
         if operation == "move" and moving.options.along_lane:
             reach = LANE_METRES * axes[:, 1]
-            pen.dashes(moving.center() - reach, moving.center() + reach, packed(TEXT, 0.55))
+            pen.draw_dashes(moving.center() - reach, moving.center() + reach, pack_color(TEXT, 0.55))
         self._manipulate(ui, place, camera, operation, axes)
         _mark_handles(ui, pen, camera, operation, moving.center(), axes)
 
@@ -79,15 +79,15 @@ class Gizmo:
         if moving.drag is None:
             self._matrix = np.eye(4)
             self._matrix[:3, :3] = axes
-        _set_up(moving, place, operation)
-        matrix = _packed(self._matrix)
-        view = gl_view(camera)
+        _configure_gizmo(moving, place, operation)
+        matrix = _to_matrix16(self._matrix)
+        view = compute_gl_view(camera)
         view[:3, 3] += view[:3, :3] @ center
         step = SNAPS[operation] if imgui.get_io().key_ctrl else None
         changed = guizmo.manipulate(
-            _packed(view),
-            _packed(gl_projection(camera)),
-            _handles(moving, operation),
+            _to_matrix16(view),
+            _to_matrix16(compute_gl_projection(camera)),
+            _choose_handles(moving, operation),
             guizmo.MODE.local,
             matrix,
             snap=None if step is None else guizmo.Matrix3([step] * 3),
@@ -103,7 +103,7 @@ class Gizmo:
             moving.begin_drag(axes)
         if using and changed:
             self._matrix = np.array(matrix.values, np.float64).reshape(4, 4).T
-            moving.drag_to(*change_of(self._matrix, axes))
+            moving.drag_to(*extract_change(self._matrix, axes))
             if operation == "move" and moving.drag is not None:  # the handles go where the constraints let things go
                 self._matrix[:3, 3] = moving.center() - center
         if not using:
@@ -113,18 +113,18 @@ class Gizmo:
         self.holds_mouse = held or (guizmo.is_over() and not any(imgui.is_mouse_down(button) for button in range(3)))
 
 
-def gizmo_axes(moving: MoveController, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
+def choose_gizmo_axes(moving: MoveController, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
     """Columns x, y, z: those of the box without its tilt; y along the lane where things move along it."""
     lane = moving.lane() if operation == "move" and moving.options.along_lane else None
     return box.upright_axes if lane is None else upright(lane)
 
 
-def gl_view(camera: Camera) -> Float64[ndarray, "4 4"]:
+def compute_gl_view(camera: Camera) -> Float64[ndarray, "4 4"]:
     """World to camera in OpenGL's axes (y up, z backwards)."""
     return np.diag([1.0, -1.0, -1.0, 1.0]) @ camera.camera_from_world
 
 
-def gl_projection(camera: Camera) -> Float64[ndarray, "4 4"]:
+def compute_gl_projection(camera: Camera) -> Float64[ndarray, "4 4"]:
     """Camera (OpenGL's axes) to clip space, so that a point falls on the pixel that `Camera.project` says."""
     width, height = camera.width, camera.height
     depth = (NEAR + FAR) / (NEAR - FAR)
@@ -138,7 +138,7 @@ def gl_projection(camera: Camera) -> Float64[ndarray, "4 4"]:
     )
 
 
-def change_of(
+def extract_change(
     matrix: Float64[ndarray, "4 4"], axes: Float64[ndarray, "3 3"]
 ) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3 3"], float]:
     """What a gizmo's matrix, whose columns were `axes`, has done: shift, rotation, and the scale of its handle."""
@@ -148,26 +148,26 @@ def change_of(
     return matrix[:3, 3], left @ right, float(lengths[farthest])
 
 
-def _packed(matrix: Float64[ndarray, "4 4"]) -> guizmo.Matrix16:
+def _to_matrix16(matrix: Float64[ndarray, "4 4"]) -> guizmo.Matrix16:
     """Column by column."""
     return guizmo.Matrix16(matrix.T.reshape(-1).tolist())
 
 
-def _set_up(moving: MoveController, place: Rectangle, operation: Operation) -> None:
+def _configure_gizmo(moving: MoveController, place: Rectangle, operation: Operation) -> None:
     options, moves = moving.options, operation == "move"
     guizmo.begin_frame()
     guizmo.set_drawlist(imgui.get_window_draw_list())
     guizmo.set_orthographic(False)
     guizmo.set_rect(place.x, place.y, place.width, place.height)
-    guizmo.set_gizmo_size_clip_space(2 * scaled(HANDLE_PIXELS) / max(place.width, place.height))
+    guizmo.set_gizmo_size_clip_space(2 * scale_pixels(HANDLE_PIXELS) / max(place.width, place.height))
     guizmo.allow_axis_flip(False)
     style = guizmo.get_style()
     for name, pixels in LINES.items():
-        setattr(style, name, scaled(pixels))
-    guizmo.set_axis_mask(False, False, moves and options.on_ground and not options.along_lane)
+        setattr(style, name, scale_pixels(pixels))
+    guizmo.set_axis_mask(False, False, moves and options.lift_to_ground and not options.along_lane)
 
 
-def _handles(moving: MoveController, operation: Operation) -> guizmo.OPERATION:
+def _choose_handles(moving: MoveController, operation: Operation) -> guizmo.OPERATION:
     kinds = guizmo.OPERATION
     if operation == "rotate":
         return kinds.rotate_z if moving.yaw_only else kinds.rotate
@@ -187,13 +187,13 @@ def _mark_handles(
 ) -> None:
     """Tell whoever drives the window where the handles are."""
     depth = float((camera.camera_from_world @ [*center, 1.0])[2])
-    length = scaled(HANDLE_PIXELS) * depth / camera.fx
+    length = scale_pixels(HANDLE_PIXELS) * depth / camera.fx
     ends = {name: center + 0.8 * length * axes[:, column] for column, name in enumerate("xyz")}
     if operation == "rotate":
         towards = (camera.position - center) @ axes[:, :2] @ axes[:, :2].T
         ends = {"z": center + RING * length * towards / max(float(np.linalg.norm(towards)), 1e-9)}
     for name, end in {**ends, "center": center}.items():
-        pixel = pen.pixel(end)
+        pixel = pen.project(end)
         if pixel is not None:
             x, y = pixel
             ui.marks[f"gizmo.{name}"] = (x - MARK, y - MARK, x + MARK, y + MARK)

@@ -31,12 +31,16 @@ class HolePattern:
     hatching: Float64[ndarray, "h 2 3"]
     outline: Float64[ndarray, "o 2 3"]
 
-    def seen(self, camera: Camera) -> tuple[Pixels, Pixels, Pixels]:
+    def project(self, camera: Camera) -> tuple[Pixels, Pixels, Pixels]:
         """Stripes, hatching and outline in the picture of a camera."""
-        return projected(self.stripes, camera), projected(self.hatching, camera), projected(self.outline, camera)
+        return (
+            project_shapes(self.stripes, camera),
+            project_shapes(self.hatching, camera),
+            project_shapes(self.outline, camera),
+        )
 
 
-def hole_pattern(hole: Hole) -> HolePattern:
+def build_hole_pattern(hole: Hole) -> HolePattern:
     """Of all cells that a fill would fill: those never seen, and the shadow."""
     cells = np.concatenate([hole.cells, hole.shadow])
     low = cells.min(axis=0) - 1
@@ -46,19 +50,19 @@ def hole_pattern(hole: Hole) -> HolePattern:
     def placed(corners: Int64[ndarray, "k c 2"]) -> Float64[ndarray, "k c 3"]:
         flat = (corners + low).reshape(-1, 2)
         places = np.array(hole.grid.corner) + hole.grid.size * flat @ hole.grid.axes
-        return hole.grid.on_ground(places).reshape(*corners.shape[:2], 3)
+        return hole.grid.lift_to_ground(places).reshape(*corners.shape[:2], 3)
 
-    return HolePattern(placed(_stripes(filled)), placed(_hatching(filled)), placed(_outline(filled)))
+    return HolePattern(placed(_build_stripes(filled)), placed(_build_hatching(filled)), placed(_build_outline(filled)))
 
 
-def projected(shapes: Float64[ndarray, "k c 3"], camera: Camera) -> Pixels:
+def project_shapes(shapes: Float64[ndarray, "k c 3"], camera: Camera) -> Pixels:
     """Corners in the picture of the shapes that lie wholly before the camera."""
     pixels, depths = camera.project(shapes.reshape(-1, 3))
     before = (depths > NEAREST).reshape(shapes.shape[:2]).all(axis=1)
     return pixels.reshape(*shapes.shape[:2], 2)[before].tolist()
 
 
-def _stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
+def _build_stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
     """Corners of runs along axis 0."""
     quads = []
     for across in np.flatnonzero(filled.any(axis=0)).tolist():
@@ -71,14 +75,14 @@ def _stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
     return np.array(quads, np.int64).reshape(-1, 4, 2)
 
 
-def _hatching(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "h 2 2"]:
+def _build_hatching(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "h 2 2"]:
     """A diagonal in each cell of every other diagonal row: together long lines."""
     cells = np.argwhere(filled)
     cells = cells[(cells[:, 0] - cells[:, 1]) % HATCH_CELLS == 0]
     return np.stack([cells, cells + 1], axis=1)
 
 
-def _outline(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "o 2 2"]:
+def _build_outline(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "o 2 2"]:
     """The sides between cells of the hole and others."""
     step_along, step_across = np.eye(2, dtype=np.int64)
     along = np.argwhere(filled[:, 1:] != filled[:, :-1]) + step_across

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, packed
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, pack_color
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.state import Reference
 
 GAP = 2
 """Pixels between the two pictures."""
 
 
-def parted(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
+def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
     """Where the splats go in the viewport, and where the photo does while it is shown beside them."""
     state = ui.session.state
     if not state.reference_beside or state.reference is Reference.NONE or state.dataset_view is None:
@@ -30,37 +30,37 @@ class ReferenceOverlay:
         state = ui.session.state
         if state.reference is Reference.NONE or state.reference_beside or state.dataset_view is None:
             return
-        texture = _texture(ui)
+        texture = _find_texture(ui)
         if texture is not None:
-            _image(ui, place, texture, state.reference_opacity)
+            _draw_image(ui, place, texture, state.reference_opacity)
             ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
-        elif missing := _missing(ui):
-            _plate(place.x + (place.width - _plate_width(missing)) / 2, place.y + scaled(10), missing)
+        elif missing := _explain_missing(ui):
+            _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
 
     def draw_beside(self, ui: Ui, place: Rectangle) -> None:
         """In its own half, with the pointer's place marked in both."""
         draw = imgui.get_window_draw_list()
         corner = ImVec2(place.x + place.width, place.y + place.height)
-        draw.add_rect_filled(ImVec2(place.x, place.y), corner, packed(BACKGROUND))
-        texture = _texture(ui)
+        draw.add_rect_filled(ImVec2(place.x, place.y), corner, pack_color(BACKGROUND))
+        texture = _find_texture(ui)
         if texture is None:
-            text = _missing(ui) or "Reading…"
+            text = _explain_missing(ui) or "Reading…"
             size = imgui.calc_text_size(text)
             middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
-            draw.add_text(middle, packed(DIM), text)
+            draw.add_text(middle, pack_color(DIM), text)
             return
-        _image(ui, place, texture, 1.0)
-        _plate(place.x + scaled(10), place.y + scaled(10), ui.session.state.reference.value)
+        _draw_image(ui, place, texture, 1.0)
+        _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), ui.session.state.reference.value)
         ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
         if ui.pointer is not None:
             x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
-            arm = scaled(9)
+            arm = scale_pixels(9)
             for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
-                draw.add_line(ImVec2(*low), ImVec2(*high), packed(BACKGROUND, 0.8), scaled(3))
-                draw.add_line(ImVec2(*low), ImVec2(*high), packed(ACCENT), scaled(1))
+                draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(BACKGROUND, 0.8), scale_pixels(3))
+                draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(ACCENT), scale_pixels(1))
 
 
-def _texture(ui: Ui) -> int | None:
+def _find_texture(ui: Ui) -> int | None:
     session = ui.session
     document, index = session.document, session.state.dataset_view
     if document is None or index is None:
@@ -69,7 +69,7 @@ def _texture(ui: Ui) -> int | None:
     return None if picture is None else ui.textures.show("reference", picture)
 
 
-def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
+def _draw_image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
     left, top, right, bottom = ui.session.state.viewpoint.fit_film(place.width, place.height)
     low, high = ImVec2(place.x + left, place.y + top), ImVec2(place.x + right, place.y + bottom)
     draw = imgui.get_window_draw_list()
@@ -79,7 +79,7 @@ def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
     draw.pop_clip_rect()
 
 
-def _missing(ui: Ui) -> str:
+def _explain_missing(ui: Ui) -> str:
     """Why there is no picture of this camera and moment; empty where there may be one soon."""
     document, state = ui.session.document, ui.session.state
     if document is None or state.dataset_view is None:
@@ -87,14 +87,14 @@ def _missing(ui: Ui) -> str:
     return ui.session.references.missing(document.scene.views[state.dataset_view], state.reference)
 
 
-def _plate(left: float, top: float, text: str) -> None:
+def _draw_plate(left: float, top: float, text: str) -> None:
     """Words that show on any picture."""
     draw, size = imgui.get_window_draw_list(), imgui.calc_text_size(text)
-    wide, high = scaled(10), scaled(5)
-    corner = ImVec2(left + _plate_width(text), top + size.y + 2 * high)
-    draw.add_rect_filled(ImVec2(left, top), corner, packed(BACKGROUND, 0.78), scaled(4))
-    draw.add_text(ImVec2(left + wide, top + high), packed(TEXT), text)
+    wide, high = scale_pixels(10), scale_pixels(5)
+    corner = ImVec2(left + _measure_plate(text), top + size.y + 2 * high)
+    draw.add_rect_filled(ImVec2(left, top), corner, pack_color(BACKGROUND, 0.78), scale_pixels(4))
+    draw.add_text(ImVec2(left + wide, top + high), pack_color(TEXT), text)
 
 
-def _plate_width(text: str) -> float:
-    return imgui.calc_text_size(text).x + scaled(20)
+def _measure_plate(text: str) -> float:
+    return imgui.calc_text_size(text).x + scale_pixels(20)

@@ -15,7 +15,7 @@ class Gesture:
     def __init__(self, what: str) -> None:
         self._what, self._name = what, ""
 
-    def after_item(self, pressed: bool = False) -> str:
+    def name_drag(self, pressed: bool = False) -> str:
         """The name of the drag that the last widget is in; to be asked right after the widget is drawn.
 
         `pressed` says that a drag begins also where the widget cannot tell (its popup was pressed).

@@ -11,7 +11,7 @@ from instdrive_app.panels.widgets.gestures import Gesture
 from instdrive_app.panels.widgets.ui import Ui
 
 
-class Entered(NamedTuple):
+class EnteredNumber(NamedTuple):
     """What the user made of a number."""
 
     value: float
@@ -31,7 +31,7 @@ class NumberField:
         self.in_use = False
         """Whether it is being dragged or typed into."""
 
-    def draw(self, ui: Ui, present: float, width: float) -> Entered | None:
+    def draw(self, ui: Ui, present: float, width: float) -> EnteredNumber | None:
         """One frame; returns a value that is to be applied now."""
         if not self.in_use:
             self._shown = present
@@ -39,7 +39,7 @@ class NumberField:
         changed, shown = imgui.drag_float(
             f"##{self._name}", self._shown, self._speed, self._low, self._high, self._form
         )
-        gesture = self._gesture.after_item()
+        gesture = self._gesture.name_drag()
         ui.mark(f"inspector.{self._name}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not imgui.is_item_active():
             imgui.set_tooltip(f"{self._hint}. Drag, or double click to type")
@@ -48,5 +48,5 @@ class NumberField:
         self.in_use = imgui.is_item_active()
         dragged = changed and imgui.is_mouse_down(0)  # half-typed numbers wait: on the way to 12.5 lies 1
         if dragged or imgui.is_item_deactivated_after_edit():
-            return Entered(self._shown, gesture)
+            return EnteredNumber(self._shown, gesture)
         return None

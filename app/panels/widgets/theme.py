@@ -29,7 +29,7 @@ def rgba(color: Color, alpha: float = 1.0) -> ImVec4:
     return ImVec4(*color, alpha)
 
 
-def packed(color: Color, alpha: float = 1.0) -> int:
+def pack_color(color: Color, alpha: float = 1.0) -> int:
     """A colour for draw lists."""
     return imgui.get_color_u32(rgba(color, alpha))
 
@@ -65,11 +65,11 @@ def apply_style() -> None:
     style.tab_bar_border_size, style.tab_bar_overline_size = 1, 2
     style.docking_separator_size = 2
     style.window_menu_button_position = imgui.Dir.none
-    for index, color in _colors().items():
+    for index, color in _build_colors().items():
         style.set_color_(index, color)
 
 
-def _colors() -> dict[int, ImVec4]:
+def _build_colors() -> dict[int, ImVec4]:
     col = imgui.Col_
     return {
         col.text: rgba(TEXT),

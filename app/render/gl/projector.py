@@ -11,7 +11,7 @@ from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
 from instdrive_app.render.gl.gl_state import drawing_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
-from instdrive_core.rasterize.kernels.project import camera_row
+from instdrive_core.rasterize.kernels.project import camera_to_row
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -73,7 +73,7 @@ class Projector:
         """Bring `records` up to date; call after `sort`."""
         if not self.count:
             return
-        view, program = camera_row(camera), self._program
+        view, program = camera_to_row(camera), self._program
         scene.bind(program)
         set_uniforms(
             program,

@@ -18,12 +18,12 @@ from instdrive_app.render.software.scene import SceneState
 from instdrive_app.render.software.thread import Superseded
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot, ViewMode
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.importance import most_important
+from instdrive_core.rasterize.importance import select_most_important
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.kernels.sky_behind import add_sky
-from instdrive_core.rasterize.preview import PickRule, Preview, drawn_preview
+from instdrive_core.rasterize.preview import PickRule, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import projected
+from instdrive_core.rasterize.preview.splats import project_splats
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
@@ -102,18 +102,18 @@ class SoftwareDraw:
         opacities = placed.opacities
         if snapshot.draft:
             arrays = placed.means, placed.areas, opacities
-            opacities = most_important(*arrays, camera, self._budget, settings, workspace)
+            opacities = select_most_important(*arrays, camera, self._budget, settings, workspace)
         shapes = placed.means, placed.quats, placed.log_scales, opacities
-        found = projected(*shapes, camera, settings, workspace)
+        found = project_splats(*shapes, camera, settings, workspace)
         check()
         write_colors(found, _color_source(placed), placed.means, camera.position)
         check()
         rule = PickRule(min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
         if state.sky is not None and snapshot.show_sky:
-            blended = drawn_preview(found, camera, workspace, settings, rule)
+            blended = blend_projected(found, camera, workspace, settings, rule)
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:
-            blended = drawn_preview(found, camera, workspace, settings, rule, BACKDROP)
+            blended = blend_projected(found, camera, workspace, settings, rule, BACKDROP)
         self._blended, self._winner = blended, blended.winner
 
     def _adapt(self, seconds: float, count: int) -> None:

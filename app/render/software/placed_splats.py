@@ -10,7 +10,7 @@ from numpy import ndarray
 from instdrive_app.render.software.scene import SceneState
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import quaternion_from_matrix
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
 
@@ -37,7 +37,7 @@ class PlacedSplats:
         self.frames = np.zeros(len(gaussians), np.int32)
         self.look_version = 0
         """Rises when the splats would be drawn otherwise: places, colours, what is shown."""
-        self._base_opacities = kernel_array(sigmoid(gaussians.opacity_logits))
+        self._base_opacities = to_kernel_array(sigmoid(gaussians.opacity_logits))
         self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
         self._table = _frame_table(list(self._frame_of), state, time)
         self._place(np.arange(len(gaussians)), state)
@@ -96,12 +96,12 @@ class PlacedSplats:
 
     def _place(self, rows: Int64[ndarray, " k"], state: SceneState) -> None:
         gaussians = state.gaussians
-        stored = tuple(kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
+        stored = tuple(to_kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
         shown = (self.means, self.quats, self.log_scales, self.areas)
         _place_rows(rows, self.frames, self._table, stored, shown)
 
     def _set_opacities(self, state: SceneState) -> None:
-        exists, alphas = self._table[:, _EXISTS] > 0, kernel_array(state.color_values[:, 12])
+        exists, alphas = self._table[:, _EXISTS] > 0, to_kernel_array(state.color_values[:, 12])
         entries = (self.frames, state.color_entries, state.flags)
         _fill_opacities(self._base_opacities, entries, exists, alphas, NOT_DRAWN, self.opacities)
 

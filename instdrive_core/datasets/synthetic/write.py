@@ -94,7 +94,9 @@ def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list
         write_json(folder / "timestamps.json", stamps)
         intrinsics = {name: float(getattr(posed[0], name)) for name in ("fx", "fy", "cx", "cy")}
         write_json(folder / "intrinsics.json", intrinsics)
-    write_json(out / "lidar" / "poses.json", [describe_pose(world @ compute_lidar_pose(street, time)) for time in times])
+    write_json(
+        out / "lidar" / "poses.json", [describe_pose(world @ compute_lidar_pose(street, time)) for time in times]
+    )
     write_json(out / "lidar" / "timestamps.json", stamps)
     write_json(out / "meta" / "timestamps.json", stamps)
     write_json(out / "meta" / "gps.json", [_gps(street, world, time) for time in times])

@@ -51,7 +51,7 @@ class AppendEdit(Edit):
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
 
     @abstractmethod
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """What is added, not shifted yet. Raises EditError where the edit does not fit."""
 
     @property
@@ -61,7 +61,7 @@ class AppendEdit(Edit):
 
     def do(self, document: Document) -> bool:
         """Append rows, tracks and entries of the table."""
-        added = self.addition(document)
+        added = self.build_addition(document)
         if len(document.scene.actors) + len(added.tracks) >= MAX_NODES:
             raise EditError(f"a scene has at most {MAX_NODES - 1} moving objects")
         rows = len(document.scene) + np.arange(len(added.scene))

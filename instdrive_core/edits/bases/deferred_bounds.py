@@ -39,10 +39,10 @@ class DeferredBounds(DeferredWork):
         self._done += len(ids)
         if self._done < len(self._ids):
             return False
-        document.instances_changed(ids_changed=False)
+        document.note_instances_changed(ids_changed=False)
         return True
 
-    def moved(self, box: Float64[ndarray, "2 3"], ids: Sequence[int]) -> Float64[ndarray, "2 3"]:
+    def move_box(self, box: Float64[ndarray, "2 3"], ids: Sequence[int]) -> Float64[ndarray, "2 3"]:
         """About where a box around instances was moved, of which the table was asked when the move was done."""
         if self._matrix is None or not set(ids) <= set(self._ids):
             return box

@@ -17,7 +17,7 @@ from instdrive_core.scene.selection import Flag
 
 def find_editable_rows(document: Document, ids: tuple[int, ...]) -> ndarray:
     """Rows of the instances that are neither deleted nor locked. Raises EditError where none is left."""
-    rows = document.rows_of(ids)
+    rows = document.find_rows(ids)
     flags = document.state.flags[rows]
     free = rows[(flags & (Flag.DELETED | Flag.LOCKED)) == 0]
     if not len(free):
@@ -27,7 +27,7 @@ def find_editable_rows(document: Document, ids: tuple[int, ...]) -> ndarray:
 
 def find_editable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
     """The same for each of the instances. Raises EditError where one has none left."""
-    parts, flags = document.row_parts(ids), document.state.flags
+    parts, flags = document.find_row_parts(ids), document.state.flags
     free = RowParts(*keep_free_rows(parts.rows, parts.bounds, flags, np.uint8(Flag.DELETED | Flag.LOCKED)))
     none_left = np.flatnonzero(free.sizes == 0)
     if len(none_left):
@@ -45,7 +45,7 @@ def _not_editable_error(ids: tuple[int, ...], locked: bool) -> EditError:
 def check_unlocked(document: Document, ids: Iterable[int]) -> None:
     """Raises EditError where any of these instances is locked: its name, class and splats are not to change."""
     wanted = tuple(ids)
-    parts = document.row_parts(wanted)
+    parts = document.find_row_parts(wanted)
     states = document.state.flags[parts.rows] & np.uint8(Flag.DELETED | Flag.LOCKED)
     locked = np.flatnonzero(states == Flag.LOCKED)
     if len(locked):

@@ -30,13 +30,13 @@ class FlagEdit(Edit):
     _done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @abstractmethod
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """The changes in order, each seeing those before it. Raises EditError before the first one."""
 
     def do(self, document: Document) -> bool:
         """Apply the changes; keeps the rows that really changed."""
         done = []
-        for rows, flag, on in self.changes(document):
+        for rows, flag, on in self.plan_changes(document):
             changed = document.state.change(rows, flag, on)
             if len(changed):
                 done.append(FlagChange(changed.astype(np.int32), flag, on))

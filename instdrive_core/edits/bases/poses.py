@@ -26,10 +26,10 @@ class PoseEdit(Edit):
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _late: DeferredBounds | None = field(default=None, init=False, repr=False, compare=False)
+    _deferred_bounds: DeferredBounds | None = field(default=None, init=False, repr=False, compare=False)
     _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def put(
+    def assign_poses(
         self,
         document: Document,
         rows: Int[ndarray, " m"],
@@ -50,11 +50,11 @@ class PoseEdit(Edit):
         self._tracks_before = {node: scene.actors[node - 1] for node in tracks}
         self._before = document.transforms.assign(self._rows, entries)
         document.replace_tracks(tracks)
-        self._late = DeferredBounds(touched, matrix) if len(touched) > MANY else None
-        if self._late is None or not document.put_off(self, self._late):
-            self._late = None
+        self._deferred_bounds = DeferredBounds(touched, matrix) if len(touched) > MANY else None
+        if self._deferred_bounds is None or not document.defer(self, self._deferred_bounds):
+            self._deferred_bounds = None
             recount_instances(document, touched)
-            document.instances_changed(ids_changed=False)
+            document.note_instances_changed(ids_changed=False)
 
     def undo(self, document: Document) -> None:
         """Point the rows back, drop the entries this edit added, restore tracks and bounds."""
@@ -63,7 +63,7 @@ class PoseEdit(Edit):
         document.transforms.assign(self._rows, self._before)
         document.transforms.truncate(self._size_before)
         document.replace_tracks(self._tracks_before)
-        document.leave_off()
-        if self._late is None or self._late.begun:
+        document.drop_deferred()
+        if self._deferred_bounds is None or self._deferred_bounds.begun:
             restore_entries(document, self._table_before)
-            document.instances_changed(ids_changed=False)
+            document.note_instances_changed(ids_changed=False)

@@ -39,12 +39,12 @@ class RelabelEdit(Edit):
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
 
     @abstractmethod
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """Which rows go where; no row twice. Raises EditError where the edit does not fit."""
 
     def do(self, document: Document) -> bool:
         """Write the IDs and count the instances that gained or lost rows again; the emptied ones leave the table."""
-        parts = [part for part in self.relabelings(document) if len(part.rows)]
+        parts = [part for part in self.plan_relabelings(document) if len(part.rows)]
         rows = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
         ids = np.repeat([part.target.id if part.target else 0 for part in parts], [len(part.rows) for part in parts])
         changed = document.scene.instance_ids[rows] != ids
@@ -58,7 +58,7 @@ class RelabelEdit(Edit):
         self._free_before = document.first_free_id
         document.scene.instance_ids[self._rows] = ids[changed]
         document.first_free_id = max(document.first_free_id, max(targets, default=0) + 1)
-        document.instances_changed(ids_changed=True)
+        document.note_instances_changed(ids_changed=True)
         for number in touched:
             entry = self._table_before[number] or targets.get(number)
             if entry is not None:
@@ -71,22 +71,22 @@ class RelabelEdit(Edit):
         document.scene.instance_ids[self._rows] = self._ids_before
         restore_entries(document, self._table_before)
         document.first_free_id = self._free_before
-        document.instances_changed(ids_changed=True)
+        document.note_instances_changed(ids_changed=True)
 
 
 def recount_instances(document: Document, ids: Iterable[int]) -> None:
     """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
     table = document.scene.table
     known = [instance_id for instance_id in ids if instance_id in table]
-    parts = document.row_parts(known)
+    parts = document.find_row_parts(known)
     for place in np.flatnonzero(parts.sizes == 0).tolist():
         del table.instances[known[place]]
-    left = parts.without_empty()
+    left = parts.drop_empty()
     known = [instance_id for instance_id in known if instance_id in table]
     nodes = find_main_nodes(document, left)
     counted = left
     if document.scene.actors:
-        counted = left.where(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
+        counted = left.filter(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
     bounds = compute_part_bounds(document, counted).tolist()
     facts = zip(known, nodes.tolist(), left.sizes.tolist(), bounds, strict=True)
     for instance_id, node, count, (low, high) in facts:
@@ -101,7 +101,7 @@ def add_entries(document: Document, entries: Iterable[Instance]) -> None:
     for entry in entries:
         document.scene.table.set(entry)
     document.first_free_id = max(document.first_free_id, max((entry.id for entry in entries), default=0) + 1)
-    document.instances_changed(ids_changed=True)
+    document.note_instances_changed(ids_changed=True)
     recount_instances(document, [entry.id for entry in entries])
 
 
@@ -199,14 +199,14 @@ class MergeInstances(Edit):
         if not others:
             return False
         check_unlocked(document, (self.into, *(instance.id for instance in others)))
-        rows = document.rows_of([instance.id for instance in others])
+        rows = document.find_rows([instance.id for instance in others])
         self._rows, self._ids_before = rows.astype(np.int32), document.scene.instance_ids[rows]
         self._table_before = (target, *others)
         document.scene.instance_ids[rows] = self.into
         for instance in others:
             del document.scene.table.instances[instance.id]
         document.scene.table.set(_join_entries(target, others))
-        document.instances_changed(ids_changed=True)
+        document.note_instances_changed(ids_changed=True)
         return True
 
     def undo(self, document: Document) -> None:
@@ -214,7 +214,7 @@ class MergeInstances(Edit):
         document.scene.instance_ids[self._rows] = self._ids_before
         for instance in self._table_before:
             document.scene.table.set(instance)
-        document.instances_changed(ids_changed=True)
+        document.note_instances_changed(ids_changed=True)
 
 
 def get_instance(document: Document, instance_id: int) -> Instance:
@@ -228,7 +228,7 @@ def _replace_entry(document: Document, before: Instance, after: Instance) -> boo
     if before == after:
         return False
     document.scene.table.set(after)
-    document.instances_changed(ids_changed=False)
+    document.note_instances_changed(ids_changed=False)
     return True
 
 

@@ -69,7 +69,7 @@ class InstanceCounts:
 
 
 class DeferredWork(ABC):
-    """What an edit leaves to `Document.catch_up`."""
+    """What an edit leaves to `Document.run_deferred`."""
 
     @abstractmethod
     def do(self, document: Document, rows: int | None) -> bool:
@@ -103,10 +103,10 @@ class Document:
         """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
         self.first_free_id = _find_first_free_id(scene)
         """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
-        self.bounds_can_wait = False
+        self.can_defer_bounds = False
         """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
         self._outermost: Edit | None = None
-        self.rest: DeferredWork | None = None
+        self.deferred: DeferredWork | None = None
         """What the last edit has put off and is not done."""
         self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
@@ -124,8 +124,8 @@ class Document:
         Edits of the same `gesture` (a unique name per slider drag) become one step.
         Raises EditError, with nothing changed, where the edit does not fit the scene.
         """
-        if not self.history.goes_on(gesture):  # else what it has put off is undone before the edit is done
-            self.catch_up()
+        if not self.history.continues_gesture(gesture):  # else what it has put off is undone before the edit is done
+            self.run_deferred()
         self._outermost = edit
         self.history.apply(edit, self, gesture)
 
@@ -135,40 +135,40 @@ class Document:
 
     def redo(self) -> Edit | None:
         """Redo one step; returns its edit, or None where nothing is left."""
-        self.catch_up()
+        self.run_deferred()
         self._outermost = self.history.next
         return self.history.redo(self)
 
-    def put_off(self, edit: Edit, rest: DeferredWork) -> bool:
+    def defer(self, edit: Edit, rest: DeferredWork) -> bool:
         """Leave the rest of what an edit does to `catch_up`; returns False where that must be done at once.
 
         Only the edit that was done last may have anything left to do, and no part of another edit.
         """
-        if not self.bounds_can_wait or edit is not self._outermost:
+        if not self.can_defer_bounds or edit is not self._outermost:
             return False
-        self.rest = rest
+        self.deferred = rest
         return True
 
-    def leave_off(self) -> None:
+    def drop_deferred(self) -> None:
         """Forget what was put off: its edit is undone."""
-        self.rest = None
+        self.deferred = None
 
-    def catch_up(self, rows: int | None = None) -> None:
+    def run_deferred(self, rows: int | None = None) -> None:
         """Do what the last edit has put off: all of it, or about as much as concerns so many rows."""
-        if self.rest is not None and self.rest.do(self, rows):
-            self.rest = None
+        if self.deferred is not None and self.deferred.do(self, rows):
+            self.deferred = None
 
-    def rows_of(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
+    def find_rows(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
         """Rows of any of these instances, rising, deleted ones included. Raises EditError for an unknown ID."""
-        ids = self._known(instance_ids)
-        return self._instance_index().rows(ids)
+        ids = self._check_known(instance_ids)
+        return self._get_instance_index().rows(ids)
 
-    def row_parts(self, instance_ids: Sequence[int]) -> RowParts:
+    def find_row_parts(self, instance_ids: Sequence[int]) -> RowParts:
         """The rows of each of these instances, one after the other, deleted ones included. Raises as `rows_of`."""
-        ids = self._known(instance_ids)
-        return RowParts(*self._instance_index().parts(ids))
+        ids = self._check_known(instance_ids)
+        return RowParts(*self._get_instance_index().parts(ids))
 
-    def rows_of_codeword(self, codeword: int) -> Int64[ndarray, " k"]:
+    def find_codeword_rows(self, codeword: int) -> Int64[ndarray, " k"]:
         """Rows with this codeword, rising, deleted ones included; none where the scene has no codewords."""
         if not self.scene.code_bits:
             return np.zeros(0, np.int64)
@@ -176,7 +176,7 @@ class Document:
             self._by_codeword = RowIndex(self.scene.codewords)
         return self._by_codeword.rows((codeword,))
 
-    def means_of(self, rows: Int[ndarray, " k"]) -> Float32[ndarray, "k 3"]:
+    def compute_means(self, rows: Int[ndarray, " k"]) -> Float32[ndarray, "k 3"]:
         """Means with their moves applied, metres, in the frames of the rows' nodes."""
         return compute_current_means(self.scene.gaussians, self.transforms, rows)
 
@@ -191,7 +191,7 @@ class Document:
         self.scene.actors = actors
         self.track_version += 1
 
-    def first_track(self, node: int) -> Track:
+    def get_first_track(self, node: int) -> Track:
         """An actor's track before any edit of it: as it came with the scene, or with the edit that added it."""
         return self._first_tracks[self.scene.actors[node - 1].id]
 
@@ -220,7 +220,7 @@ class Document:
         for part in (self.state, self.colors, self.transforms):
             part.append(count)
         self.new_rows.touch(len(scene) - count, len(scene))
-        self._rows_changed()
+        self._note_rows_changed()
 
     def drop_rows(self, count: int) -> None:
         """Take the last `count` splats away; the inverse of `append_rows`."""
@@ -234,22 +234,22 @@ class Document:
         for part in (self.state, self.colors, self.transforms):
             part.drop_rows(count)
         self.new_rows.shorten(left)
-        self._rows_changed()
+        self._note_rows_changed()
 
-    def _rows_changed(self) -> None:
+    def _note_rows_changed(self) -> None:
         self._by_codeword = None
         self.rows_version += 1
-        self.instances_changed(ids_changed=True)
+        self.note_instances_changed(ids_changed=True)
 
-    def counts(self) -> InstanceCounts:
+    def count_states(self) -> InstanceCounts:
         """The states of all instances, counted once per change of state or IDs."""
         if self._counts is None or self._counts[0] != self.state.version:
-            self._counts = (self.state.version, self._counted())
+            self._counts = (self.state.version, self._count_states())
         return self._counts[1]
 
-    def instance_flags(self, instance_id: int) -> InstanceSummary:
+    def summarize_instance(self, instance_id: int) -> InstanceSummary:
         """The states of one instance's splats. Raises EditError for an unknown ID."""
-        counts = self.counts()
+        counts = self.count_states()
         position = int(np.searchsorted(counts.ids, instance_id))
         if instance_id not in self.scene.table:
             raise EditError(f"the scene has no instance {instance_id}")
@@ -258,36 +258,36 @@ class Document:
         columns = (counts.count, counts.deleted, counts.hidden, counts.locked, counts.selected, counts.drawn)
         return InstanceSummary(*(int(column[position]) for column in columns))
 
-    def selected_instances(self) -> tuple[int, ...]:
+    def find_selected_instances(self) -> tuple[int, ...]:
         """Instances with any selected splat, rising."""
-        counts = self.counts()
+        counts = self.count_states()
         return tuple(counts.ids[counts.selected > 0].tolist())
 
-    def visible_instances(self) -> tuple[int, ...]:
+    def find_visible_instances(self) -> tuple[int, ...]:
         """Instances with any splat that is neither hidden nor deleted, rising."""
-        counts = self.counts()
+        counts = self.count_states()
         return tuple(counts.ids[counts.drawn > 0].tolist())
 
-    def instances_changed(self, ids_changed: bool) -> None:
+    def note_instances_changed(self, ids_changed: bool) -> None:
         """Told by edits of the table; `ids_changed` where they wrote `scene.instance_ids` too."""
         self.table_version += 1
         if ids_changed:
             self._by_instance, self._counts = None, None
 
-    def _known(self, instance_ids: Iterable[int]) -> tuple[int, ...]:
+    def _check_known(self, instance_ids: Iterable[int]) -> tuple[int, ...]:
         ids = tuple(instance_ids)
         unknown = [instance_id for instance_id in ids if instance_id not in self.scene.table]
         if unknown:
             raise EditError(f"the scene has no instance {unknown[0]}; its {len(self.scene.table)} IDs are in the table")
         return ids
 
-    def _instance_index(self) -> RowIndex:
+    def _get_instance_index(self) -> RowIndex:
         if self._by_instance is None:
             self._by_instance = RowIndex(self.scene.instance_ids)
         return self._by_instance
 
-    def _counted(self) -> InstanceCounts:
-        index = self._instance_index()
+    def _count_states(self) -> InstanceCounts:
+        index = self._get_instance_index()
         numbers = count_flags(index.group_of_row, self.state.flags, len(index.keys))
 
         def with_flag(flag: Flag) -> Int64[ndarray, " m"]:

@@ -35,9 +35,9 @@ class Edit(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """Kind and parameters, ready for json.dumps."""
-        return self.parameters()
+        return self.get_parameters()
 
-    def parameters(self) -> dict[str, Any]:
+    def get_parameters(self) -> dict[str, Any]:
         """Kind and parameters as the edit holds them: where `to_json` makes long lists, they may be arrays here."""
         values = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
         return {"kind": self.kind, **values}

@@ -18,7 +18,7 @@ def freeze_document(document: Document) -> Document:
     It costs a few bytes per splat. Splats that are taken away by undo and replaced by others later may change in it:
     `fingerprint` tells whether what was found out still holds.
     """
-    document.catch_up()
+    document.run_deferred()
     scene = copy(document.scene)
     scene.gaussians = copy(document.scene.gaussians)
     scene.instance_ids = document.scene.instance_ids.copy()

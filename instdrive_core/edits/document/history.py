@@ -35,7 +35,7 @@ class History:
         """The edit that `redo` would do."""
         return self._edits[self._cursor] if self._cursor < len(self._edits) else None
 
-    def goes_on(self, gesture: str | None) -> bool:
+    def continues_gesture(self, gesture: str | None) -> bool:
         """Whether an edit of this gesture would replace the last one."""
         return gesture is not None and gesture == self._gesture and 0 < self._cursor == len(self._edits)
 
@@ -45,7 +45,7 @@ class History:
         Edits of one `gesture` (one drag of a slider: any unique name) become one step: each replaces the one before.
         Where `edit.do` raises, document and history stay as they were.
         """
-        replaces = self.goes_on(gesture)
+        replaces = self.continues_gesture(gesture)
         if replaces:
             self._edits[-1].undo(document)
         try:

@@ -74,7 +74,7 @@ def _states(document: Document) -> Iterator[str]:
     flags = document.state.flags
     if np.any((flags & Flag.SELECTED != 0) & (flags & (Flag.DELETED | Flag.HIDDEN) != 0)):
         yield "splats that are not drawn are selected"
-    counts = document.counts()
+    counts = document.count_states()
     deleted = int((document.scene.instance_ids[flags & Flag.DELETED != 0] > 0).sum())
     if int(counts.deleted.sum()) != deleted:
         yield f"{int(counts.deleted.sum())} splats of instances count as deleted, {deleted} are"

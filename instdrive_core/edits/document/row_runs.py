@@ -20,7 +20,7 @@ class RowRuns:
     lengths: Int64[ndarray, " r"]
 
     @classmethod
-    def of_rows(cls, rows: Int[ndarray, " m"]) -> RowRuns:
+    def from_rows(cls, rows: Int[ndarray, " m"]) -> RowRuns:
         """The runs of some rows, in any order. Raises EditError where one is below 0."""
         ordered = rows.astype(np.int64)
         if len(ordered) and not (np.diff(ordered) > 0).all():
@@ -93,7 +93,7 @@ def make_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) 
     if isinstance(rows, ndarray):
         if rows.ndim != 1 or rows.dtype.kind not in "iu":
             raise EditError(f"rows are a {rows.dtype} array of shape {rows.shape}, not a list of numbers")
-        return RowRuns.of_rows(rows)
+        return RowRuns.from_rows(rows)
     if not isinstance(rows, tuple | list):
         raise EditError(f"rows are {rows!r}, no list of pairs [first row, number of rows]")
     return RowRuns.from_json(rows)

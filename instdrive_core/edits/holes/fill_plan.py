@@ -56,7 +56,7 @@ class FillPlan:
     replaced: Int64[ndarray, " r"]
     """Rows that go."""
 
-    def bed_of(self, gaussians: Gaussians) -> Gaussians:
+    def build_bed(self, gaussians: Gaussians) -> Gaussians:
         """Flat level splats, the same from everywhere."""
         like = gaussians.select(self.bed_like)
         count = len(like)
@@ -93,7 +93,7 @@ def plan_fill(
     shifts = np.zeros((len(rows), 3))
     shifts[:, :2] = grid.size * (cells[targets] - origins[targets]) @ grid.axes
     shifts[:, 2] = shifts[:, :2] @ np.array(grid.plane[1:]) + lift[targets]
-    places = grid.on_ground(grid.centers(cells))
+    places = grid.lift_to_ground(grid.compute_centers(cells))
     places[:, 2] += ground.height[tuple(origins.T)] + lift - BED_DEPTH
     flat = np.flatnonzero(ground.ground)
     like = flat[_find_nearest_rows(grid, near, flat, origins)]
@@ -118,8 +118,8 @@ def _match_splats(
 ) -> tuple[Int64[ndarray, " s"], Int64[ndarray, " s"]]:
     """Splats of the neighbourhood whose middle lies in a source cell, and the hole's cell they are copied to."""
     flat = np.flatnonzero(ground.ground)
-    cells = grid.cells_of(near.means[flat])
-    flat, cells = flat[grid.inside(cells)], cells[grid.inside(cells)]
+    cells = grid.find_cells(near.means[flat])
+    flat, cells = flat[grid.contains(cells)], cells[grid.contains(cells)]
     index = RowIndex((cells @ np.array([grid.shape[1], 1])).astype(np.uint32))
     found = [index.rows((number,)) for number in (origins @ np.array([grid.shape[1], 1])).tolist()]
     targets = np.repeat(np.arange(len(origins)), [len(rows) for rows in found])
@@ -129,15 +129,15 @@ def _match_splats(
 def _find_nearest_rows(
     grid: GroundGrid, near: Neighborhood, flat: Int64[ndarray, " f"], cells: Int64[ndarray, "h 2"]
 ) -> Int64[ndarray, " h"]:
-    return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.centers(cells))[1])
+    return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.compute_centers(cells))[1])
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
     """What lies in the hole at ground level, and under it and right beside it below."""
-    cells = grid.cells_of(near.means)
-    inside = grid.inside(cells)
+    cells = grid.find_cells(near.means)
+    inside = grid.contains(cells)
     cells = np.where(inside[:, None], cells, 0)
-    heights = grid.heights(near.means)
+    heights = grid.compute_heights(near.means)
     at_level = hole[tuple(cells.T)] & (heights <= GROUND_BAND[1])
     around: Bool[ndarray, "a b"] = np.asarray(ndimage.binary_dilation(hole, iterations=2), bool)
     beside = around[tuple(cells.T)] & (heights <= UNDERGROUND)

@@ -15,7 +15,7 @@ from instdrive_core.edits.holes.surroundings import StandingObject
 
 def find_covered_cells(standing: Sequence[StandingObject], grid: GroundGrid) -> Bool[ndarray, "a b"]:
     """Cells under any of the objects that do not move."""
-    under, places = np.zeros(grid.shape, bool), grid.centers(grid.all_cells())
+    under, places = np.zeros(grid.shape, bool), grid.compute_centers(grid.list_cells())
     for each in standing:
         if each.track is None:
             under |= _is_under(each, places).reshape(grid.shape)

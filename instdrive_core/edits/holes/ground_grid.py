@@ -39,39 +39,39 @@ class GroundGrid:
         x, y = self.along
         return np.array([[x, y], [-y, x]])
 
-    def centers(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 2"]:
+    def compute_centers(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 2"]:
         """World x and y of the cells' middles, metres."""
         return np.array(self.corner) + self.size * (cells + 0.5) @ self.axes
 
-    def on_ground(self, places: Float[ndarray, "k 2"]) -> Float64[ndarray, "k 3"]:
+    def lift_to_ground(self, places: Float[ndarray, "k 2"]) -> Float64[ndarray, "k 3"]:
         """Points of the ground plane at these x and y."""
         return np.c_[places, self.plane[0] + places @ np.array(self.plane[1:])]
 
-    def corners(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 4 3"]:
+    def compute_corners(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 4 3"]:
         """The four corners of each cell on the ground plane, in order around it."""
         steps = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         places = np.array(self.corner) + self.size * (cells[:, None] + steps) @ self.axes
-        return self.on_ground(places.reshape(-1, 2)).reshape(-1, 4, 3)
+        return self.lift_to_ground(places.reshape(-1, 2)).reshape(-1, 4, 3)
 
-    def cells_of(self, points: Float[ndarray, "n d"]) -> Int64[ndarray, "n 2"]:
+    def find_cells(self, points: Float[ndarray, "n d"]) -> Int64[ndarray, "n 2"]:
         """The cell of each point, which may lie outside of the shape."""
         return np.floor((points[:, :2] - np.array(self.corner)) @ self.axes.T / self.size).astype(np.int64)
 
-    def heights(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
+    def compute_heights(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
         """Metres above the ground plane."""
         return points[:, 2] - self.plane[0] - points[:, :2] @ np.array(self.plane[1:])
 
-    def inside(self, cells: Int64[ndarray, "n 2"]) -> ndarray:
+    def contains(self, cells: Int64[ndarray, "n 2"]) -> ndarray:
         """Mask (n,) of the cells that the shape holds."""
         return np.all((cells >= 0) & (cells < self.shape), axis=1)
 
-    def all_cells(self) -> Int64[ndarray, "c 2"]:
+    def list_cells(self) -> Int64[ndarray, "c 2"]:
         """Every cell of the shape, row-major."""
         return np.argwhere(np.ones(self.shape, bool))
 
-    def counted(self, cells: Int64[ndarray, "n 2"]) -> Int64[ndarray, "a b"]:
+    def count_cells(self, cells: Int64[ndarray, "n 2"]) -> Int64[ndarray, "a b"]:
         """How many of `cells` name each cell of the shape."""
-        flat = np.ravel_multi_index(tuple(cells[self.inside(cells)].T), self.shape)
+        flat = np.ravel_multi_index(tuple(cells[self.contains(cells)].T), self.shape)
         return np.bincount(flat, minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
 
 
@@ -103,7 +103,7 @@ def rasterize_ground(
         for across in range(-_MAX_CELLS, _MAX_CELLS + 1):
             rows = np.flatnonzero(reach >= max(abs(along), abs(across)) - 1)
             cells = base[rows] + np.array([along, across])
-            within = grid.inside(cells)
+            within = grid.contains(cells)
             rows, cells = rows[within], cells[within]
             offset = cells + 0.5 - local[rows]
             squares = np.einsum("ni,nij,nj->n", offset, inverse[rows], offset)

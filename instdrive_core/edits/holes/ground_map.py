@@ -48,7 +48,7 @@ class GroundMap:
 
 def build_ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
     """Which splats are ground, and what it looks like from above."""
-    heights = grid.heights(near.means)
+    heights = grid.compute_heights(near.means)
     level = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
     thin = _compute_vertical_deviations(near) <= MAX_THICKNESS
     ground = level & thin & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
@@ -58,7 +58,7 @@ def build_ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
     means = _fill_bare_cells(raster)
     opaque = near.opacities >= SOLID_OPACITY
     upright = opaque & (heights >= STANDING_BAND[0]) & (heights <= STANDING_BAND[1])
-    counts = grid.counted(grid.cells_of(near.means[upright]))
+    counts = grid.count_cells(grid.find_cells(near.means[upright]))
     crowded = np.asarray(ndimage.uniform_filter(counts.astype(np.float64), 3, mode="constant")) * 9 >= 2
     return GroundMap(grid, raster.cover, means[..., :3], means[..., 3], crowded & (counts > 0), ground)
 

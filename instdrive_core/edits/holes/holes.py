@@ -72,7 +72,7 @@ class Hole:
     @property
     def outlines(self) -> Float64[ndarray, "h 4 3"]:
         """Corners of each cell on the ground, metres."""
-        return self.grid.corners(self.cells)
+        return self.grid.compute_corners(self.cells)
 
 
 def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None:
@@ -83,7 +83,7 @@ def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None
     grid = build_grid(found)
     if grid is None:
         return None
-    ground = build_ground_map(grid, found.around.without(residue))
+    ground = build_ground_map(grid, found.around.exclude(residue))
     kept = find_kept_footprint(found.kept, grid)
     footprint, reached = _find_footprints(grid, found.deleted, kept)
     hidden, uncovered = _find_hidden_cells(grid, found)
@@ -135,7 +135,7 @@ def find_known_ground(
     ground = build_ground_map(grid, near)
     others = find_standing_objects(document, near)
     occluders = [each for each in (_make_occluder(one, grid) for one in others) if each is not None]
-    points = grid.on_ground(grid.centers(grid.all_cells()))
+    points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     seen, _ = count_sightings(points, document.scene.views, occluders, 0)
     known = find_solid_cells(ground) & ~ground.obstructed
     if (seen >= MIN_SIGHTINGS).any():
@@ -148,7 +148,7 @@ def _find_hidden_cells(
 ) -> tuple[Bool[ndarray, "a b"] | None, Bool[ndarray, "a b"]]:
     """Cells that fewer than `MIN_SIGHTINGS` photos show, and those that the deleted objects hid from any; None where
     there are no photos around to tell."""
-    points = grid.on_ground(grid.centers(grid.all_cells()))
+    points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
     occluders = [_make_occluder(each, grid) for each in (*found.deleted, *found.others)]
     chosen = sum(each is not None for each in occluders[: len(found.deleted)])
     seen, hidden = count_sightings(points, found.views, [each for each in occluders if each is not None], chosen)
@@ -160,7 +160,7 @@ def _find_hidden_cells(
 
 def _make_occluder(each: StandingObject, grid: GroundGrid) -> Occluder | None:
     if each.track is None:
-        floor = float(grid.on_ground(each.body.center[None, :2])[0, 2])
+        floor = float(grid.lift_to_ground(each.body.center[None, :2])[0, 2])
     else:
         floor = -float(each.track.dimensions[2]) / 2
     return build_occluder(each.body, each.points, floor, each.track)
@@ -171,7 +171,7 @@ def _find_footprints(
 ) -> tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"]]:
     """Cells under the hulls of what stood there and not under what is `kept` of it, and those within `MAX_AWAY` of
     them. Where an actor drove is none of its footprint: photos before and after show it."""
-    under, places = find_covered_cells(deleted, grid) & ~kept, grid.centers(grid.all_cells())
+    under, places = find_covered_cells(deleted, grid) & ~kept, grid.compute_centers(grid.list_cells())
     reached: Bool[ndarray, "a b"] = grow_cells(under, grid.size, MAX_AWAY)
     for each in deleted:
         if each.track is not None:

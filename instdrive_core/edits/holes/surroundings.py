@@ -55,7 +55,7 @@ class Neighborhood:
     compact: Bool[ndarray, " k"]
     """Part of an object that stands there."""
 
-    def without(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
+    def exclude(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
         """The same without some rows of the document."""
         kept = ~np.isin(self.rows, rows)
         return Neighborhood(**{entry.name: getattr(self, entry.name)[kept] for entry in fields(self)})
@@ -143,7 +143,7 @@ def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"
 
 
 def _alive(document: Document, instance_id: int) -> Int64[ndarray, " m"]:
-    rows = document.rows_of((instance_id,))
+    rows = document.find_rows((instance_id,))
     return rows[(document.state.flags[rows] & Flag.DELETED) == 0]
 
 

@@ -118,7 +118,7 @@ class AdjustmentSummary:
 
 def summarize_adjustments(document: Document, ids: Iterable[int]) -> AdjustmentSummary:
     """The look of instances, deleted splats left out. Raises EditError for an unknown ID."""
-    rows = document.rows_of(ids)
+    rows = document.find_rows(ids)
     palette = document.colors
     alive = keep_free_rows(rows, np.array([0, len(rows)]), document.state.flags, np.uint8(Flag.DELETED))[0]
     named = np.zeros(len(palette), bool)

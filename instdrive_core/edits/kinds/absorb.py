@@ -62,7 +62,7 @@ class AbsorbFloaters(RelabelEdit):
         """Whether the strays are known of a document with this content."""
         return self._found is not None and self._found[0] == fingerprint(document)
 
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """The strays to the instance."""
         if not self.is_prepared_for(document):
             self.prepare(document)
@@ -71,7 +71,7 @@ class AbsorbFloaters(RelabelEdit):
 
     def do(self, document: Document) -> bool:
         """Relabel, and delete what joins a deleted instance."""
-        gone = document.instance_flags(self.id).is_deleted
+        gone = document.summarize_instance(self.id).is_deleted
         if not super().do(document):
             return False
         self._flags_done = []
@@ -96,7 +96,7 @@ def find_floaters(document: Document, instance_id: int) -> ndarray:
     get_instance(document, instance_id)
     check_unlocked(document, (instance_id,))
     flags = document.state.flags
-    members = document.rows_of((instance_id,))
+    members = document.find_rows((instance_id,))
     alive = members[(flags[members] & Flag.DELETED) == 0]
     members = keep_main_node(document, alive if len(alive) else members)
     if build_body(document, instance_id, members) is None:
@@ -141,7 +141,7 @@ def _find_strays(
     scraps = _find_scraps(document, body, others, near, members)
     compact = [other for other in others if is_compact(scene.table[other]) and other not in scraps]
     colors = color_from_dc(scene.gaussians.sh_dc[near])
-    strays = floaters_of_body(body, document.means_of(near), colors, owned, np.isin(ids, compact))
+    strays = floaters_of_body(body, document.compute_means(near), colors, owned, np.isin(ids, compact))
     return near[(strays | np.isin(ids, scraps)) & ~owned & ~np.isin(near, kept)]
 
 
@@ -173,12 +173,12 @@ def _find_scraps(
     own = scene.table.instances.get(int(scene.instance_ids[members[0]]))
     scraps = []
     for other in others:
-        count = len(document.rows_of((other,)))
+        count = len(document.find_rows((other,)))
         if count > max(_SCRAP_SHARE * len(members), 1):
             continue
         alike = own is not None and own.class_name != "" and scene.table[other].class_name == own.class_name
         rows = near[scene.instance_ids[near] == other]
-        local = (document.means_of(rows).astype(np.float64) - body.center) @ body.axes
+        local = (document.compute_means(rows).astype(np.float64) - body.center) @ body.axes
         inside = body.holds(local, margin=_SCRAP_REACH if alike else _SCRAP_MARGIN)
         if np.count_nonzero(inside) > count / 2:
             scraps.append(other)

@@ -41,13 +41,13 @@ class SetClass(Edit):
         for entry in others:
             document.scene.table.set(replace(entry, class_name=self.class_name))
         if others:
-            document.instances_changed(ids_changed=False)
+            document.note_instances_changed(ids_changed=False)
         return bool(others)
 
     def undo(self, document: Document) -> None:
         """Put the old entries back."""
         restore_entries(document, self._before)
-        document.instances_changed(ids_changed=False)
+        document.note_instances_changed(ids_changed=False)
 
 
 @dataclass

@@ -35,7 +35,7 @@ class DeleteInstances(FlagEdit):
         """``Delete instance 17``."""
         return f"Delete {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the instances' rows."""
         rows = find_editable_rows(document, self.ids)
         return _plan_deletion(rows)
@@ -52,7 +52,7 @@ class DeleteSelected(FlagEdit):
         """``Delete selection``."""
         return "Delete selection"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the selected rows."""
         rows = document.state.rows_with(Flag.SELECTED)
         if not len(rows):
@@ -80,7 +80,7 @@ class DeleteRows(FlagEdit):
         """The rows as runs."""
         return {"kind": self.kind, "rows": make_runs(self.rows).to_json()}
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the rows. Raises EditError for rows that the scene does not have."""
         rows = expand_runs(make_runs(self.rows), len(document.scene))
         return _plan_deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])

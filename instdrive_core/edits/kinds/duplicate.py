@@ -39,7 +39,7 @@ class DuplicateInstances(AppendEdit):
         """The translation."""
         return self.translation
 
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """The rows that are neither deleted nor locked."""
         scene = document.scene
         parts = find_editable_parts(document, self.ids)

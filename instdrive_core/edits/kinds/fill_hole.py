@@ -99,7 +99,7 @@ class FillHole(AppendEdit):
         """
         key = fingerprint(document)
         if self._filling is None or self._planned_for != key:
-            self._filling, self._planned_for = self._planned(document), key
+            self._filling, self._planned_for = self._plan(document), key
 
     def do(self, document: Document) -> bool:
         """Add the copies, then delete what they replace."""
@@ -127,7 +127,7 @@ class FillHole(AppendEdit):
         super().undo(document)
         self._drop_column(document)
 
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """Copies and bed under one new instance."""
         assert self._filling is not None
         filling, scene = self._filling, document.scene
@@ -139,7 +139,7 @@ class FillHole(AppendEdit):
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.ones(count, scene.extra[SYNTHETIC].dtype)
         added = Scene(
-            concatenate_gaussians([copies, filling.bed_of(scene.gaussians)]),
+            concatenate_gaussians([copies, filling.build_bed(scene.gaussians)]),
             np.full(count, entry.id, np.uint32),
             scene.codewords[rows],
             np.zeros(count, np.uint16),
@@ -153,7 +153,7 @@ class FillHole(AppendEdit):
             del document.scene.extra[SYNTHETIC]
             self._new_column = False
 
-    def _planned(self, document: Document) -> FillPlan:
+    def _plan(self, document: Document) -> FillPlan:
         cells = np.array(self.cells, np.int64)
         grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
         middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
@@ -163,10 +163,10 @@ class FillHole(AppendEdit):
         grid = replace(grid, corner=(x, y), shape=(int(2 * half[0]), int(2 * half[1])))
         hole = np.zeros(grid.shape, bool)
         inside = cells - start
-        if not grid.inside(inside).all():
+        if not grid.contains(inside).all():
             raise EditError(f"the hole is longer than {2 * HALF_LENGTH:g} m or wider than {2 * HALF_WIDTH:g} m")
         hole[tuple(inside.T)] = True
-        place = grid.on_ground(grid.centers((middle - start)[None]))[0]
+        place = grid.on_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place)
         ground, known = find_known_ground(document, grid, near)
         if self.lit:

@@ -64,17 +64,17 @@ class BorderEdit(FlagEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError where nothing is selected.
         """
-        self._found = (self._content(document), self.along_border(document).astype(np.int32))
+        self._found = (self._content(document), self.search_border(document).astype(np.int32))
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether a document has the content that this edit was prepared for."""
         return self._found is not None and self._found[0] == self._content(document)
 
     @abstractmethod
-    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+    def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The rows that change sides. Raises EditError where nothing is selected."""
 
-    def found(self, document: Document) -> Int32[ndarray, " k"]:
+    def find_border(self, document: Document) -> Int32[ndarray, " k"]:
         """As `along_border`, looked for where that was not done before, as it is for a redo."""
         if not self.is_prepared_for(document):
             self.prepare(document)
@@ -116,11 +116,11 @@ class GrowSelection(BorderEdit):
         """``Grow selection by 0.2 m``."""
         return f"Grow selection{self._by()}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit on the selection's neighbours."""
-        yield FlagChange(self.found(document), Flag.SELECTED, True)
+        yield FlagChange(self.find_border(document), Flag.SELECTED, True)
 
-    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+    def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The neighbours that can be selected."""
         means, selected, others, distance = self._sides(document)
         return find_rows_near(means, keep_selectable(document.state, others), selected, distance)
@@ -137,11 +137,11 @@ class ShrinkSelection(BorderEdit):
         """``Shrink selection by 0.2 m``."""
         return f"Shrink selection{self._by()}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit along the selection's border."""
-        yield FlagChange(self.found(document), Flag.SELECTED, False)
+        yield FlagChange(self.find_border(document), Flag.SELECTED, False)
 
-    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+    def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The selected rows near others."""
         means, selected, others, distance = self._sides(document)
         return find_rows_near(means, selected, others, distance)

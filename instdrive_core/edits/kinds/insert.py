@@ -45,7 +45,7 @@ class InsertScene(AppendEdit):
         self.translation = check_vector(self.translation, "translation")
 
     @classmethod
-    def of(cls, source: Scene, path: str, translation: Vector = (0.0, 0.0, 0.0)) -> InsertScene:
+    def from_scene(cls, source: Scene, path: str, translation: Vector = (0.0, 0.0, 0.0)) -> InsertScene:
         """The edit for a scene that has been opened already: doing it reads nothing.
 
         Raises EditError where the scene has no splats.
@@ -72,9 +72,9 @@ class InsertScene(AppendEdit):
         """The translation."""
         return self.translation
 
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """The file's rows under IDs, nodes and columns of the document."""
-        source = self._opened(document)
+        source = self._open_source(document)
         scene, count = document.scene, len(source)
         ids, entries = _renumber(document, source, Path(self.path).stem)
         nodes = np.where(source.nodes > 0, source.nodes + np.int64(len(scene.actors)), 0)
@@ -98,7 +98,7 @@ class InsertScene(AppendEdit):
         zeros = np.zeros(count, np.uint16)
         return Addition(added, zeros, zeros, entries, tuple(tracks))
 
-    def _opened(self, document: Document) -> Scene:
+    def _open_source(self, document: Document) -> Scene:
         """The file's scene, kept for redo: the file may be gone by then."""
         if self._source is None:
             if document.open_scene is None:

@@ -83,14 +83,14 @@ class MoveInstances(PoseEdit):
     def do(self, document: Document) -> bool:
         """Point rows at composed transforms, and replace tracks."""
         free = find_editable_parts(document, self.ids)
-        matrix = self.matrix(document)
+        matrix = self.compute_matrix(document)
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
         node_of = {number: get_instance(document, number).node for number in self.ids}
         nodes = sorted(set(node_of.values()) - {0})
         sharing = [entry.id for entry in document.scene.table if entry.node in nodes]
         check_unlocked(document, sharing)
-        still = free.where(document.scene.nodes[free.rows] == 0)  # of an actor, its strays
+        still = free.filter(document.scene.nodes[free.rows] == 0)  # of an actor, its strays
         changes = [(still, move_entry(matrix))]
         if nodes and self.scale != 1:
             # An actor's path takes the rigid part; its splats, in their box frame, only the size.
@@ -101,10 +101,10 @@ class MoveInstances(PoseEdit):
         rows = np.concatenate([parts.rows for parts, _ in changes])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
         tracks = {node: move_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
-        self.put(document, rows, entries, tracks, touched, size_before, matrix)
+        self.assign_poses(document, rows, entries, tracks, touched, size_before, matrix)
         return True
 
-    def matrix(self, document: Document) -> Similarity:
+    def compute_matrix(self, document: Document) -> Similarity:
         """[s R | t] in the world, with all constraints. Raises EditError where ground or lane cannot be found."""
         w, x, y, z = self.rotation
         if self.yaw_only:

@@ -37,7 +37,7 @@ class ReassignSelected(RelabelEdit):
             return "New instance from selection"
         return f"Reassign selection to instance {self.into}" if self.into else "Take selection out of its instance"
 
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """All selected rows to the one target."""
         rows = document.state.rows_with(Flag.SELECTED)
         if not len(rows):

@@ -47,7 +47,7 @@ class ResetMoves(PoseEdit):
         palette = document.transforms
         is_away = (palette.matrices != palette.homes).any(axis=(1, 2))
         rows = rows[is_away[palette.indices[rows]]]
-        first = {node: document.first_track(node) for node in nodes}
+        first = {node: document.get_first_track(node) for node in nodes}
         moved = {node: track for node, track in first.items() if track is not scene.actors[node - 1]}
         if not len(rows) and not moved:
             return False
@@ -55,5 +55,5 @@ class ResetMoves(PoseEdit):
         touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in named]
         size_before = len(palette)
         entries = add_changed_entries(palette, [(RowParts.whole(rows), reset_entry)])
-        self.put(document, rows, entries, moved, touched, size_before)
+        self.assign_poses(document, rows, entries, moved, touched, size_before)
         return True

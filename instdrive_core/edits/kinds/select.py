@@ -45,9 +45,9 @@ class SelectInstances(FlagEdit):
         """``Select instance 17``."""
         return f"{VERBS[self.mode]} {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the instances' rows."""
-        return plan_selection_changes(document.state, document.rows_of(self.ids), self.mode)
+        return plan_selection_changes(document.state, document.find_rows(self.ids), self.mode)
 
 
 @dataclass
@@ -70,14 +70,14 @@ class SelectClass(FlagEdit):
         """``Select class Car``."""
         return f"{VERBS[self.mode]} class {self.class_name or 'none'}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """As `SelectInstances`, for the instances of the class."""
         table = document.scene.table
         ids = tuple(instance.id for instance in table if instance.class_name == self.class_name)
         if not ids:
             known = ", ".join(sorted({instance.class_name for instance in table} - {""})) or "none"
             raise EditError(f"no instance has the class {self.class_name!r}; the scene's classes are: {known}")
-        return plan_selection_changes(document.state, document.rows_of(ids), self.mode)
+        return plan_selection_changes(document.state, document.find_rows(ids), self.mode)
 
 
 @dataclass
@@ -99,9 +99,9 @@ class SelectCodeword(FlagEdit):
         """``Select codeword 1038``."""
         return f"{VERBS[self.mode]} codeword {self.codeword}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """As `SelectInstances`, for the codeword's rows."""
-        rows = document.rows_of_codeword(self.codeword)
+        rows = document.find_codeword_rows(self.codeword)
         if not len(rows):
             raise EditError(f"no splat of the scene has codeword {self.codeword}")
         return plan_selection_changes(document.state, rows, self.mode)
@@ -119,7 +119,7 @@ class SelectAll(FlagEdit):
         """``Select all``."""
         return "Select all"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit wherever it may be set and is not."""
         yield FlagChange(_find_free_rows(document.state), Flag.SELECTED, True)
 
@@ -136,7 +136,7 @@ class InvertSelection(FlagEdit):
         """``Invert selection``."""
         return "Invert selection"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Swap the two sets."""
         selected, others = document.state.rows_with(Flag.SELECTED), _find_free_rows(document.state)
         yield FlagChange(selected, Flag.SELECTED, False)
@@ -155,7 +155,7 @@ class SelectNone(FlagEdit):
         """``Clear selection``."""
         return "Clear selection"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear all selected rows."""
         yield FlagChange(document.state.rows_with(Flag.SELECTED), Flag.SELECTED, False)
 

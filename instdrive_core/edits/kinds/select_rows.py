@@ -35,7 +35,7 @@ class SelectRows(FlagEdit):
         """``Select 1,204 splats``."""
         return f"{VERBS[self.mode]} {format_count(len(make_runs(self.rows)), 'splat')}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """As `SelectInstances`, for the rows."""
         rows = expand_runs(make_runs(self.rows), len(document.scene))
         return plan_selection_changes(document.state, rows, self.mode)

@@ -30,11 +30,11 @@ class SoloInstances(FlagEdit):
         """``Show only instance 17``."""
         return f"Show only {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Show the instances, then deselect and hide the others; what is deleted keeps its bits."""
         alive = ~document.state.mask(Flag.DELETED)
         wanted = np.zeros(len(alive), bool)
-        wanted[document.rows_of(self.ids)] = True
+        wanted[document.find_rows(self.ids)] = True
         others = np.flatnonzero(alive & ~wanted)
         yield FlagChange(np.flatnonzero(alive & wanted), Flag.HIDDEN, False)
         yield FlagChange(others, Flag.SELECTED, False)

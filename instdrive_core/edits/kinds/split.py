@@ -70,7 +70,7 @@ class SplitInstance(RelabelEdit):
         self._found = find_parts(document, self.id, self.gap, self._found)
         return self._found.sizes
 
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """The second largest part and those after it, each to a new instance."""
         source = get_instance(document, self.id)
         self.prepare(document)
@@ -88,7 +88,7 @@ class SplitInstance(RelabelEdit):
 def find_parts(document: Document, instance_id: int, gap: float, known: InstanceParts | None = None) -> InstanceParts:
     """The parts of an instance, `known` where they still hold. Raises EditError for an unknown ID."""
     rows = find_editable_rows(document, (instance_id,))
-    means = document.means_of(rows)
+    means = document.compute_means(rows)
     if known is not None and known.hold_for(rows, means):
         return known
     # The user asks for parts: nothing is joined again across gaps, and an actor is no longer taken to be whole.

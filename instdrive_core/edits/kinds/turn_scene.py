@@ -80,7 +80,7 @@ class TurnScene(Edit):
             raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
 
     @classmethod
-    def upright(cls, up: Vector, scale: float = 1.0) -> TurnScene:
+    def make_upright(cls, up: Vector, scale: float = 1.0) -> TurnScene:
         """The turn after which what points along `up` now, of any length above 0, points up."""
         up = check_vector(up, "up")
         if math.hypot(*up) < 1e-6:
@@ -128,7 +128,7 @@ class TurnScene(Edit):
         key = b"" if self.is_quick else fingerprint(document)
         scene, palette = document.scene, document.transforms
         size = len(palette)
-        entries = self._entries(document, matrix)
+        entries = self._add_entries(document, matrix)
         before = palette.assign(np.arange(len(scene)), entries)
         table: dict[int, Instance | None] = {entry.id: entry for entry in scene.table}
         first = document.first_tracks
@@ -141,8 +141,8 @@ class TurnScene(Edit):
         if self.is_quick:
             self._turn_table(document, matrix)
         else:
-            self._bound_again(document, key)
-        document.instances_changed(ids_changed=False)
+            self._recount_bounds(document, key)
+        document.note_instances_changed(ids_changed=False)
         return True
 
     @property
@@ -160,9 +160,9 @@ class TurnScene(Edit):
         document.set_actors(before.actors)
         restore_entries(document, before.table)
         scene.views, scene.sky, document.orientation = before.views, before.sky, before.orientation
-        document.instances_changed(ids_changed=False)
+        document.note_instances_changed(ids_changed=False)
 
-    def _entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
+    def _add_entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
         """Of all rows. An actor's are turned by its track: in the box's frame they only grow."""
         nodes = document.scene.nodes
         still, driving = np.flatnonzero(nodes == 0), np.flatnonzero(nodes)
@@ -186,7 +186,7 @@ class TurnScene(Edit):
             bounds = transform_bounds(entry.bounds, self._growth if entry.node else matrix)
             document.scene.table.set(replace(entry, bounds=bounds))
 
-    def _bound_again(self, document: Document, key: bytes) -> None:
+    def _recount_bounds(self, document: Document, key: bytes) -> None:
         """Bounds of what stands askew to its old ones: counted, or known from the last time."""
         table = document.scene.table
         if self._bounds is None or self._bounds[0] != key:

@@ -32,9 +32,9 @@ class HideInstances(FlagEdit):
         """``Hide instance 17``."""
         return f"{'Hide' if self.hidden else 'Show'} {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""
-        return _plan_flag_changes(document.state, document.rows_of(self.ids), Flag.HIDDEN, self.hidden)
+        return _plan_flag_changes(document.state, document.find_rows(self.ids), Flag.HIDDEN, self.hidden)
 
 
 @dataclass
@@ -54,9 +54,9 @@ class LockInstances(FlagEdit):
         """``Lock instance 17``."""
         return f"{'Lock' if self.locked else 'Unlock'} {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""
-        return _plan_flag_changes(document.state, document.rows_of(self.ids), Flag.LOCKED, self.locked)
+        return _plan_flag_changes(document.state, document.find_rows(self.ids), Flag.LOCKED, self.locked)
 
 
 @dataclass
@@ -70,7 +70,7 @@ class ShowAll(FlagEdit):
         """``Show all``."""
         return "Show all"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit wherever it is set."""
         yield FlagChange(document.state.rows_with(Flag.HIDDEN), Flag.HIDDEN, False)
 

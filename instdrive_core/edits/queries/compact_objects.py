@@ -15,7 +15,7 @@ from instdrive_core.maths.activations import sigmoid
 def select_solid_points(document: Document, members: Int64[ndarray, " m"]) -> Float64[ndarray, "k 3"]:
     """Means of the rows that are opaque enough to span a hull, metres, in the frame of their node."""
     solid = members[sigmoid(document.scene.gaussians.opacity_logits[members]) >= DEFAULT_CONFIG.min_opacity]
-    return document.means_of(solid).astype(np.float64)
+    return document.compute_means(solid).astype(np.float64)
 
 
 def keep_main_node(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:

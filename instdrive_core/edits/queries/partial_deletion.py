@@ -38,12 +38,12 @@ class Remainder:
 
 def divide_instance(document: Document, instance_id: int, deleted: Int64[ndarray, " d"]) -> Remainder:
     """Divide an instance of which these rows are deleted, or are about to be. Raises EditError for an unknown ID."""
-    members = document.rows_of((instance_id,))
+    members = document.find_rows((instance_id,))
     left = (document.state.flags[members] & Flag.DELETED) == 0
     left &= ~np.isin(members, deleted)
     missed = np.zeros(len(members), bool)
     if left.any() and not left.all():
-        missed[left] = _find_missed(document.means_of(members).astype(np.float64), left)
+        missed[left] = _find_missed(document.compute_means(members).astype(np.float64), left)
     return Remainder(members[~left], members[left & ~missed], members[missed])
 
 
@@ -53,7 +53,7 @@ def is_near_deleted(document: Document, rows: Int64[ndarray, " n"], remainder: R
         return np.ones(len(rows), bool)
     known = np.concatenate([remainder.gone, remainder.kept])
     found = _find_nearest(
-        document.means_of(known).astype(np.float64), document.means_of(rows).astype(np.float64), _LINKS
+        document.compute_means(known).astype(np.float64), document.compute_means(rows).astype(np.float64), _LINKS
     )
     return (found < len(remainder.gone)).mean(axis=1) > 0.5
 

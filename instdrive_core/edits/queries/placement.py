@@ -57,9 +57,9 @@ def compute_bottom(document: Document, ids: Sequence[int], matrix: Similarity, t
             center = matrix[:, :3] @ track.pose_at(time)[:3, 3] + matrix[:, 3]
             feet.append(center[2] - extract_scale(matrix) * track.dimensions[2] / 2)
         else:
-            rows = document.rows_of((instance_id,))
+            rows = document.find_rows((instance_id,))
             opacities = sigmoid(document.scene.gaussians.opacity_logits[rows])
-            heights = document.means_of(rows[find_solid(opacities)]) @ matrix[2, :3] + matrix[2, 3]
+            heights = document.compute_means(rows[find_solid(opacities)]) @ matrix[2, :3] + matrix[2, 3]
             feet.append(estimate_foot(heights))
     return float(min(feet))
 
@@ -88,8 +88,8 @@ def _gather_background(
     settled = document.transforms.entry_at_home(document.orientation)
     near = _find_near(stored, place, reach, document.transforms.matrices[settled])
     # Of what was moved, little is of others: during a drag it is mostly the instances themselves.
-    moved = document.means_of(counted(np.flatnonzero(entries != settled)))
-    still = document.means_of(counted(near[entries[near] == settled]))
+    moved = document.compute_means(counted(np.flatnonzero(entries != settled)))
+    still = document.compute_means(counted(near[entries[near] == settled]))
     return np.concatenate([still, moved[_find_near(moved, place, reach, np.eye(3, 4))]])
 
 
@@ -125,7 +125,7 @@ def find_lane(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]
     lane = estimate_travel_direction(paths, place)
     if lane is None:
         street = np.flatnonzero(scene.nodes == 0)
-        lane = estimate_street_direction(document.means_of(street[:: 1 + len(street) // _STREET_SPLATS]), place)
+        lane = estimate_street_direction(document.compute_means(street[:: 1 + len(street) // _STREET_SPLATS]), place)
     if lane is None:
         raise EditError("the scene has neither photo cameras nor a street here, so no lane is known")
     return lane

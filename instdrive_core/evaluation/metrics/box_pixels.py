@@ -12,7 +12,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.track import Track
 
 
-def box_silhouette(
+def find_box_silhouette(
     camera: Camera, world_from_box: Float64[ndarray, "4 4"], dimensions: Float64[ndarray, "3"]
 ) -> Bool[ndarray, "h w"]:
     """Pixels whose centre ray meets the box in front of the camera; occluders are not considered.
@@ -32,12 +32,12 @@ def box_silhouette(
     return silhouette
 
 
-def moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float) -> Bool[ndarray, "h w"]:
+def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float) -> Bool[ndarray, "h w"]:
     """Pixels that show the boxes of moving objects at `time` (seconds)."""
     shown = np.zeros((camera.height, camera.width), bool)
     for track in tracks:
         if track.moving and track.covers(time):
-            shown |= box_silhouette(camera, track.pose_at(time), track.dimensions)
+            shown |= find_box_silhouette(camera, track.pose_at(time), track.dimensions)
     return shown
 
 

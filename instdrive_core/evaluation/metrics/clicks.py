@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.evaluation.metrics.segmentation import LabelledView, confusion
+from instdrive_core.evaluation.metrics.segmentation import LabelledView, count_confusion
 
 CLICKS_PER_OBJECT = 10
 """Random pixels per visible object and view."""
@@ -33,11 +33,11 @@ class Clicks:
         return self.iou > 0.5
 
 
-def clicks_on_things(views: Sequence[LabelledView], things: Collection[int], seed: int) -> list[Clicks]:
+def click_things(views: Sequence[LabelledView], things: Collection[int], seed: int) -> list[Clicks]:
     """Click on `CLICKS_PER_OBJECT` seeded random pixels of each visible thing in each view."""
     clicks: list[Clicks] = []
     for number, view in enumerate(views):
-        pixels = confusion(view.truth, view.predicted)
+        pixels = count_confusion(view.truth, view.predicted)
         columns = {int(label): column for column, label in enumerate(pixels.predicted_ids)}
         for row, truth_id in enumerate(pixels.truth_ids.tolist()):
             if truth_id not in things:
@@ -51,7 +51,7 @@ def clicks_on_things(views: Sequence[LabelledView], things: Collection[int], see
     return clicks
 
 
-def selection_scores(clicks: Sequence[Clicks]) -> dict[str, float | None]:
+def score_selections(clicks: Sequence[Clicks]) -> dict[str, float | None]:
     """`hit_rate`: share of clicks whose selection has IoU > 0.5; `iou`: its mean. None where nothing was clicked."""
     counts = np.array([each.count for each in clicks])
     if not counts.sum():

@@ -15,7 +15,7 @@ MIN_ALPHA = 0.5
 """Pixels with less accumulated opacity show no codeword."""
 
 
-def codeword_map(world: WorldGaussians, features: ndarray, camera: Camera) -> UInt64[ndarray, "h w"]:
+def render_codeword_map(world: WorldGaussians, features: ndarray, camera: Camera) -> UInt64[ndarray, "h w"]:
     """Codeword + 1 of each pixel (0 is a codeword, too), 0 = none. 64 bits, since there are up to 2^32 codewords."""
     raster = render(world.means, world.quats, world.log_scales, world.opacities, features, camera)
     codes = quantize_features(raster.image).astype(np.uint64) + np.uint64(1)

@@ -13,11 +13,11 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.evaluation.metrics.clicks import Clicks
 from instdrive_core.evaluation.metrics.held_out import HeldOutView
-from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, world_gaussians
-from instdrive_core.rasterize.kernels.sky_behind import sky_behind
-from instdrive_core.rasterize.kernels.view_colors import view_colors
+from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, place_world_gaussians
+from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
+from instdrive_core.rasterize.kernels.view_colors import compute_colors
+from instdrive_core.rasterize.partial_redraw import redraw_without_rows
 from instdrive_core.rasterize.render import Raster, render, render_backward
-from instdrive_core.rasterize.without_rows import without_rows
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track, find_points_inside
 
@@ -39,7 +39,7 @@ class _Effect:
     residue_kept: float | None
 
 
-def deletion_scores(
+def score_deletions(
     scene: Scene,
     views: Sequence[HeldOutView],
     clicks: Sequence[Clicks],
@@ -121,16 +121,16 @@ class _Drawing:
 
     def __init__(self, scene: Scene, frame: Frame, boxes: Sequence[Track | None]) -> None:
         camera, time = frame.view.camera, frame.view.time
-        world, (poses, _) = world_gaussians(scene, time), scene.at(time)
+        world, (poses, _) = place_world_gaussians(scene, time), scene.at(time)
         gaussians = scene.gaussians
-        colors = view_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+        colors = compute_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
         channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
         channels[:, :3] = colors
         self.inside = [_rows_inside(world, box, time) for box in boxes]
         for column, rows in enumerate(self.inside):
             channels[rows, 3 + column] = 1
         self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, camera)
-        self.sky = sky_behind(scene.sky, camera, np.zeros_like(self.raster.alpha))
+        self.sky = render_sky_behind(scene.sky, camera, np.zeros_like(self.raster.alpha))
         self.colors = self._colors(self.raster.image, self.raster.alpha, (slice(None), slice(None)))
         self.weights: Float64[ndarray, " boxes"] = _summed(self.raster.image)
         """Blending weight of the Gaussians inside each box, summed over the pixels; 0 without a box."""
@@ -138,7 +138,7 @@ class _Drawing:
 
     def without(self, deleted: Bool[ndarray, " n"]) -> _Deleted:
         """The view without some rows of the scene."""
-        after = without_rows(self.raster, deleted)
+        after = redraw_without_rows(self.raster, deleted)
         colors = self._colors(after.image, after.alpha, after.window)
         changed = np.abs(colors - self.colors[after.window]).max(axis=2, initial=0) > VISIBLE_CHANGE
         lost = _summed(self.raster.image[after.window]) - _summed(after.image)

@@ -9,11 +9,11 @@ from jaxtyping import Int32, UInt32, UInt64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
-from instdrive_core.evaluation.metrics.codeword_map import codeword_map
+from instdrive_core.evaluation.metrics.box_pixels import find_moving_box_pixels
+from instdrive_core.evaluation.metrics.codeword_map import render_codeword_map
 from instdrive_core.evaluation.metrics.image_metrics import psnr, ssim
-from instdrive_core.evaluation.metrics.segmentation import LabelledView, evaluated_truth
-from instdrive_core.evaluation.metrics.world_gaussians import world_gaussians
+from instdrive_core.evaluation.metrics.segmentation import LabelledView, prepare_truth
+from instdrive_core.evaluation.metrics.world_gaussians import place_world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.exposure import apply_exposure
@@ -46,7 +46,7 @@ class HeldOutView:
         return self.labelled(padded[self.winner])  # winner -1 reads the last: 0
 
 
-def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:
+def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:
     """Draw one view and compare it with its photo. Sky and ego vehicle are ignored in maps, the latter in images.
 
     Where the scene knows exposures, the image is exposed as the camera's training photos before and after it were.
@@ -64,13 +64,13 @@ def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTr
         ignored = ignored | sky
     codewords = None
     if scene.code_bits:
-        codewords = codeword_map(world_gaussians(scene, time), scene.gaussians.features, camera)
+        codewords = render_codeword_map(place_world_gaussians(scene, time), scene.gaussians.features, camera)
     return HeldOutView(
         frame=frame,
-        truth=evaluated_truth(ground_truth.load(frame), ignored),
+        truth=prepare_truth(ground_truth.load(frame), ignored),
         winner=preview.winner,
         codewords=codewords,
         psnr=psnr(image, photo, valid),
         ssim=ssim(image, photo, valid),
-        psnr_actors=psnr(image, photo, valid & moving_box_pixels(camera, clip.tracks, time)),
+        psnr_actors=psnr(image, photo, valid & find_moving_box_pixels(camera, clip.tracks, time)),
     )

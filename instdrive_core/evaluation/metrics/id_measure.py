@@ -11,14 +11,14 @@ from jaxtyping import UInt32, UInt64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.evaluation.metrics.clicks import clicks_on_things, selection_scores
-from instdrive_core.evaluation.metrics.deletion import deletion_scores
+from instdrive_core.evaluation.metrics.clicks import click_things, score_selections
+from instdrive_core.evaluation.metrics.deletion import score_deletions
 from instdrive_core.evaluation.metrics.held_out import HeldOutView
-from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS, lidar_scores
-from instdrive_core.evaluation.metrics.map_scores import per_view_scores, scene_scores
-from instdrive_core.evaluation.metrics.object_rows import ObjectRow, object_rows
-from instdrive_core.evaluation.metrics.point_ids import PointSupport, point_support
-from instdrive_core.evaluation.metrics.point_truth import LabelledSweep, labelled_sweeps
+from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS, score_points
+from instdrive_core.evaluation.metrics.map_scores import score_scene, score_views
+from instdrive_core.evaluation.metrics.object_rows import ObjectRow, list_object_rows
+from instdrive_core.evaluation.metrics.point_ids import PointSupport, compute_point_support
+from instdrive_core.evaluation.metrics.point_truth import LabelledSweep, label_sweeps
 from instdrive_core.evaluation.metrics.segmentation import LabelledView
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance
 from instdrive_core.scene.scene import Scene
@@ -57,37 +57,37 @@ class IdMeasure:
         return {instance.id for instance in self.instances.values() if instance.kind == kind}
 
     def scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
-        """`per_view`, `scene` and `lidar`; `codes` as in `lidar_scores`."""
+        """`per_view`, `scene` and `lidar`; `codes` as in `score_points`."""
         shown = self.shown(ids)
         return {
-            "per_view": per_view_scores(shown),
-            "scene": scene_scores(shown, self.of_kind("thing"), self.of_kind("stuff")),
-            "lidar": lidar_scores(self.sweeps, self.supports, ids, codes),
+            "per_view": score_views(shown),
+            "scene": score_scene(shown, self.of_kind("thing"), self.of_kind("stuff")),
+            "lidar": score_points(self.sweeps, self.supports, ids, codes),
         }
 
     def click_scores(self, ids: UInt32[ndarray, " n"], progress: Callable[[int, int], None]) -> dict[str, Any]:
         """`click`; progress counts views."""
-        clicks = clicks_on_things(self.shown(ids), self.of_kind("thing"), SEED)
+        clicks = click_things(self.shown(ids), self.of_kind("thing"), SEED)
         named = replace(self.scene, instance_ids=ids)
-        deleted = deletion_scores(
+        deleted = score_deletions(
             named, self.views, clicks, self.boxes, SEED, lambda _, done, total: progress(done, total)
         )
-        return selection_scores(clicks) | deleted
+        return score_selections(clicks) | deleted
 
     def objects(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> tuple[ObjectRow, ...]:
         """A row per object. Codes are those of the Gaussians that pixels stand for: blended features invent codes along
         borders."""
-        return object_rows(self.shown(ids), None if codes is None else self.shown(codes), self.instances)
+        return list_object_rows(self.shown(ids), None if codes is None else self.shown(codes), self.instances)
 
 
-def id_measure(
+def prepare_id_measure(
     scene: Scene, views: list[HeldOutView], clip: Clip, ground_truth: GroundTruth, progress: Progress
 ) -> IdMeasure:
     """Prepare to measure. Raises DataError where a sweep is damaged."""
-    sweeps = labelled_sweeps(clip, ground_truth)
+    sweeps = label_sweeps(clip, ground_truth)
     supports = []
     for sweep in sweeps:
-        supports.append(point_support(scene, sweep.points, sweep.time))
+        supports.append(compute_point_support(scene, sweep.points, sweep.time))
         progress("LiDAR points", len(supports), len(sweeps))
     tracks = {track.id: track for track in clip.tracks}
     boxes = {
@@ -98,12 +98,12 @@ def id_measure(
     return IdMeasure(scene, tuple(views), tuple(sweeps), tuple(supports), ground_truth.instances, boxes)
 
 
-def nothing_measured() -> dict[str, Any]:
+def build_empty_scores() -> dict[str, Any]:
     """What `IdMeasure.scores` gives, and `click`, where they do not apply."""
     keys = {"per_view": PER_VIEW_KEYS, "scene": SCENE_KEYS, "lidar": LIDAR_KEYS, "click": CLICK_KEYS}
     return {part: dict.fromkeys(names) for part, names in keys.items()}
 
 
-def codes_of(scene: Scene) -> UInt64[ndarray, " n"] | None:
+def get_codes(scene: Scene) -> UInt64[ndarray, " n"] | None:
     """Codeword + 1 of each Gaussian, since 0 is a codeword; None where the scene has none."""
     return scene.codewords.astype(np.uint64) + np.uint64(1) if scene.code_bits else None

@@ -10,10 +10,15 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.evaluation.metrics.average_precision import AP_THRESHOLDS, average_precision
-from instdrive_core.evaluation.metrics.point_ids import PointIds, PointSupport, point_ids
+from instdrive_core.evaluation.metrics.point_ids import PointIds, PointSupport, vote_point_ids
 from instdrive_core.evaluation.metrics.point_truth import MIN_POINTS, LabelledSweep
-from instdrive_core.evaluation.metrics.segmentation import Confusion, confusion, one_to_one
-from instdrive_core.evaluation.metrics.sharing import covering_counts, holdings, mean_count, objects_by_id
+from instdrive_core.evaluation.metrics.segmentation import Confusion, count_confusion, match_one_to_one
+from instdrive_core.evaluation.metrics.sharing import (
+    compute_mean_count,
+    count_covering_ids,
+    find_holdings,
+    group_objects_by_id,
+)
 
 LIDAR_KEYS = (
     "ap",
@@ -29,7 +34,7 @@ LIDAR_KEYS = (
 )
 
 
-def lidar_scores(
+def score_points(
     sweeps: Sequence[LabelledSweep], supports: Sequence[PointSupport], ids: ndarray, codes: ndarray | None = None
 ) -> dict[str, Any]:
     """Figures of IDs of the scene's Gaussians, over the points of all sweeps together: an object must keep its ID.
@@ -40,7 +45,7 @@ def lidar_scores(
     - `miou`: mean IoU over objects under one one-to-one match.
     - `vmeasure`: see `v_measure`.
     - `instances_per_object` (fragmentation): mean over objects of the instances that count for it: those that hold at
-      least 15 % of its points, so that a fringe is no fragment; all of them if none holds as much (`holdings`).
+      least 15 % of its points, so that a fringe is no fragment; all of them if none holds as much (`find_holdings`).
       Objects without any are left out.
     - `instances_to_cover`: stricter; mean of the fewest instances that hold 85 % of the object's points with an ID.
     - `objects_per_instance` (collisions): mean, over instances that count for any object, of how many.
@@ -57,27 +62,27 @@ def lidar_scores(
     truth = np.concatenate([np.zeros(0, np.uint32), *(sweep.truth for sweep in sweeps)])
     if not truth.any():
         return dict.fromkeys(LIDAR_KEYS)
-    found = _joined([point_ids(support, ids) for support in supports])
-    counts = confusion(truth, found.ids)
-    confidences = mean_shares(found, counts.predicted_ids)
+    found = _joined([vote_point_ids(support, ids) for support in supports])
+    counts = count_confusion(truth, found.ids)
+    confidences = compute_mean_shares(found, counts.predicted_ids)
     figures: dict[str, Any] = {
         "ap": average_precision(counts, confidences, AP_THRESHOLDS, MIN_POINTS),
         "ap50": average_precision(counts, confidences, (0.5,), MIN_POINTS),
         "ap25": average_precision(counts, confidences, (0.25,), MIN_POINTS),
-        "miou": one_to_one(counts).mean_iou(),
+        "miou": match_one_to_one(counts).mean_iou(),
         "vmeasure": v_measure(counts),
         **_sharing(counts, "instance"),
-        "instances_to_cover": _mean(covering_counts(counts)),
+        "instances_to_cover": _mean(count_covering_ids(counts)),
         "codes_per_object": None,
         "objects_per_code": None,
     }
     if codes is not None:
-        coded = _joined([point_ids(support, codes) for support in supports])
-        figures |= _sharing(confusion(truth, coded.ids), "code")
+        coded = _joined([vote_point_ids(support, codes) for support in supports])
+        figures |= _sharing(count_confusion(truth, coded.ids), "code")
     return figures
 
 
-def mean_shares(found: PointIds, ids: ndarray) -> Float64[ndarray, " p"]:
+def compute_mean_shares(found: PointIds, ids: ndarray) -> Float64[ndarray, " p"]:
     """Mean share of support over the points of each of `ids`, which are in order."""
     place = np.searchsorted(ids, found.ids)
     place[found.ids == 0] = len(ids)
@@ -108,10 +113,10 @@ def _entropy(shares: Float64[ndarray, " n"]) -> float:
 
 
 def _sharing(counts: Confusion, what: str) -> dict[str, float | None]:
-    held = holdings(counts)
+    held = find_holdings(counts)
     return {
-        f"{what}s_per_object": mean_count(list(held.values())),
-        f"objects_per_{what}": mean_count(list(objects_by_id(held).values())),
+        f"{what}s_per_object": compute_mean_count(list(held.values())),
+        f"objects_per_{what}": compute_mean_count(list(group_objects_by_id(held).values())),
     }
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from instdrive_core.evaluation.metrics.segmentation import Confusion, LabelledView, confusion
-from instdrive_core.evaluation.metrics.sharing import Holding, holdings
+from instdrive_core.evaluation.metrics.segmentation import Confusion, LabelledView, count_confusion
+from instdrive_core.evaluation.metrics.sharing import Holding, find_holdings
 from instdrive_core.masks.ground_truth import GroundTruthInstance
 
 
@@ -31,7 +31,7 @@ class ObjectRow:
     """With `predicted_id`; 0 where there is none."""
     recall: float
     instances: tuple[Holding, ...]
-    """Instances that count for it, see `sharing.holdings`: those that hold at least 15 % of its pixels, the largest
+    """Instances that count for it, see `sharing.find_holdings`: those that hold at least 15 % of its pixels, the largest
     first."""
     codes: tuple[Holding, ...] | None
     """The same for codewords + 1; None where the scene has none."""
@@ -42,7 +42,7 @@ class ObjectRow:
         return len(self.instances) > 1
 
 
-def object_rows(
+def list_object_rows(
     shown: Sequence[LabelledView],
     coded: Sequence[LabelledView] | None,
     instances: Mapping[int, GroundTruthInstance],
@@ -54,9 +54,9 @@ def object_rows(
         coded: every view with the codeword + 1 of the Gaussian that each pixel stands for.
         instances: facts of the ground truth's IDs.
     """
-    pixels = over_all_views(shown)
-    held = holdings(pixels)
-    codes = None if coded is None else holdings(over_all_views(coded))
+    pixels = count_over_views(shown)
+    held = find_holdings(pixels)
+    codes = None if coded is None else find_holdings(count_over_views(coded))
     iou = pixels.iou
     matched = dict(zip(*linear_sum_assignment(iou, maximize=True), strict=True))
     rows = []
@@ -82,9 +82,9 @@ def object_rows(
     return tuple(rows)
 
 
-def over_all_views(views: Sequence[LabelledView]) -> Confusion:
+def count_over_views(views: Sequence[LabelledView]) -> Confusion:
     """Pixel counts of all views together."""
-    return confusion(
+    return count_confusion(
         np.concatenate([view.truth.ravel() for view in views]),
         np.concatenate([view.predicted.ravel() for view in views]),
     )

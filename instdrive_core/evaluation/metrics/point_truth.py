@@ -14,8 +14,8 @@ from instdrive_core.masks.annotated.labelled_cloud import (
     NOTHING,
     UNKNOWN,
     assign_boxes,
-    classes_that_fit,
-    ids_of_classes,
+    assign_class_ids,
+    find_fitting_classes,
 )
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance
 
@@ -37,7 +37,7 @@ class LabelledSweep:
     """IDs of the ground truth; 0 = ignored."""
 
 
-def labelled_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
+def label_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
     """Every held-out sweep with the IDs that the label maps use; none where the clip has no held-out sweep or no
     labels for points.
 
@@ -58,12 +58,12 @@ def labelled_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep
         found = sweep.load()
         labels = _labels(clip, sweep, found, ground_truth)
         if labels is not None:
-            seen = in_view(found.points, frames)
+            seen = is_in_view(found.points, frames)
             sweeps.append(LabelledSweep(sweep.time, found.points[seen], labels[seen]))
     return _without_tiny(sweeps)
 
 
-def in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
+def is_in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
     """Points that project into a valid pixel of any photo; occluders are not considered."""
     seen = np.zeros(len(points), bool)
     for frame in frames:
@@ -92,7 +92,7 @@ def _annotated(
     assert found.classes is not None
     stuff_ids = {instance.class_name: instance.id for instance in instances.values() if instance.kind == "stuff"}
     thing_ids = {instance.track_id: instance.id for instance in instances.values() if instance.track_id is not None}
-    ids = ids_of_classes(clip.class_names, stuff_ids)[found.classes]
+    ids = assign_class_ids(clip.class_names, stuff_ids)[found.classes]
     boxes = [track for track in clip.tracks if track.covers(time) and track.id in thing_ids]
     box, _ = assign_boxes(
         found.points,
@@ -101,7 +101,7 @@ def _annotated(
         np.array([track.pose_at(time) for track in boxes]).reshape(-1, 4, 4),
         np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3),
         np.array([track.moving for track in boxes], bool),
-        np.array([classes_that_fit(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
+        np.array([find_fitting_classes(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
     )
     ids[(ids == NOTHING) | (box == INSIDE_OF_MOVING)] = UNKNOWN
     inside = box >= 0

@@ -41,7 +41,7 @@ class Confusion:
 
 
 @dataclass(frozen=True)
-class Matched:
+class Matching:
     """What one matching gives each ground-truth instance; an unmatched one has 0 and 0."""
 
     truth_ids: Int[ndarray, " t"]
@@ -62,7 +62,7 @@ class Matched:
         return float((self.iou > threshold).mean()) if len(self.iou) else None
 
 
-def evaluated_truth(
+def prepare_truth(
     labels: UInt32[ndarray, "h w"],
     ignored: Bool[ndarray, "h w"] | None = None,
     min_pixels: int = MIN_VISIBLE_PIXELS,
@@ -76,7 +76,7 @@ def evaluated_truth(
     return ids[inverse].reshape(labels.shape)
 
 
-def confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confusion:
+def count_confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confusion:
     """Count shared pixels of two label arrays of one shape; several views are compared by concatenating them."""
     truth_ids, truth_index = np.unique(truth, return_inverse=True)
     predicted_ids, predicted_index = np.unique(predicted, return_inverse=True)
@@ -95,17 +95,17 @@ def confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confu
     )
 
 
-def one_to_one(pixels: Confusion) -> Matched:
+def match_one_to_one(pixels: Confusion) -> Matching:
     """The Hungarian matching that maximises the summed IoU: each predicted ID serves one ground-truth instance."""
     iou = pixels.iou
     rows, columns = linear_sum_assignment(iou, maximize=True)
     matched, recall = np.zeros(len(iou)), np.zeros(len(iou))
     matched[rows] = iou[rows, columns]
     recall[rows] = pixels.shared[rows, columns] / pixels.truth_areas[rows]
-    return Matched(pixels.truth_ids, matched, recall)
+    return Matching(pixels.truth_ids, matched, recall)
 
 
-def by_majority(pixels: Confusion) -> Matched:
+def match_by_majority(pixels: Confusion) -> Matching:
     """Every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions are compared.
 
     A map in pieces wins this matching, which is why it is never the headline.
@@ -117,7 +117,7 @@ def by_majority(pixels: Confusion) -> Matched:
     shared = (pixels.shared * joined).sum(axis=1)
     areas = (pixels.predicted_areas * joined).sum(axis=1)
     union = pixels.truth_areas + areas - shared
-    return Matched(pixels.truth_ids, shared / np.maximum(union, 1), shared / np.maximum(pixels.truth_areas, 1))
+    return Matching(pixels.truth_ids, shared / np.maximum(union, 1), shared / np.maximum(pixels.truth_areas, 1))
 
 
 def panoptic_quality(pixels: Confusion) -> float | None:
@@ -147,7 +147,7 @@ class LabelledView:
     predicted: Int[ndarray, "h w"]
 
 
-def id_switches(views: Sequence[LabelledView]) -> int:
+def count_id_switches(views: Sequence[LabelledView]) -> int:
     """How often a ground-truth instance changes its predicted ID along a camera's views, summed over all.
 
     Its ID in a view is the predicted instance of highest IoU there (ties: the lower ID). The views of each camera
@@ -157,7 +157,7 @@ def id_switches(views: Sequence[LabelledView]) -> int:
     last: dict[tuple[str, int], int] = {}
     switches = 0
     for view in sorted(views, key=lambda view: view.time):
-        pixels = confusion(view.truth, view.predicted)
+        pixels = count_confusion(view.truth, view.predicted)
         if not len(pixels.predicted_ids):
             continue
         iou = pixels.iou

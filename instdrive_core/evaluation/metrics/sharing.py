@@ -27,7 +27,7 @@ class Holding:
     """Of the object's pixels (or points)."""
 
 
-def holdings(counts: Confusion, min_share: float = MIN_SHARE) -> dict[int, tuple[Holding, ...]]:
+def find_holdings(counts: Confusion, min_share: float = MIN_SHARE) -> dict[int, tuple[Holding, ...]]:
     """By ground-truth ID: the predicted IDs that hold at least `min_share` of it, the largest first (ties: the lower
     ID). Of a shattered object, which has IDs but none that holds so much, all count.
 
@@ -44,7 +44,7 @@ def holdings(counts: Confusion, min_share: float = MIN_SHARE) -> dict[int, tuple
     return found
 
 
-def objects_by_id(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
+def group_objects_by_id(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
     """By predicted ID that counts for any object: the ground-truth IDs that it counts for, in order."""
     objects: dict[int, list[int]] = {}
     for truth_id in sorted(held):
@@ -53,12 +53,12 @@ def objects_by_id(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, 
     return {predicted_id: tuple(objects[predicted_id]) for predicted_id in sorted(objects)}
 
 
-def shared_ids(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
-    """As `objects_by_id`, those with more than one object: the collisions."""
-    return {key: objects for key, objects in objects_by_id(held).items() if len(objects) > 1}
+def find_shared_ids(held: dict[int, tuple[Holding, ...]]) -> dict[int, tuple[int, ...]]:
+    """As `group_objects_by_id`, those with more than one object: the collisions."""
+    return {key: objects for key, objects in group_objects_by_id(held).items() if len(objects) > 1}
 
 
-def covering_counts(counts: Confusion, covered: float = 1 - MIN_SHARE) -> list[int]:
+def count_covering_ids(counts: Confusion, covered: float = 1 - MIN_SHARE) -> list[int]:
     """For each object that has IDs: the fewest of them that hold `covered` of all that has one. Crumbs, each too small
     to count for the object, are found by this."""
     shared = np.sort(counts.shared, axis=1)[:, ::-1]
@@ -67,7 +67,7 @@ def covering_counts(counts: Confusion, covered: float = 1 - MIN_SHARE) -> list[i
     return (np.argmax(reached, axis=1) + 1).tolist()
 
 
-def mean_count(groups: Sequence[Sequence[object]]) -> float | None:
+def compute_mean_count(groups: Sequence[Sequence[object]]) -> float | None:
     """Mean size of the groups that are not empty; None where all are."""
     sizes = [len(group) for group in groups if len(group)]
     return float(np.mean(sizes)) if sizes else None

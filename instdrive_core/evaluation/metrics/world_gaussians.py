@@ -26,7 +26,7 @@ class WorldGaussians:
         return WorldGaussians(self.means, self.quats, self.log_scales, opacities)
 
 
-def world_gaussians(scene: Scene, time: float) -> WorldGaussians:
+def place_world_gaussians(scene: Scene, time: float) -> WorldGaussians:
     """Every actor placed at `time` (seconds); actors whose track does not cover it are absent."""
     poses, present = scene.at(time)
     means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.comparison import ComparedCell, MeasuredRun, compared_rows, differences
-from instdrive_core.evaluation.metrics.held_out import held_out_view
-from instdrive_core.evaluation.metrics.object_rows import over_all_views
+from instdrive_core.evaluation.comparison import ComparedCell, MeasuredRun, compare_runs, find_differences
+from instdrive_core.evaluation.metrics.held_out import measure_held_out_view
+from instdrive_core.evaluation.metrics.object_rows import count_over_views
 from instdrive_core.evaluation.page.elements import Content, Markup, element, joined
 from instdrive_core.evaluation.page.map_colors import truth_of_predicted
 from instdrive_core.evaluation.page.page import color_switch, number_cell, section, table, write_page
@@ -24,10 +24,10 @@ from instdrive_core.evaluation.page.views import (
     right_share,
     self_matched,
 )
-from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
+from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
 from instdrive_core.evaluation.training_log import read_log
 from instdrive_core.formats.folder.scenes import read_scene_folder
-from instdrive_core.masks.ground_truth import known_ground_truth
+from instdrive_core.masks.ground_truth import find_ground_truth
 
 _FACTS = ("method", "preset", "masks", "seed", "scale", "clip", "cameras", "backend", "threads")
 
@@ -43,7 +43,7 @@ def write_comparison(path: Path, runs: Sequence[MeasuredRun]) -> None:
         path,
         f"Comparison of {', '.join(names)}",
         element("h1", " · ".join(names)),
-        *(element("p", text, class_="warning") for text in differences(runs)),
+        *(element("p", text, class_="warning") for text in find_differences(runs)),
         section("Figures", _figure_table(runs)),
         _views(folders),
         section("Training", charts) if charts else None,
@@ -52,7 +52,7 @@ def write_comparison(path: Path, runs: Sequence[MeasuredRun]) -> None:
 
 
 def _figure_table(runs: Sequence[MeasuredRun]) -> Markup:
-    rows = [[figure.title, *(_cell(cell) for cell in cells)] for figure, cells in compared_rows(runs)]
+    rows = [[figure.title, *(_cell(cell) for cell in cells)] for figure, cells in compare_runs(runs)]
     note = "Best values are marked unless all are equal; below each value its difference to the first run."
     shown = table(("figure", *(run.name for run in runs)), rows)
     return joined(shown, element("p", note, class_="dim small"))
@@ -107,18 +107,18 @@ class _RunViews:
 
 def _run_views(run: Path) -> _RunViews:
     facts = read_run_facts(run)
-    scene, clip = read_scene_folder(run), load_clip(facts["clip"], clip_options(facts))
-    ground_truth = known_ground_truth(clip)
+    scene, clip = read_scene_folder(run), load_clip(facts["clip"], build_clip_options(facts))
+    ground_truth = find_ground_truth(clip)
     frames = clip.held_out_frames()
     steps = sorted({frame.view.index for frame in frames})
     measured = [
-        held_out_view(scene, clip, frame, ground_truth)
+        measure_held_out_view(scene, clip, frame, ground_truth)
         for frame in frames
         if frame.view.index == steps[len(steps) // 2]
     ]
     drawn = [drawn_view(scene, view) for view in measured]
     labelled = [view.with_ids(scene.instance_ids) for view in measured]
-    truth_of = truth_of_predicted(over_all_views(labelled)) if labelled else {}
+    truth_of = truth_of_predicted(count_over_views(labelled)) if labelled else {}
     return _RunViews({view.title: view for view in drawn}, truth_of)
 
 

@@ -16,17 +16,17 @@ from instdrive_core.evaluation.page.page import card, color_switch, number_cell,
 from instdrive_core.evaluation.page.training import training_charts
 from instdrive_core.evaluation.page.views import PICTURE_BUDGET, error_legend, view_rows
 from instdrive_core.evaluation.protocol import Evaluation
-from instdrive_core.evaluation.report import (
+from instdrive_core.evaluation.run_facts import read_run_facts
+from instdrive_core.evaluation.tables import (
     IMAGES_ONLY,
     MAP_COLUMNS,
     POINT_COLUMNS,
-    figure_text,
-    map_rows,
-    point_rows,
-    split_text,
-    summary_rows,
+    describe_split,
+    format_figure,
+    list_map_rows,
+    list_point_rows,
+    list_summary_rows,
 )
-from instdrive_core.evaluation.run_facts import read_run_facts
 from instdrive_core.evaluation.training_log import read_log
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.instances.table import InstanceTable
@@ -42,12 +42,14 @@ def write_report(path: Path, run: Path, evaluation: Evaluation) -> None:
         path,
         f"{name}: evaluation",
         element("h1", name),
-        element("p", split_text(evaluation), class_="dim"),
+        element("p", describe_split(evaluation), class_="dim"),
         _note(evaluation),
         _headline(evaluation),
         section("Predicted maps, oracle and controls", _map_table(evaluation)) if evaluation.has_truth else None,
         _points(evaluation),
-        section("Images, clicks, cost" if evaluation.has_truth else "Images, cost", _pairs(summary_rows(evaluation))),
+        section(
+            "Images, clicks, cost" if evaluation.has_truth else "Images, cost", _pairs(list_summary_rows(evaluation))
+        ),
         _views(evaluation),
         _objects(evaluation) if evaluation.has_truth else None,
         _confusions(evaluation) if evaluation.has_truth else None,
@@ -68,17 +70,17 @@ def _note(evaluation: Evaluation) -> Markup | None:
 
 def _headline(evaluation: Evaluation) -> Markup:
     figures = evaluation.figures
-    cards = _instance_cards(figures) if evaluation.has_truth else {"SSIM": figure_text(figures["ssim"])}
-    cards |= {"PSNR (dB)": figure_text(figures["psnr"], 2), "training (s)": f"{figures['train_seconds']:.0f}"}
+    cards = _instance_cards(figures) if evaluation.has_truth else {"SSIM": format_figure(figures["ssim"])}
+    cards |= {"PSNR (dB)": format_figure(figures["psnr"], 2), "training (s)": f"{figures['train_seconds']:.0f}"}
     return element("div", *(card(value, name) for name, value in cards.items()), class_="cards")
 
 
 def _instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
     scene, click = figures["scene"], figures["click"]
     return {
-        "scene mIoU": figure_text(scene["miou"]),
+        "scene mIoU": format_figure(scene["miou"]),
         "of the oracle's": _ratio(scene["miou"], scene["oracle_miou"]),
-        "PQ": figure_text(scene["pq"]),
+        "PQ": format_figure(scene["pq"]),
         "of the oracle's PQ": _ratio(scene["pq"], scene["oracle_pq"]),
         "clicks that hit": _percent(click["hit_rate"]),
     }
@@ -86,7 +88,8 @@ def _instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
 
 def _map_table(evaluation: Evaluation) -> Markup:
     rows = [
-        [name, *(number_cell(figure_text(value)) for value in values)] for name, values in map_rows(evaluation).items()
+        [name, *(number_cell(format_figure(value)) for value in values)]
+        for name, values in list_map_rows(evaluation).items()
     ]
     note = (
         "Oracle: the true ID of every Gaussian, the bound on this geometry. Instance: what a click selects. Codeword: "
@@ -97,8 +100,8 @@ def _map_table(evaluation: Evaluation) -> Markup:
 
 def _points(evaluation: Evaluation) -> Markup | None:
     rows = [
-        [name, *(number_cell(figure_text(value)) for value in values)]
-        for name, values in point_rows(evaluation).items()
+        [name, *(number_cell(format_figure(value)) for value in values)]
+        for name, values in list_point_rows(evaluation).items()
     ]
     return section("LiDAR points of held-out sweeps", table(("IDs", *POINT_COLUMNS), rows)) if rows else None
 
@@ -149,11 +152,11 @@ def _object_line(row: ObjectRow, picture: Markup | None, instances: InstanceTabl
         row.class_name,
         kind,
         number_cell(f"{row.pixels:,}", row.pixels),
-        number_cell(figure_text(row.iou), row.iou),
-        number_cell(figure_text(row.recall), row.recall),
+        number_cell(format_figure(row.iou), row.iou),
+        number_cell(format_figure(row.recall), row.recall),
         number_cell(str(len(row.instances)), len(row.instances)),
         matched,
-        number_cell(figure_text(codes), codes),
+        number_cell(format_figure(codes), codes),
     ]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from instdrive_core.evaluation.page.charts import Curve, line_chart
 from instdrive_core.evaluation.page.elements import Markup, element
-from instdrive_core.evaluation.training_log import LoggedStep, column, term, term_names
+from instdrive_core.evaluation.training_log import LoggedStep, get_column, get_term, list_terms
 
 _UNIT = "seconds of training"
 _TITLES = {"rgb": "colour stage", "instances": "instance stage"}
@@ -20,7 +20,7 @@ def training_charts(steps: Sequence[LoggedStep]) -> Markup | None:
     ]
     for stage, part in _by_stage(steps).items():
         curves = [_curve("loss", part, "loss")]
-        curves += [Curve(name, column(part, "seconds"), term(part, name)) for name in term_names(part)]
+        curves += [Curve(name, get_column(part, "seconds"), get_term(part, name)) for name in list_terms(part)]
         title = f"Loss and its weighted terms, {_TITLES.get(stage, stage)}"
         charts.append(line_chart(title, _UNIT, curves, logarithmic=True))
     return _charts(charts)
@@ -48,7 +48,7 @@ def _charts(charts: Sequence[Markup | None]) -> Markup | None:
 
 
 def _curve(name: str, steps: Sequence[LoggedStep], field: str) -> Curve:
-    return Curve(name, column(steps, "seconds"), column(steps, field))
+    return Curve(name, get_column(steps, "seconds"), get_column(steps, field))
 
 
 def _by_stage(steps: Sequence[LoggedStep]) -> dict[str, list[LoggedStep]]:

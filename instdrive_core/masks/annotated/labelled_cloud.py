@@ -82,8 +82,8 @@ def build_cloud(clip: Clip, held_out: bool) -> LabelledCloud:
     stuff = sorted({ONE_SURFACE.get(name, name) for name in clip.class_names.values()} - MOVABLE - NO_SURFACE)
     stuff_ids = {name: number + 1 for number, name in enumerate(stuff)}
     tracks = {len(stuff) + 1 + number: track for number, track in enumerate(clip.tracks)}
-    id_of_class = ids_of_classes(clip.class_names, stuff_ids)
-    fits = np.array([classes_that_fit(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
+    id_of_class = assign_class_ids(clip.class_names, stuff_ids)
+    fits = np.array([find_fitting_classes(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
     static: list[tuple[ndarray, ndarray]] = []
     models: dict[int, list[ndarray]] = {number: [] for number in tracks}
     for sweep in clip.sweeps if held_out else clip.training_sweeps():
@@ -115,7 +115,7 @@ NOTHING = np.iinfo(np.int64).max
 """Stands for points to be left out: they are no surface, or nothing is known about them."""
 
 
-def ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
+def assign_class_ids(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
     """What a point of each semantic class is outside of all boxes: an ID, `UNKNOWN`, or `NOTHING`."""
     ids = np.full(256, NOTHING, np.int64)
     for number, name in class_names.items():
@@ -126,7 +126,7 @@ def ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> In
     return ids
 
 
-def classes_that_fit(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
+def find_fitting_classes(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
     """Semantic classes that points of an object with this label have; 0 is given to points that were left out."""
     fits = np.zeros(256, bool)
     fits[0] = True

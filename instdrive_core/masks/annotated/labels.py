@@ -16,9 +16,9 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labelled_cloud import UNKNOWN, build_cloud
 from instdrive_core.masks.annotated.silhouettes import draw_objects
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
-from instdrive_core.masks.image.sky import SkyColors, sky_seeds, surely_sky
-from instdrive_core.masks.image.splatting import splat
-from instdrive_core.masks.image.spreading import spread
+from instdrive_core.masks.image.point_drawing import draw_points
+from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
+from instdrive_core.masks.image.spreading import spread_labels
 
 POINT_SIZE = 0.1
 """Metres that a point of the static cloud stands for."""
@@ -88,15 +88,15 @@ class AnnotationLabels:
         image, camera = frame.load_image(), frame.view.camera
         labels = self._drawn(frame)
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
-        labels[sky_seeds(labels != OPEN, image, camera, self._sky_colors)] = self._sky
-        opened = without_borders(labels, BORDER)
-        filled = spread(opened, image, self._limits(camera.width), things, self._things)
+        labels[find_sky_seeds(labels != OPEN, image, camera, self._sky_colors)] = self._sky
+        opened = open_borders(labels, BORDER)
+        filled = spread_labels(opened, image, self._limits(camera.width), things, self._things)
         seams = np.full(self._sky + 1, SEAM, np.float32)
-        return spread(filled, np.zeros_like(image), seams, things, self._things)
+        return spread_labels(filled, np.zeros_like(image), seams, things, self._things)
 
     def _drawn(self, frame: Frame) -> Int32[ndarray, "h w"]:
         """IDs where points were drawn, else OPEN."""
-        drawn, depths = splat(self._cloud.points, self._cloud.ids, frame.view.camera, POINT_SIZE)
+        drawn, depths = draw_points(self._cloud.points, self._cloud.ids, frame.view.camera, POINT_SIZE)
         draw_objects(self._cloud, frame.view, drawn, depths)
         return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN)
 
@@ -108,7 +108,7 @@ class AnnotationLabels:
         for frame in clip.training_frames():
             if frame.view.index in chosen:
                 image, surface = frame.load_image(), self._drawn(frame) != OPEN
-                colors.add(image, surely_sky(surface, image, frame.view.camera), surface)
+                colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
         return colors
 
     def _limits(self, width: int) -> Float32[ndarray, " l"]:
@@ -118,7 +118,7 @@ class AnnotationLabels:
         return limits * np.float32(width)
 
 
-def without_borders(labels: Int32[ndarray, "h w"], width: int) -> Int32[ndarray, "h w"]:
+def open_borders(labels: Int32[ndarray, "h w"], width: int) -> Int32[ndarray, "h w"]:
     """The labels with pixels within `width` of another label opened, except where little of a label would be left."""
     low = ndimage.minimum_filter(np.where(labels == OPEN, np.iinfo(np.int32).max, labels), 2 * width + 1)
     high = ndimage.maximum_filter(labels, 2 * width + 1)

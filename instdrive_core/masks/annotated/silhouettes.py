@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.masks.annotated.labelled_cloud import LabelledCloud
-from instdrive_core.masks.image.splatting import NEAR, splat
+from instdrive_core.masks.image.point_drawing import NEAR, draw_points
 from instdrive_core.scene.camera import Camera, CameraView
 
 POINT_SIZE = 0.07
@@ -67,7 +67,7 @@ def _silhouette(
     left, top, right, bottom = bounds
     crop = replace(camera, cx=camera.cx - left, cy=camera.cy - top, width=right - left, height=bottom - top)
     points = (model @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
-    _, depths = splat(points, np.full(len(points), number, np.uint32), crop, POINT_SIZE)
+    _, depths = draw_points(points, np.full(len(points), number, np.uint32), crop, POINT_SIZE)
     drawn = np.isfinite(depths)
     if not drawn.any():
         return None

@@ -23,7 +23,7 @@ from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.annotated.labelled_cloud import NO_SURFACE, ONE_SURFACE
 from instdrive_core.masks.annotated.labels import WIDE_SURFACES
 from instdrive_core.masks.export.id_maps import IdMap
-from instdrive_core.masks.export.id_pictures import packed_ids, remove_listing, save_png
+from instdrive_core.masks.export.id_pictures import pack_ids, remove_listing, save_png
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -49,11 +49,11 @@ def write_coco_panoptic(
     for found in maps:
         number = len(images) + 1
         picture = f"{found.view.name}_{found.view.index:02d}.png"
-        save_png(folder / PICTURES / picture, packed_ids(found.ids))
+        save_png(folder / PICTURES / picture, pack_ids(found.ids))
         images.append(_image(number, found))
         segments = [
             {**segment, "category_id": category[class_of.get(segment["id"], UNNAMED)], "iscrowd": 0}
-            for segment in segments_of(found.ids)
+            for segment in measure_segments(found.ids)
         ]
         annotations.append({"image_id": number, "file_name": picture, "segments_info": segments})
         on_view(number)
@@ -68,7 +68,7 @@ def write_coco_panoptic(
     return len(images)
 
 
-def segments_of(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
+def measure_segments(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
     """ID, area (pixels) and bounding box (x, y, width, height) of every instance of a map, in the order of IDs."""
     present, positions = np.unique(ids, return_inverse=True)
     positions = positions.reshape(ids.shape)

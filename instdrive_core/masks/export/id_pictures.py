@@ -44,7 +44,7 @@ def write_id_pictures(
         view = found.view
         key = f"{view.name}/{view.index:02d}"
         save_png(folder / "colors" / f"{key}.png", colors_from_ids(found.ids))
-        save_png(folder / "labels" / f"{key}.png", packed_ids(found.ids) if packed else found.ids.astype(np.uint16))
+        save_png(folder / "labels" / f"{key}.png", pack_ids(found.ids) if packed else found.ids.astype(np.uint16))
         frames.append({"key": key, "time": view.time, "held_out": view.held_out, "photo": Path(view.photo).name})
         on_view(len(frames))
     listing = {
@@ -75,7 +75,7 @@ def remove_listing(path: Path) -> None:
         raise DataError(path, problem, "Choose a folder that can be written") from error
 
 
-def packed_ids(ids: UInt32[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+def pack_ids(ids: UInt32[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
     """IDs below 2^24 as R + 256 G + 65536 B, COCO's panoptic convention."""
     return np.stack([ids >> shift & 0xFF for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
 

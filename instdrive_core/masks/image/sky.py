@@ -46,7 +46,9 @@ class SkyColors:
         return (sky / np.maximum(sky + surface, 1e-12)).ravel()[_color_bins(image)]
 
 
-def surely_sky(supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera) -> Bool[ndarray, "h w"]:
+def find_certain_sky(
+    supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera
+) -> Bool[ndarray, "h w"]:
     """Pixels through which LiDAR beams went without meeting a surface, up to the upper edge of the photo.
 
     Args:
@@ -58,15 +60,15 @@ def surely_sky(supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], 
     return _connected(empty, _top_row(empty))
 
 
-def sky_seeds(
+def find_sky_seeds(
     supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera, elsewhere: SkyColors
 ) -> Bool[ndarray, "h w"]:
     """Pixels that are sky: surely, or by their colour and next to such.
 
     Between tall buildings, LiDAR reaches no sky: there, unsupported pixels at the photo's upper edge are taken for
-    sky if they look like the sky `elsewhere` in the clip. Other arguments as of `surely_sky`.
+    sky if they look like the sky `elsewhere` in the clip. Other arguments as of `find_certain_sky`.
     """
-    seeds = surely_sky(supported, image, camera)
+    seeds = find_certain_sky(supported, image, camera)
     colors = SkyColors()
     colors.add(image, seeds, supported)
     is_open = ~supported & (_elevation(camera) > LOWEST_SKY)

@@ -8,8 +8,8 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.masks.image.sky import LOWEST_SKY, MAX_CONTRAST, SkyColors, sky_seeds, surely_sky
-from instdrive_core.masks.image.splatting import splat
+from instdrive_core.masks.image.point_drawing import draw_points
+from instdrive_core.masks.image.sky import LOWEST_SKY, MAX_CONTRAST, SkyColors, find_certain_sky, find_sky_seeds
 from instdrive_core.scene.camera import Camera
 
 POINT_SIZE = 0.2
@@ -43,8 +43,8 @@ class SkyFinder:
         Where the clip has LiDAR, masks give the sky its border, and sky that no mask claims is found as well.
         """
         if not len(self._points):
-            return sky_by_looks(image, camera, labels)
-        seeds = sky_seeds(self._supported(camera), image, camera, self._colors)
+            return find_sky_by_looks(image, camera, labels)
+        seeds = find_sky_seeds(self._supported(camera), image, camera, self._colors)
         sizes = np.bincount(labels.ravel())
         seen_through = np.bincount(labels[seeds], minlength=len(sizes))
         is_sky = seen_through > SEEN_THROUGH * sizes
@@ -56,7 +56,7 @@ class SkyFinder:
     def _supported(self, camera: Camera) -> Bool[ndarray, "h w"]:
         """Pixels in which LiDAR met a surface at any time."""
         ids = np.ones(len(self._points), np.uint32)
-        return splat(self._points, ids, camera, POINT_SIZE)[0] > 0
+        return draw_points(self._points, ids, camera, POINT_SIZE)[0] > 0
 
     def _learn_colors(self, clip: Clip) -> None:
         """What the sky looks like in a few steps of the clip."""
@@ -66,10 +66,10 @@ class SkyFinder:
         for frame in frames:
             if frame.view.index in chosen:
                 image, surface = frame.load_image(), self._supported(frame.view.camera)
-                self._colors.add(image, surely_sky(surface, image, frame.view.camera), surface)
+                self._colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
 
 
-def sky_by_looks(
+def find_sky_by_looks(
     image: UInt8[ndarray, "h w 3"], camera: Camera, labels: UInt32[ndarray, "h w"]
 ) -> Bool[ndarray, "h w"]:
     """Masks that reach the photo's upper edge, lie above the horizon, are smooth and brighter than the photo is below

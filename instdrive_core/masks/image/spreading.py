@@ -17,7 +17,7 @@ NOISE = 2.0
 MAX_ROUNDS = 8
 
 
-def spread(
+def spread_labels(
     labels: Int32[ndarray, "h w"],
     image: UInt8[ndarray, "h w 3"],
     limits: Float32[ndarray, " l"],

@@ -16,7 +16,7 @@ from instdrive_core.masks.imported.checks import check_size
 from instdrive_core.masks.imported.label_map import read_imported_label_map
 from instdrive_core.masks.imported.npz import read_imported_npz
 from instdrive_core.masks.imported.rle import read_imported_rle
-from instdrive_core.masks.label_map_folder import nearest, read_sky, sky_path
+from instdrive_core.masks.label_map_folder import locate_sky_mask, read_sky_mask, resample_nearest
 
 READERS: dict[str, Callable[[Path, int, int], UInt32[ndarray, "h w"]]] = {
     ".png": read_imported_label_map,
@@ -72,11 +72,11 @@ class ImportedLabels:
         return self._last[1], self._last[2]
 
     def _find_sky(self, frame: Frame, labels: UInt32[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-        file, camera = sky_path(self._folder, frame.key), frame.view.camera
+        file, camera = locate_sky_mask(self._folder, frame.key), frame.view.camera
         if file.is_file():
-            sky = read_sky(file)
+            sky = read_sky_mask(file)
             check_size(file, "the sky mask", (sky.shape[1], sky.shape[0]), (camera.width, camera.height))
-            return nearest(sky, camera.width, camera.height)
+            return resample_nearest(sky, camera.width, camera.height)
         self._sky_finder = self._sky_finder or SkyFinder(self._clip)
         sky = self._sky_finder.find(frame.load_image(), camera, labels)
         return sky if frame.valid is None else sky & frame.valid

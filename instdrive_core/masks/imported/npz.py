@@ -19,7 +19,7 @@ from instdrive_core.files.numpy_file import BAD_ARRAY, read_array_header
 from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.masks.image.painting import Painting
 from instdrive_core.masks.imported.checks import REMEDY, check_count, check_size
-from instdrive_core.masks.label_map_folder import nearest
+from instdrive_core.masks.label_map_folder import resample_nearest
 
 ARRAYS = ("masks", "segmentations")
 """Names of the array, the first that is there."""
@@ -38,7 +38,7 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
                 for number, mask in enumerate(_masks(file, name, stream, (width, height))):
                     if not mask.any():
                         raise DataError(file, f"the mask {number} of '{name}' is empty", "Leave empty masks out")
-                    painting.add(nearest(mask, width, height))
+                    painting.add(resample_nearest(mask, width, height))
     except FileNotFoundError as error:
         raise DataError(file, "is missing", REMEDY) from error
     except BAD_ARRAY as error:

@@ -19,7 +19,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.json_fields import read_json, require_field
 from instdrive_core.masks.image.painting import Painting
 from instdrive_core.masks.imported.checks import REMEDY, check_count, check_size
-from instdrive_core.masks.label_map_folder import nearest
+from instdrive_core.masks.label_map_folder import resample_nearest
 
 _COUNTS = re.compile(r"(?:[P-o]{0,6}[0-O])++")
 """Run lengths, 5 bits a character: `P` to `o` say that the next character goes on with the number. The decoder in C
@@ -41,7 +41,7 @@ def read_imported_rle(file: Path, width: int, height: int) -> UInt32[ndarray, "h
         mask = _decoded(file, name, require_field(file, entry, "segmentation", f"{where}[{number}]."), (width, height))
         if not mask.any():
             raise DataError(file, f"the field '{name}' is an empty mask", "Leave empty masks out")
-        painting.add(nearest(mask, width, height))
+        painting.add(resample_nearest(mask, width, height))
     return painting.labels
 
 

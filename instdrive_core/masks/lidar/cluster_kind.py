@@ -34,7 +34,7 @@ SMALLEST_PLANT = 0.8
 """Metres along the ground."""
 
 
-def kinds_of_clusters(
+def classify_clusters(
     points: Float32[ndarray, "n 3"],
     clusters: Int32[ndarray, " n"],
     shape: PointShape,

@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
-from instdrive_core.masks.lidar.clusters import thinned
+from instdrive_core.masks.lidar.clusters import thin_rows
 
 MAX_SPEED = 30.0
 """Metres per second."""
@@ -56,7 +56,7 @@ class Link:
     """Metres from the first to the second."""
 
 
-def links_between(
+def link_clusters(
     earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]], gap: float
 ) -> list[Link]:
     """Which clusters of two sweeps are the same thing, at most one of each; `gap` is in seconds."""
@@ -67,10 +67,14 @@ def links_between(
     cost = distance + SIZE_WEIGHT * np.abs(growth).sum(axis=2) + 2 * np.abs(shift[..., 2])
     cost[distance > MAX_SPEED * gap] = np.inf
     pairs = zip(*linear_sum_assignment(np.minimum(cost, 2 * MAX_COST)), strict=True)
-    return [Link(int(a), int(b), aligned(earlier[a], later[b], shift[a, b])) for a, b in pairs if cost[a, b] < MAX_COST]
+    return [
+        Link(int(a), int(b), align_clusters(earlier[a], later[b], shift[a, b]))
+        for a, b in pairs
+        if cost[a, b] < MAX_COST
+    ]
 
 
-def found_again(
+def find_again(
     moving: Float32[ndarray, "k 3"],
     velocity: Float64[ndarray, "3"],
     others: list[Float32[ndarray, "k 3"]],
@@ -86,7 +90,7 @@ def found_again(
     return best if fits else None
 
 
-def aligned(
+def align_clusters(
     first: Float32[ndarray, "a 3"], second: Float32[ndarray, "b 3"], shift: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
     """A displacement along the ground that brings one cluster onto the other, refined from a first guess."""
@@ -103,13 +107,13 @@ def aligned(
     return shift
 
 
-def completed(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[MovingCluster]]:
+def complete_clusters(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[MovingCluster]]:
     """The clusters with their mean velocity from the sweep before and to the one after (0 where neither shows them),
     and with the points that the sweeps around saw of them."""
     times = sorted(by_time)
     forward: list[dict[int, Link]] = []
     for earlier, later in pairwise(times):
-        links = links_between(_points(by_time[earlier]), _points(by_time[later]), later - earlier)
+        links = link_clusters(_points(by_time[earlier]), _points(by_time[later]), later - earlier)
         forward.append({link.first: link for link in links})
     backward = [{link.second: link for link in links.values()} for links in forward]
     result: dict[float, list[MovingCluster]] = {}
@@ -123,7 +127,7 @@ def completed(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[Mov
                 speeds.append(backward[step - 1][position].shift / (time - times[step - 1]))
             velocity = np.mean(speeds, axis=0) if speeds else np.zeros(3)
             points = np.concatenate([one.points, *_seen_around(by_time, times, forward, backward, step, position)])
-            result[time].append(replace(one, points=points[thinned(points, SPACING)], velocity=velocity))
+            result[time].append(replace(one, points=points[thin_rows(points, SPACING)], velocity=velocity))
     return result
 
 

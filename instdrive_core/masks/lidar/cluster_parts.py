@@ -23,7 +23,7 @@ SPLINTER = 1.2
 """Metres: longer clusters are not joined to others for being surrounded."""
 
 
-def joined_vehicles(
+def join_vehicle_parts(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], above: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
     """The clusters renumbered from 0, with parts joined that together fit one vehicle.
@@ -62,7 +62,7 @@ def joined_vehicles(
     return joined
 
 
-def joined_splinters(
+def join_splinters(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], reach: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
     """The clusters renumbered from 0, with small ones joined to the larger neighbour that surrounds them most."""

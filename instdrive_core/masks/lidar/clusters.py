@@ -14,7 +14,7 @@ SMALL = 12
 """Points of a cluster that may be a splinter of a larger one."""
 
 
-def cluster(
+def cluster_points(
     points: Float32[ndarray, "n 3"], reach: Float32[ndarray, " n"], groups: Int64[ndarray, " n"] | None = None
 ) -> Int32[ndarray, " n"]:
     """The cluster of each point, numbered from 0: a point hangs together with those of its nearest neighbours that lie
@@ -39,7 +39,7 @@ def cluster(
     return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
-def thinned(points: Float32[ndarray, "n 3"], cell: float) -> Int64[ndarray, " m"]:
+def thin_rows(points: Float32[ndarray, "n 3"], cell: float) -> Int64[ndarray, " m"]:
     """Rows of one point per cubic cell of `cell` metres, in order."""
     if not len(points):
         return np.zeros(0, np.int64)
@@ -50,7 +50,7 @@ def thinned(points: Float32[ndarray, "n 3"], cell: float) -> Int64[ndarray, " m"
     return np.sort(rows)
 
 
-def absorbed(
+def absorb_small_clusters(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], reach: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
     """The clusters renumbered, small ones joined to the larger one nearest to them within twice their reach."""

@@ -12,12 +12,12 @@ from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
-from instdrive_core.masks.annotated.labels import OPEN, without_borders
-from instdrive_core.masks.image.sky import SkyColors, sky_seeds, surely_sky
-from instdrive_core.masks.image.splatting import splat
-from instdrive_core.masks.image.spreading import spread
+from instdrive_core.masks.annotated.labels import OPEN, open_borders
+from instdrive_core.masks.image.point_drawing import draw_points
+from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
+from instdrive_core.masks.image.spreading import spread_labels
 from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, THING, VEGETATION
-from instdrive_core.masks.lidar.regions import draw_things, superpixel_vote, without_holes
+from instdrive_core.masks.lidar.regions import draw_things, fill_label_holes, vote_by_superpixel
 from instdrive_core.masks.lidar.scene import LidarScene, build_lidar_scene
 from instdrive_core.scene.camera import Camera
 
@@ -83,19 +83,19 @@ class LidarLabels:
         sky = len(originals)
         things = range(int(np.searchsorted(originals, self._scene.first_thing)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
-        seeds[sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
-        voted = superpixel_vote(without_borders(seeds, BORDER), image, reachable, things)
+        seeds[find_sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
+        voted = vote_by_superpixel(open_borders(seeds, BORDER), image, reachable, things)
         limits = self._limits(originals, camera.width)
-        filled = spread(voted, image, limits, reachable, things)
-        filled = spread(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
-        filled = without_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
+        filled = spread_labels(voted, image, limits, reachable, things)
+        filled = spread_labels(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
+        filled = fill_label_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
         back = np.append(originals, 0).astype(np.int32)
         return np.where(filled == OPEN, OPEN, back[filled]), filled == sky
 
     def _drawn(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
         """IDs where points were drawn, else `OPEN`, and depths."""
         wide = self._scene.ids < self._scene.first_thing
-        labels, depths = splat(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
+        labels, depths = draw_points(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
         draw_things(self._things | self._scene.moving_at(time), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
@@ -113,7 +113,7 @@ class LidarLabels:
             if frame.view.index in chosen:
                 image, camera = frame.load_image(), frame.view.camera
                 surface = self._drawn(camera, frame.view.time)[0] != OPEN
-                colors.add(image, surely_sky(surface, image, camera), surface)
+                colors.add(image, find_certain_sky(surface, image, camera), surface)
         return colors
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32
 from numpy import ndarray
 
-from instdrive_core.masks.lidar.cluster_motion import found_again, links_between
-from instdrive_core.masks.lidar.see_through import range_image, seen_through
+from instdrive_core.masks.lidar.cluster_motion import find_again, link_clusters
+from instdrive_core.masks.lidar.see_through import build_range_image, is_seen_through
 
 WITNESSES = 2
 """Sweeps that must have looked through a point's place for it to have moved there."""
@@ -46,7 +46,7 @@ class ClusteredSweep:
         return [int(self.clusters[part[0]]) for part in parts], [self.points[part] for part in parts]
 
 
-def moving_clusters(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
+def find_moving_clusters(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
     """By sweep in order of time, whether each of its clusters moves."""
     moved = _seen_through(sweeps)
     steps = range(len(sweeps) - 1)
@@ -58,7 +58,7 @@ def moving_clusters(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
 
 def _seen_through(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
     """Clusters through whose place other sweeps looked."""
-    images = [range_image(one.points, one.position) for one in sweeps]
+    images = [build_range_image(one.points, one.position) for one in sweeps]
     witnesses = max(1, min(WITNESSES, len(sweeps) - 1))
     moved = []
     for number, one in enumerate(sweeps):
@@ -66,7 +66,7 @@ def _seen_through(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]]:
         votes = np.zeros(len(rows), np.int32)
         for other, image in enumerate(images):
             if other != number:
-                votes += seen_through(one.points[rows], image)
+                votes += is_seen_through(one.points[rows], image)
         count = int(one.clusters.max(initial=-1)) + 1
         sizes = np.bincount(one.clusters[rows], minlength=count)
         moved.append(np.bincount(one.clusters[rows], votes >= witnesses, count) > MOVED_SHARE * sizes)
@@ -81,11 +81,11 @@ def _velocities(
     found: dict[int, Float64[ndarray, "3"]] = {}
     if step + 1 < len(sweeps):
         gap = sweeps[step + 1].time - sweeps[step].time
-        links = links_between(parts, sweeps[step + 1].parts(moved[step + 1])[1], gap)
+        links = link_clusters(parts, sweeps[step + 1].parts(moved[step + 1])[1], gap)
         found |= {numbers[link.first]: link.shift / gap for link in links}
     if step > 0:
         gap = sweeps[step].time - sweeps[step - 1].time
-        links = links_between(sweeps[step - 1].parts(moved[step - 1])[1], parts, gap)
+        links = link_clusters(sweeps[step - 1].parts(moved[step - 1])[1], parts, gap)
         found |= {numbers[link.second]: link.shift / gap for link in links}
     return found
 
@@ -102,6 +102,6 @@ def _follow(
     others, other_parts = other.parts(np.ones(len(moved_there), bool))
     for number, part in zip(numbers, parts, strict=True):
         if number in velocities:
-            best = found_again(part, velocities[number], other_parts, other.time - known.time)
+            best = find_again(part, velocities[number], other_parts, other.time - known.time)
             if best is not None:
                 moved_there[others[best]] = True

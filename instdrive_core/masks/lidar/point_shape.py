@@ -22,7 +22,7 @@ class PointShape:
     """Share of the neighbours whose surface is vertical."""
 
 
-def point_shape(points: Float32[ndarray, "n 3"]) -> PointShape:
+def compute_point_shape(points: Float32[ndarray, "n 3"]) -> PointShape:
     """The shape around each point, from its nearest neighbours."""
     if len(points) < NEIGHBOURS:
         return PointShape(np.zeros(len(points), np.float32), np.zeros(len(points), np.float32))

@@ -17,7 +17,7 @@ from skimage.morphology import disk
 from skimage.segmentation import slic
 
 from instdrive_core.masks.annotated.labels import OPEN
-from instdrive_core.masks.image.splatting import NEAR, splat
+from instdrive_core.masks.image.point_drawing import NEAR, draw_points
 from instdrive_core.scene.camera import Camera
 
 POINT_SIZE = 0.12
@@ -84,7 +84,7 @@ def _silhouette(
     if right <= left or bottom <= top:
         return None
     part = replace(camera, cx=camera.cx - left, cy=camera.cy - top, width=right - left, height=bottom - top)
-    _, depths = splat(points, np.ones(len(points), np.uint32), part, POINT_SIZE)
+    _, depths = draw_points(points, np.ones(len(points), np.uint32), part, POINT_SIZE)
     drawn = np.isfinite(depths)
     if not drawn.any():
         return None
@@ -95,7 +95,7 @@ def _silhouette(
     return (slice(top, bottom), slice(left, right)), inside, depths[tuple(np.asarray(nearest))]
 
 
-def superpixel_vote(
+def vote_by_superpixel(
     labels: Int32[ndarray, "h w"],
     image: UInt8[ndarray, "h w 3"],
     open_to_things: Bool[ndarray, "h w"],
@@ -128,7 +128,7 @@ def superpixel_vote(
     return np.where(known | ~allowed, labels, voted).astype(np.int32)
 
 
-def without_holes(
+def fill_label_holes(
     labels: Int32[ndarray, "h w"], depths: Float32[ndarray, "h w"], floor: int, things: range
 ) -> Int32[ndarray, "h w"]:
     """The labels with small parts that lie within one other label, and not in front of it, given to that one: what

@@ -14,13 +14,13 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip, Sweep
-from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, kinds_of_clusters
-from instdrive_core.masks.lidar.cluster_motion import MovingCluster, completed
-from instdrive_core.masks.lidar.cluster_parts import joined_splinters, joined_vehicles
-from instdrive_core.masks.lidar.clusters import absorbed, cluster, thinned
+from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
+from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
+from instdrive_core.masks.lidar.cluster_parts import join_splinters, join_vehicle_parts
+from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground, is_ground
-from instdrive_core.masks.lidar.moving_points import ClusteredSweep, moving_clusters
-from instdrive_core.masks.lidar.point_shape import point_shape
+from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
+from instdrive_core.masks.lidar.point_shape import compute_point_shape
 
 MAX_DISTANCE = 90.0
 """Metres from the sensor up to which points are used."""
@@ -98,11 +98,11 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
     if not sweeps:
         return LidarScene(np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), np.arange(2, dtype=np.uint32), {})
     every = np.concatenate([one.points for one in sweeps])
-    ground = find_ground(every[thinned(every, VOXEL)])
+    ground = find_ground(every[thin_rows(every, VOXEL)])
     sweeps = [one.above_ground(ground) for one in sweeps]
     low = [is_ground(ground.above(one.points), one.distance) for one in sweeps]
     clustered = [_clustered(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
-    moved = moving_clusters(clustered)
+    moved = find_moving_clusters(clustered)
     still = [one.holding(~moves) for one, moves in zip(clustered, moved, strict=True)]
     points, ids, kinds = _static(
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
@@ -110,7 +110,7 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
         ground,
     )
     floor = np.concatenate([one.points[flat] for one, flat in zip(sweeps, low, strict=True)])
-    floor = floor[thinned(floor, VOXEL)]
+    floor = floor[thin_rows(floor, VOXEL)]
     return LidarScene(
         np.concatenate([floor, points]),
         np.concatenate([np.full(len(floor), GROUND, np.uint32), ids]),
@@ -121,13 +121,13 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
 
 def _near_points(clip: Clip, sweep: Sweep) -> _Standing:
     found = sweep.load()
-    position = sensor_position(clip, sweep.time)
+    position = estimate_sensor_position(clip, sweep.time)
     distance = np.linalg.norm(found.points - position.astype(np.float32), axis=1)
     near = distance < MAX_DISTANCE
     return _Standing(sweep, found.points[near], found.sensor[near], distance[near], position)
 
 
-def sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
+def estimate_sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
     """Where the LiDAR is, roughly: amid the cameras at the nearest time."""
     views = [frame.view for frame in clip.frames]
     nearest = min((view.time for view in views), key=lambda other: abs(other - time))
@@ -139,7 +139,7 @@ def _clustered(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface)
     points = one.points[rows]
     reach = np.minimum(SWEEP_REACH + REACH_PER_METRE * one.distance[rows], MAX_REACH).astype(np.float32)
     clusters = np.full(len(one.points), -1, np.int32)
-    clusters[rows] = joined_vehicles(points, cluster(points, reach), ground.above(points))
+    clusters[rows] = join_vehicle_parts(points, cluster_points(points, reach), ground.above(points))
     return ClusteredSweep(one.sweep.time, one.position, one.points, clusters)
 
 
@@ -156,23 +156,25 @@ def _moving(
             if len(points) >= MIN_MOVING_POINTS:
                 found.append(MovingCluster(first, points, np.zeros(3)))
                 first += 1
-    return completed(by_time)
+    return complete_clusters(by_time)
 
 
 def _static(
     points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
     """What stands still, thinned, its IDs, and the kind of each ID."""
-    points = points[thinned(points, VOXEL)]
-    shape = point_shape(points)
+    points = points[thin_rows(points, VOXEL)]
+    shape = compute_point_shape(points)
     distance = KDTree(sensors[:, :2]).query(points[:, :2])[0]
     reach = np.minimum(REACH + REACH_PER_METRE * distance, MAX_REACH).astype(np.float32)
     above = ground.above(points)
     foliage = ((shape.scatter > FOLIAGE) & (above > LOWEST_FOLIAGE)).astype(np.int64)
-    clusters = joined_splinters(points, absorbed(points, cluster(points, reach, foliage), reach), reach)
-    kinds = kinds_of_clusters(points, clusters, shape, above)
+    clusters = join_splinters(
+        points, absorb_small_clusters(points, cluster_points(points, reach, foliage), reach), reach
+    )
+    kinds = classify_clusters(points, clusters, shape, above)
     things = kinds[clusters] == THING
-    whole = joined_vehicles(points, np.where(things, clusters, -1).astype(np.int32), above)
+    whole = join_vehicle_parts(points, np.where(things, clusters, -1).astype(np.int32), above)
     clusters = np.where(things, len(kinds) + whole, clusters)
     kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, THING, np.uint32))
     return points, *_numbered(*_with_scraps(kinds, clusters))

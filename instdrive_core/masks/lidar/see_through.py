@@ -29,7 +29,7 @@ class RangeImage:
     """Pixels that hold a point themselves."""
 
 
-def range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]) -> RangeImage:
+def build_range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]) -> RangeImage:
     """The range image of a sweep taken from `position`."""
     rows, columns, distances = _directions(points, position)
     shape = round((HIGHEST - LOWEST) / BIN), round(360 / BIN)
@@ -41,7 +41,7 @@ def range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]
     return RangeImage(position, np.asarray(around), np.isfinite(nearest))
 
 
-def seen_through(points: Float32[ndarray, "n 3"], image: RangeImage) -> Bool[ndarray, " n"]:
+def is_seen_through(points: Float32[ndarray, "n 3"], image: RangeImage) -> Bool[ndarray, " n"]:
     """Whether a sweep met something only behind each point, so that nothing can have been at its place then."""
     rows, columns, distances = _directions(points, image.position)
     behind = image.nearest[rows, columns] > distances * (1 + MARGIN_SHARE) + MARGIN

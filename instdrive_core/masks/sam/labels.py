@@ -12,8 +12,8 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.image.sky_finder import SkyFinder
-from instdrive_core.masks.sam.regions import cleaned, painted, whole_objects
-from instdrive_core.masks.sam.weights import SUGGESTED, load_model, weights_folder
+from instdrive_core.masks.sam.regions import clean_regions, merge_parts, paint_regions
+from instdrive_core.masks.sam.weights import SUGGESTED, find_weights, load_model
 
 if TYPE_CHECKING:
     from instdrive_core.masks.sam.proposals import Proposer
@@ -90,25 +90,25 @@ class SamLabels:
         return self._last[1], self._last[2]
 
     def _make(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
-        from instdrive_core.masks.sam.proposals import grid
+        from instdrive_core.masks.sam.proposals import build_grid
 
         options, image = self._options, frame.load_image()
         height, width = image.shape[:2]
         valid = frame.valid if frame.valid is not None else np.ones((height, width), bool)
         min_pixels = max(1, round(options.min_area * height * width))
-        points = grid(width, height, options.points_per_side)
+        points = build_grid(width, height, options.points_per_side)
         points = points[valid[points[:, 1].astype(int), points[:, 0].astype(int)]]
         found = self._proposer.propose(image, points, min_pixels, prefer_large=options.whole_objects)
-        found = cleaned(found, valid, min_pixels)
+        found = clean_regions(found, valid, min_pixels)
         if options.whole_objects:
-            found = whole_objects(found, options.containment)
-        labels = painted(found, min_pixels)
+            found = merge_parts(found, options.containment)
+        labels = paint_regions(found, min_pixels)
         sky = self._sky.find(image, frame.view.camera, labels) & valid
         return np.where(sky, np.uint32(0), labels), sky
 
 
 def _open_proposer(options: SamOptions) -> Proposer:
-    folder = weights_folder(options.model, options.offline)
+    folder = find_weights(options.model, options.offline)
     from instdrive_core.masks.sam.proposals import Proposer, Thresholds
 
     device = _device(options.device)

@@ -43,7 +43,7 @@ class Regions:
         return Regions(self.masks[kept], self.scores[kept])
 
 
-def distinct(
+def select_distinct(
     boxes: Float32[ndarray, "n 4"],
     areas: Int64[ndarray, " n"],
     scores: Float32[ndarray, " n"],
@@ -81,7 +81,7 @@ def _box_iou(box: Float32[ndarray, "4"], others: Float32[ndarray, "n 4"]) -> Flo
     return shared / np.maximum(area + areas - shared, 1e-9)
 
 
-def cleaned(regions: Regions, allowed: Bool[ndarray, "h w"], min_pixels: int) -> Regions:
+def clean_regions(regions: Regions, allowed: Bool[ndarray, "h w"], min_pixels: int) -> Regions:
     """The masks within the pixels allowed, without holes and islands below `min_pixels`.
 
     What lies for the most part where nothing is allowed, or becomes too small, is left out.
@@ -108,7 +108,7 @@ def _without_specks(mask: Bool[ndarray, "h w"], min_pixels: int) -> Bool[ndarray
     return large[pieces]
 
 
-def whole_objects(regions: Regions, containment: float) -> Regions:
+def merge_parts(regions: Regions, containment: float) -> Regions:
     """Masks of whole objects: each mask joins the largest whole that contains `containment` of it.
 
     Not every larger mask is a whole. One is none if it covers half of the photo, if the segmenter itself trusts it less
@@ -158,7 +158,7 @@ def _groups(regions: Regions, areas: Int64[ndarray, " n"], inside: Bool[ndarray,
     return groups
 
 
-def painted(regions: Regions, min_pixels: int) -> UInt32[ndarray, "h w"]:
+def paint_regions(regions: Regions, min_pixels: int) -> UInt32[ndarray, "h w"]:
     """Position of a mask + 1 in each pixel, small masks over large ones; 0 = none.
 
     Pieces of which less than `min_pixels` stay visible go to nobody.

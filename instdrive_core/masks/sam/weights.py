@@ -28,7 +28,7 @@ HOW_TO_GET = (
 
 
 @dataclass(frozen=True)
-class Photo:
+class PhotoFormat:
     """How a model wants its photos."""
 
     size: int
@@ -40,7 +40,7 @@ class Photo:
     """Of the channels in [0, 1]; what is looked at is (photo − mean) / std."""
 
 
-def weights_folder(model: str, offline: bool) -> Path:
+def find_weights(model: str, offline: bool) -> Path:
     """The folder with the model's files: a local one, or the hub's copy on this machine, downloaded if it is not there.
 
     Args:
@@ -86,18 +86,18 @@ def _from_hub(name: str, offline: bool) -> Path:
         reason = "it holds no config.json with *.safetensors" if not local else reason
     raise OptionError(
         f"The weights '{name}' cannot be had ({reason}). {HOW_TO_GET.format(name=name)}. "
-        f"Families that work: {families()}."
+        f"Families that work: {list_families()}."
     )
 
 
-def families() -> str:
+def list_families() -> str:
     """The model types that the installed library generates masks with, for messages."""
     from transformers.models.auto.modeling_auto import MODEL_FOR_MASK_GENERATION_MAPPING_NAMES
 
     return ", ".join(sorted(MODEL_FOR_MASK_GENERATION_MAPPING_NAMES))
 
 
-def load_model(folder: Path) -> tuple[Module, Photo]:
+def load_model(folder: Path) -> tuple[Module, PhotoFormat]:
     """Open a model, in 32-bit floats on the CPU, and how it wants its photos.
 
     Raises DataError where its files are damaged, incomplete or of a model that does not generate masks, OptionError
@@ -110,7 +110,7 @@ def load_model(folder: Path) -> tuple[Module, Photo]:
     config = read_json(file)
     kind = config.get("model_type") if isinstance(config, dict) else None
     if kind not in MODEL_FOR_MASK_GENERATION_MAPPING_NAMES:
-        remedy = f"Families that work with the installed transformers: {families()}, e.g. {SUGGESTED}"
+        remedy = f"Families that work with the installed transformers: {list_families()}, e.g. {SUGGESTED}"
         raise DataError(file, f"is of a model of the type {kind!r}, which does not generate masks", remedy)
     try:
         with _quiet():
@@ -128,7 +128,7 @@ def load_model(folder: Path) -> tuple[Module, Photo]:
     return model.float().eval(), _photo(folder, kind, model.config.prompt_encoder_config.image_size)
 
 
-def _photo(folder: Path, kind: str, size: int | list[int]) -> Photo:
+def _photo(folder: Path, kind: str, size: int | list[int]) -> PhotoFormat:
     """What the model's own files say about photos; where they say nothing, what its family is used to."""
     settings: dict[str, Any] = {}
     for name in ("preprocessor_config.json", "processor_config.json"):
@@ -139,7 +139,7 @@ def _photo(folder: Path, kind: str, size: int | list[int]) -> Photo:
     usual_mean, usual_std = (HALF, HALF) if kind.startswith("sam3") else (IMAGENET_MEAN, IMAGENET_STD)
     mean, std = settings.get("image_mean") or usual_mean, settings.get("image_std") or usual_std
     edge = size if isinstance(size, int) else max(size)
-    return Photo(edge, kind in KEEPS_SHAPE, tuple(map(float, mean)), tuple(map(float, std)))
+    return PhotoFormat(edge, kind in KEEPS_SHAPE, tuple(map(float, mean)), tuple(map(float, std)))
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """The blending weights of chosen pixels as a sparse matrix: with frozen geometry a rendered feature map is W·F.
 
 Training instance features then needs no rasterizing: `apply_weights` is the forward pass of the chosen pixels,
-that of the `transposed` weights the gradient.
+that of the `transpose_weights` weights the gradient.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import TILE, TileLists, bin_splats
-from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, exponent_of, power_of_two
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, compute_exponent, power_of_two
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.project import Projection, project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
@@ -33,7 +33,7 @@ class BlendWeights:
     """Gaussians."""
     weights: Float32[ndarray, " m"]
 
-    def of_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
+    def select_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
         """The matrix without the other pixels."""
         counts = np.diff(self.indptr)
         entries = np.repeat(kept, counts)
@@ -41,7 +41,7 @@ class BlendWeights:
         return BlendWeights(indptr, self.rows[entries], self.weights[entries])
 
 
-def blend_weights(
+def compute_blend_weights(
     means: Float[ndarray, "n 3"],
     quats: Float[ndarray, "n 4"],
     log_scales: Float[ndarray, "n 3"],
@@ -58,7 +58,7 @@ def blend_weights(
     pixels = np.ascontiguousarray(pixels, np.int64)
     if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
         raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
-    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
+    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
     projection = project(means, quats, log_scales, opacities, camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     counts = np.zeros(len(pixels), np.int64)
@@ -72,13 +72,13 @@ def blend_weights(
 
 def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Float32[ndarray, "p d"]:
     """W·F: the features of all Gaussians blended at each pixel."""
-    features = kernel_array(features)
+    features = to_kernel_array(features)
     blended = np.empty((len(weights.indptr) - 1, features.shape[1]), np.float32)
     _sum_rows(weights.indptr, weights.rows, weights.weights, features, blended)
     return blended
 
 
-def transposed(weights: BlendWeights, count: int) -> BlendWeights:
+def transpose_weights(weights: BlendWeights, count: int) -> BlendWeights:
     """Wᵀ for N = `count` Gaussians; each one's entries in the order of the pixels.
 
     `apply_weights` of it turns a gradient of pixels into the features' gradient.
@@ -89,7 +89,7 @@ def transposed(weights: BlendWeights, count: int) -> BlendWeights:
     return BlendWeights(indptr, pixels, values)
 
 
-def compacted(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
+def compact_weights(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
     """The rows of N = `count` Gaussians that have weights, rising, and the weights with these rows alone."""
     used = np.zeros(count, np.bool_)
     used[weights.rows] = True
@@ -120,7 +120,7 @@ def _run(
             (tiles.starts, tiles.splats, tiles.spans),
             (pixels[order], order, tile_of_pixel[order]),
             width,
-            settings.as_row(),
+            settings.to_row(),
             indptr,
             out,
         )
@@ -143,7 +143,7 @@ def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
             if line < spans[pair, 0] or line >= spans[pair, 1]:
                 continue
             v = pair_splats[pair]
-            x, y, base, xx, xy, yy = exponent_of(splats, v, np.float32(left), np.float32(top), min_alpha)
+            x, y, base, xx, xy, yy = compute_exponent(splats, v, np.float32(left), np.float32(top), min_alpha)
             dx, dy = np.float32(column) - x, np.float32(line) - y
             exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
             if exponent < FLOOR:

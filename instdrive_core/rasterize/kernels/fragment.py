@@ -41,7 +41,7 @@ def power_of_two(eighths):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def exponent_of(splats, v, left, top, min_alpha):
+def compute_exponent(splats, v, left, top, min_alpha):
     """A splat's exponent as (mean x, mean y, base, xx, xy, yy), relative to the centre of pixel (left, top).
 
     The exponent in eighths at offset (dx, dy) is base + yy·dy² + dx·(xy·dy + xx·dx).

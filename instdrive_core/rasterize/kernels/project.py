@@ -36,7 +36,7 @@ class Projection:
     """Where each row stands in `rows`, -1 for those culled."""
 
 
-def camera_row(camera: Camera) -> Float32[ndarray, " 22"]:
+def camera_to_row(camera: Camera) -> Float32[ndarray, " 22"]:
     """A camera as one flat array: rotation (9), translation (3), fx, fy, cx, cy, width, height, Jacobian limits (4)."""
     matrix = camera.camera_from_world
     margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
@@ -85,7 +85,7 @@ def project_rows(
     depths: Float32[ndarray, " n"],
 ) -> None:
     """Write what a `Projection` holds, row by row; depth 0 for those culled, whose other numbers stay as they are."""
-    _project(means, quats, log_scales, opacities, camera_row(camera), settings.as_row(), splats, covariances, depths)
+    _project(means, quats, log_scales, opacities, camera_to_row(camera), settings.to_row(), splats, covariances, depths)
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FLAGS)

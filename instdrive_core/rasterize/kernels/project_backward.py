@@ -30,7 +30,7 @@ from instdrive_core.rasterize.kernels.project import (
     OPACITY,
     SPLAT_WIDTH,
     Projection,
-    camera_row,
+    camera_to_row,
 )
 from instdrive_core.rasterize.kernels.simd import prefetch
 from instdrive_core.scene.camera import Camera
@@ -81,7 +81,7 @@ def project_backward(
     )
     _project_backward(
         (means, quats, log_scales),
-        camera_row(camera),
+        camera_to_row(camera),
         (projection.places, projection.splats),
         (tiles.splat_starts, pair_sums.touched, pair_sums.rows),
         (pair_sums.geometry_channels, pair_sums.feature_column),

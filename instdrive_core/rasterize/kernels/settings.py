@@ -34,7 +34,7 @@ class RasterSettings:
                 f"min_alpha {self.min_alpha} and max_alpha {self.max_alpha} do not fit 1/256 ≤ min < max < 1"
             )
 
-    def as_row(self) -> Float32[ndarray, " 6"]:
+    def to_row(self) -> Float32[ndarray, " 6"]:
         """The constants in the order above, as the kernels take them."""
         return np.array(astuple(self), np.float32)
 
@@ -43,6 +43,6 @@ DEFAULT_SETTINGS = RasterSettings()
 """Those of 3DGS and gsplat."""
 
 
-def settings_for(scene: Scene) -> RasterSettings:
+def choose_raster_settings(scene: Scene) -> RasterSettings:
     """The constants that a scene was trained to be drawn with."""
     return RasterSettings(antialiased=True) if scene.antialiased else DEFAULT_SETTINGS

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int, Int64
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import TILE, bin_splats
-from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, exponent_of, power_of_two
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, compute_exponent, power_of_two
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.project import project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
@@ -17,7 +17,7 @@ from instdrive_core.scene.camera import Camera
 _PIXELS_PER_TASK = 64
 
 
-def top_contributors(
+def find_top_contributors(
     means: Float[ndarray, "n 3"],
     quats: Float[ndarray, "n 4"],
     log_scales: Float[ndarray, "n 3"],
@@ -38,7 +38,7 @@ def top_contributors(
     pixels = np.ascontiguousarray(pixels, np.int64)
     if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
         raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
-    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
+    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
     projection = project(means, quats, log_scales, opacities, camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     tile_of_pixel = pixels // camera.width // TILE * tiles.columns + pixels % camera.width // TILE
@@ -51,7 +51,7 @@ def top_contributors(
             (pixels[order], order, tile_of_pixel[order]),
             camera.width,
             np.float32(min_alpha),
-            settings.as_row(),
+            settings.to_row(),
             top,
         )
     return top
@@ -76,7 +76,7 @@ def _walk_pixels(projected, lists, asked, width, needed_alpha, constants, top):
             if line < spans[pair, 0] or line >= spans[pair, 1]:
                 continue
             v = pair_splats[pair]
-            x, y, base, xx, xy, yy = exponent_of(splats, v, np.float32(left), np.float32(above), min_alpha)
+            x, y, base, xx, xy, yy = compute_exponent(splats, v, np.float32(left), np.float32(above), min_alpha)
             dx, dy = np.float32(column) - x, np.float32(line) - y
             exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
             if exponent < FLOOR:

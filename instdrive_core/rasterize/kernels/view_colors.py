@@ -13,7 +13,7 @@ from jaxtyping import Float, Float32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.scene.scene import extract_node_rotations
 
 _CHUNK = 1 << 8
@@ -41,23 +41,25 @@ class HarmonicsView:
         return self.means, self.position, self.nodes, self.rotations
 
 
-def harmonics_view(
+def build_harmonics_view(
     means: Float[ndarray, "n 3"],
     camera_position: Float[ndarray, "3"],
     nodes: UInt16[ndarray, " n"] | None = None,
     poses: Float[ndarray, "m 4 4"] | None = None,
 ) -> HarmonicsView:
-    """See `view_colors` for the arguments."""
+    """See `compute_colors` for the arguments."""
     if nodes is None or poses is None or len(poses) < 2 or not nodes.any():
         nodes, rotations = np.zeros(0, np.uint16), np.eye(3)[None]
     else:
         rotations = extract_node_rotations(np.asarray(poses, np.float64))
         rotations[0] = np.eye(3)
     row_nodes = np.require(nodes, np.uint16, ["C", "W"])
-    return HarmonicsView(kernel_array(means), kernel_array(camera_position), row_nodes, kernel_array(rotations))
+    return HarmonicsView(
+        to_kernel_array(means), to_kernel_array(camera_position), row_nodes, to_kernel_array(rotations)
+    )
 
 
-def view_colors(
+def compute_colors(
     means: Float[ndarray, "n 3"],
     sh_dc: Float[ndarray, "n 3"],
     sh_rest: Float[ndarray, "n k 3"],
@@ -73,19 +75,19 @@ def view_colors(
             along the direction in the actor's frame.
         poses: world_from_node, as `Scene.at` gives them.
     """
-    return view_colors_of(harmonics_view(means, camera_position, nodes, poses), sh_dc, sh_rest)
+    return compute_colors_in_view(build_harmonics_view(means, camera_position, nodes, poses), sh_dc, sh_rest)
 
 
-def view_colors_of(
+def compute_colors_in_view(
     view: HarmonicsView, sh_dc: Float[ndarray, "n 3"], sh_rest: Float[ndarray, "n k 3"]
 ) -> Float32[ndarray, "n 3"]:
-    """`view_colors` for a view that is used twice."""
+    """`compute_colors` for a view that is used twice."""
     colors = np.empty((len(view.means), 3), np.float32)
-    _colors(view.arguments(), kernel_array(sh_dc), kernel_array(sh_rest), colors)
+    _colors(view.arguments(), to_kernel_array(sh_dc), to_kernel_array(sh_rest), colors)
     return colors
 
 
-def view_colors_backward(
+def compute_colors_backward(
     view: HarmonicsView, rest_count: int, colors: Float32[ndarray, "n 3"], grad_colors: Float[ndarray, "n 3"]
 ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n k 3"]]:
     """Gradients with respect to `sh_dc` and `sh_rest`, given the colours and their gradient.
@@ -98,12 +100,12 @@ def view_colors_backward(
     """
     grad_dc = np.empty((len(colors), 3), np.float32)
     grad_rest = np.empty((len(colors), rest_count, 3), np.float32)
-    _colors_backward(view.arguments(), kernel_array(colors), kernel_array(grad_colors), grad_dc, grad_rest)
+    _colors_backward(view.arguments(), to_kernel_array(colors), to_kernel_array(grad_colors), grad_dc, grad_rest)
     return grad_dc, grad_rest
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _any_moved(first, last, nodes):
+def _has_moved_row(first, last, nodes):
     if len(nodes):
         for i in range(np.uint64(first), np.uint64(last)):
             if nodes[i]:
@@ -119,7 +121,7 @@ def _fill_directions(first, last, view, directions):
         at = i - np.uint64(first)
         for axis in range(3):
             directions[axis, at] = means[i, axis] - position[axis]
-    if _any_moved(first, last, nodes):
+    if _has_moved_row(first, last, nodes):
         for i in range(np.uint64(first), np.uint64(last)):
             node, at = np.uint64(nodes[i]), i - np.uint64(first)
             x, y, z = directions[0, at], directions[1, at], directions[2, at]

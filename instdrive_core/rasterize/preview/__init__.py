@@ -4,6 +4,6 @@ A frame is made in the order `splats` (projected, sorted, packed), `colors`, `ti
 (`scratch` is its memory, `output` writes its pictures); `frame` puts them together.
 """
 
-from instdrive_core.rasterize.preview.frame import DEFAULT_PICK_RULE, PickRule, Preview, drawn_preview, preview
+from instdrive_core.rasterize.preview.frame import DEFAULT_PICK_RULE, PickRule, Preview, blend_projected, render_preview
 
-__all__ = ["DEFAULT_PICK_RULE", "PickRule", "Preview", "drawn_preview", "preview"]
+__all__ = ["DEFAULT_PICK_RULE", "PickRule", "Preview", "drawn_preview", "render_preview"]

@@ -14,8 +14,8 @@ from jaxtyping import Float32, UInt16
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import PIXELS, TILE
-from instdrive_core.rasterize.kernels.blend import aligned_zeros
-from instdrive_core.rasterize.kernels.simd import lane_bits, load, spread
+from instdrive_core.rasterize.kernels.blend import allocate_aligned_zeros
+from instdrive_core.rasterize.kernels.simd import fill_lanes, load, pack_lane_bits
 
 SIDE, BLOCKS, LANES = np.uint64(4), np.uint64(16), np.uint64(16)
 BATCH = 64
@@ -53,7 +53,7 @@ class Scratch(NamedTuple):
 @numba.njit(cache=True, error_model="numpy")
 def new_scratch():
     """Memory for tiles, one after the other."""
-    planes, corners = aligned_zeros(np.int64(LINE + STRIDE)), aligned_zeros(2 * np.int64(BLOCKS))
+    planes, corners = allocate_aligned_zeros(np.int64(LINE + STRIDE)), allocate_aligned_zeros(2 * np.int64(BLOCKS))
     for block in range(16):
         corners[block], corners[16 + block] = block % 4 * 4, block // 4 * 4
         for lane in range(16):
@@ -62,12 +62,12 @@ def new_scratch():
             planes[np.int64(LINE) + place] = block // 4 * 4 + lane // 4
     bits = np.zeros((4, 16), np.uint16)
     slots = KEPT_BATCHES * BATCH
-    staged, blocks = aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
+    staged, blocks = allocate_aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
     return Scratch(planes, corners, bits[0], bits[1], bits[2], bits[3], staged, blocks)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def open_tile(scratch, width, height):
+def reset_scratch(scratch, width, height):
     """Nothing blended yet; `width` and `height`: from the tile's corner to the image's."""
     planes, none = scratch.planes, np.int32(-1)
     for q in range(np.uint64(PIXELS)):
@@ -77,9 +77,9 @@ def open_tile(scratch, width, height):
     bits = planes.view(np.int32)
     for q in range(np.uint64(PIXELS)):
         bits[WINNER + q] = none
-    width, height = spread(np.float32(width)), spread(np.float32(height))
+    width, height = fill_lanes(np.float32(width)), fill_lanes(np.float32(height))
     for block in range(BLOCKS):
         at = block * LANES
-        inside = lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
+        inside = pack_lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
         scratch.inside[block], scratch.open[block] = inside, inside
         scratch.bright[block], scratch.unclaimed[block] = inside, inside

@@ -35,7 +35,7 @@ class PreviewTiles:
     """Place among the packed splats."""
 
 
-def preview_tiles(packed: Float32[ndarray, "v 16"], width: int, height: int, workspace: Workspace) -> PreviewTiles:
+def bin_preview_splats(packed: Float32[ndarray, "v 16"], width: int, height: int, workspace: Workspace) -> PreviewTiles:
     """List for every tile the splats whose ellipse of visible alpha may hold a pixel centre of it."""
     columns, rows = -(-width // TILE), -(-height // TILE)
     size, counts = np.array([width, height, columns], np.int64), np.zeros(_CHUNKS, np.int64)

@@ -14,8 +14,8 @@ class CpuBackend:
     device = torch.device("cpu")
 
     rasterize = staticmethod(autograd.rasterize)
-    sh_colors = staticmethod(autograd.sh_colors)
-    place = staticmethod(placement.place)
+    sh_colors = staticmethod(autograd.evaluate_harmonics)
+    place = staticmethod(placement.place_gaussians)
     over_sky = staticmethod(sky_blend.over_sky)
     exposed = staticmethod(exposure_op.exposed)
     photometric_loss = staticmethod(photometric.photometric_loss)

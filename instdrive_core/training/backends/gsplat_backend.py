@@ -42,7 +42,7 @@ class GsplatBackend:
 
     name = "gsplat"
 
-    sh_colors = staticmethod(torch_ops.sh_colors)
+    sh_colors = staticmethod(torch_ops.evaluate_harmonics)
     place = staticmethod(torch_ops.place)
     over_sky = staticmethod(torch_ops.over_sky)
     exposed = staticmethod(torch_ops.exposed)

@@ -20,7 +20,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _RADIUS, _SIGMA = 5, 1.5
 _WEIGHTS = np.exp(-(np.arange(-_RADIUS, _RADIUS + 1) ** 2) / (2 * _SIGMA**2))
@@ -103,7 +103,7 @@ def _compared(image: ndarray, target: ndarray, valid: ndarray | None) -> tuple[_
     )
     sums = np.empty((height, 3), np.float64)
     wanted = np.require(target, np.uint8, ["C", "W"]).reshape(height, -1)
-    rows = (kernel_array(image).reshape(height, -1), wanted)
+    rows = (to_kernel_array(image).reshape(height, -1), wanted)
     _totals_and_differences(*rows, compared.mask, compared.total, compared.difference, sums)
     _partials_by_moments(compared.total, compared.difference, compared.partials, sums)
     return compared, sums.sum(axis=0)

@@ -25,11 +25,11 @@ class _OverSky(torch.autograd.Function):
         ctx.save_for_backward(alpha, faces)
         ctx.camera = camera
         arrays = image.detach().numpy(), alpha.detach().numpy()
-        return torch.from_numpy(sky_behind.over_sky(Sky(faces.detach().numpy()), camera, *arrays))
+        return torch.from_numpy(sky_behind.copy_over_sky(Sky(faces.detach().numpy()), camera, *arrays))
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
         alpha, faces = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
-        grad_alpha, grad_faces = sky_behind.sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
+        grad_alpha, grad_faces = sky_behind.render_sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
         return grad, torch.from_numpy(grad_alpha), torch.from_numpy(grad_faces), None

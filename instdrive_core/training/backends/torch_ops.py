@@ -86,7 +86,7 @@ def _multiplied(left: Float[Tensor, "k 4"], right: Float[Tensor, "k 4"]) -> Floa
     )
 
 
-def sh_colors(
+def evaluate_harmonics(
     means: Float[Tensor, "v 3"],
     sh_dc: Float[Tensor, "v 3"],
     sh_rest: Float[Tensor, "v k 3"],

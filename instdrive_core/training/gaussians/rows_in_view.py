@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt16
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.rasterize.kernels.project import FLAGS, camera_row
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.project import FLAGS, camera_to_row
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -51,10 +51,10 @@ def rows_in_view(
     count = len(means)
     kept, counts = np.empty(count, np.uint8), np.zeros(-(-count // _CHUNK) + 1, np.int64)
     found = np.empty(count, np.int32)
-    arrays = (kernel_array(means), kernel_array(log_scales), kernel_array(opacity_logits))
+    arrays = (to_kernel_array(means), to_kernel_array(log_scales), to_kernel_array(opacity_logits))
     places = (np.require(nodes, np.uint16, ["C", "W"]), np.require(present, np.bool_, ["C", "W"]))
     frames, limits = _camera_from_nodes(poses, camera), _limits(camera, settings)
-    _test(*arrays, *places, frames, camera_row(camera), limits, kept, found, counts)
+    _test(*arrays, *places, frames, camera_to_row(camera), limits, kept, found, counts)
     starts = np.cumsum(counts)
     rows = np.empty(starts[-1], np.int64)
     _collect(found, starts, rows)
@@ -75,7 +75,7 @@ def _limits(camera: Camera, settings: RasterSettings) -> Float32[ndarray, "6"]:
     The last two times a variance in metres², over z², are the largest variance on the screen (pixel²): the Jacobian's
     tangents are clamped there.
     """
-    left, right, top, bottom = (float(value) for value in camera_row(camera)[18:22])
+    left, right, top, bottom = (float(value) for value in camera_to_row(camera)[18:22])
     wide_x = _REACH_MARGIN * camera.fx**2 * (1 + max(left**2, right**2))
     wide_y = _REACH_MARGIN * camera.fy**2 * (1 + max(top**2, bottom**2))
     least = math.log(settings.min_alpha / (1 - settings.min_alpha)) - _LOGIT_MARGIN

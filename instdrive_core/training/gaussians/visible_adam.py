@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _FIRST, _SECOND, _STEPS = "first.", "second.", "steps"
 _FLAGS = {"nsz", "arcp", "contract", "afn"}
@@ -93,7 +93,7 @@ class VisibleAdam:
             constants = np.array([self.rates[name], *self.betas, self.eps], np.float64)
             state = (self.parameters[name], self.first[name], self.second[name])
             values, first, second = (_flat_rows(tensor.detach().numpy()) for tensor in state)
-            changes = _flat_rows(kernel_array(gradient.detach().numpy()))
+            changes = _flat_rows(to_kernel_array(gradient.detach().numpy()))
             _update(values, first, second, changes, places, seen, steps, corrections, constants)
         _count(places, seen, steps)
 

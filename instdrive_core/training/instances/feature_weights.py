@@ -14,9 +14,9 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import (
     BlendWeights,
     apply_weights,
-    blend_weights,
-    compacted,
-    transposed,
+    compact_weights,
+    compute_blend_weights,
+    transpose_weights,
 )
 from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.backends.row_gather import gathered
@@ -50,14 +50,14 @@ def cached_view(
     assert view.labels is not None
     rows, weights = weights_of_view(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
-    weights, kept = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
-    used, weights = compacted(weights, len(rows))
+    weights, kept = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+    used, weights = compact_weights(weights, len(rows))
     return CachedView(
         number,
         kept.astype(np.int64),
         torch.from_numpy(rows[used]),
         weights,
-        transposed(weights, len(used)),
+        transpose_weights(weights, len(used)),
         segments_of(view.labels.ravel()[kept]),
     )
 
@@ -67,7 +67,7 @@ def weights_of_view(
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
     """The Gaussians that the view may show, and their weights."""
     rows, placed_gaussians = gaussians_in_view(model, view)
-    return rows, blend_weights(*placed_gaussians, view.camera, pixels)
+    return rows, compute_blend_weights(*placed_gaussians, view.camera, pixels)
 
 
 def gaussians_in_view(

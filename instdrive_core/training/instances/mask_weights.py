@@ -11,7 +11,7 @@ from jaxtyping import Float32, Int, Int32
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compacted, transposed
+from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compact_weights, transpose_weights
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import weights_of_view
 from instdrive_core.training.views.training_view import TrainingView
@@ -69,10 +69,10 @@ def _weights_in_masks(
     pixels = _grid_pixels(view.labels, number)
     rows, weights = weights_of_view(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
-    weights, pixels = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
-    used, weights = compacted(weights, len(rows))
+    weights, pixels = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+    used, weights = compact_weights(weights, len(rows))
     labels, mask_of_pixel = np.unique(view.labels.ravel()[pixels], return_inverse=True)
-    by_gaussian = transposed(weights, len(used))
+    by_gaussian = transpose_weights(weights, len(used))
     arrays = (by_gaussian.indptr, by_gaussian.rows, by_gaussian.weights, mask_of_pixel.astype(np.int32))
     local, masks, values = _sums_by_mask(*arrays, len(labels))
     return rows[used[local]].astype(np.int32), masks, values, len(labels)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, UInt16
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _CHUNK = 1 << 13
 """Rows that one thread takes at a time."""
@@ -39,7 +39,7 @@ def occupied_voxels(
     count = len(positions)
     if not count:
         return Voxels(np.zeros(0, np.int64), np.zeros(1, np.int64))
-    positions, nodes = kernel_array(positions), np.require(nodes, np.uint16, ["C", "W"])
+    positions, nodes = to_kernel_array(positions), np.require(nodes, np.uint16, ["C", "W"])
     chunks, bits = -(-count // _CHUNK), max(0, (count // _BUCKET).bit_length())
     grid = _grid(positions, size, offset, chunks)
     keys, places = np.empty(count, np.int64), np.zeros((chunks, 1 << bits), np.int64)

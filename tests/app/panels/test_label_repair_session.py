@@ -4,7 +4,7 @@ import numpy as np
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.panels.menus import full_title
+from instdrive_app.panels.menus import format_title
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.split import SplitInstance
@@ -68,7 +68,7 @@ def test_split_gives_the_sizes_it_announced(session, street):
 
 
 def test_reassign_selected_splats_to_another_a_new_one_or_none(session, street):
-    rows = street.rows_of((FIRST_CAR,))[:100]
+    rows = street.find_rows((FIRST_CAR,))[:100]
     session.apply(SelectRows, rows)
     before = picture(street)
     session.labels.reassign(FIRST_CAR + 1)
@@ -87,7 +87,7 @@ def test_reassign_selected_splats_to_another_a_new_one_or_none(session, street):
 
 
 def test_absorbing_floaters_takes_what_lies_inside(session, street):
-    rows = street.rows_of((FIRST_CAR,))[::40]
+    rows = street.find_rows((FIRST_CAR,))[::40]
     session.apply(SelectRows, rows)
     session.labels.reassign(0)
     before = picture(street)
@@ -104,7 +104,7 @@ def test_absorbing_floaters_takes_what_lies_inside(session, street):
 
 
 def test_floaters_of_several_are_one_step_whatever_is_edited_meanwhile(session, street):
-    rows = {car: street.rows_of((car,))[::40] for car in CARS}
+    rows = {car: street.find_rows((car,))[::40] for car in CARS}
     session.apply(SelectRows, np.concatenate(list(rows.values())))
     session.labels.reassign(0)
     session.labels.absorb(CARS)
@@ -159,48 +159,48 @@ def test_locked_instances_are_neither_selected_nor_deleted(session, street):
 
 def test_leaving_solo_brings_back_what_was_shown_before(session, street):
     session.hide((HOUSES,))
-    before = street.visible_instances()
+    before = street.find_visible_instances()
     session.solo.toggle((FIRST_CAR,))
     assert session.solo.ids == (FIRST_CAR,)
     session.solo.toggle(CARS)
-    assert street.visible_instances() == CARS
+    assert street.find_visible_instances() == CARS
     session.undo()
     session.undo()
     assert session.solo.ids == ()
-    assert street.visible_instances() == before
+    assert street.find_visible_instances() == before
     session.redo()
     session.redo()
     assert session.solo.ids == CARS
     session.solo.leave()
-    assert street.visible_instances() == before
+    assert street.find_visible_instances() == before
     assert session.solo.ids == ()
 
 
 def test_deleting_what_is_shown_alone_leaves_the_way_back_to_the_rest(session, street):
     session.hide((HOUSES,))
-    before = street.visible_instances()
+    before = street.find_visible_instances()
     session.solo.enter((FIRST_CAR,))
     session.delete((FIRST_CAR,))
-    assert street.visible_instances() == ()
+    assert street.find_visible_instances() == ()
     assert session.solo.ids == (FIRST_CAR,)
     assert session.actions.run("edit.solo")
-    assert street.visible_instances() == tuple(i for i in before if i != FIRST_CAR)
+    assert street.find_visible_instances() == tuple(i for i in before if i != FIRST_CAR)
     session.jump(1)
     session.hide(before)
     assert session.solo.ids == (), "the solo was undone: what is hidden was hidden by hand"
 
 
 def test_solo_hides_splats_of_no_instance_and_shows_what_was_hidden(session, street):
-    rows = street.rows_of((30,))
+    rows = street.find_rows((30,))
     session.select((30,))
     session.labels.reassign(0)
     session.hide((FIRST_CAR,))
     session.solo.enter((FIRST_CAR,))
     assert not street.state.drawn[rows].any()
-    assert street.visible_instances() == (FIRST_CAR,)
+    assert street.find_visible_instances() == (FIRST_CAR,)
     session.solo.leave()
     assert street.state.drawn[rows].all()
-    assert FIRST_CAR not in street.visible_instances()
+    assert FIRST_CAR not in street.find_visible_instances()
 
 
 def test_a_drag_of_a_slider_is_one_step_and_reset_is_another(session, street):
@@ -210,8 +210,8 @@ def test_a_drag_of_a_slider_is_one_step_and_reset_is_another(session, street):
     assert street.history.edits[-1].title == "Set brightness of 2 instances to 1.4"
     session.select((FIRST_CAR,))
     assert session.actions.run("edit.reset_colors")
-    assert not street.colors.indices[street.rows_of((FIRST_CAR,))].any()
-    assert street.colors.indices[street.rows_of((FIRST_CAR + 1,))].all()
+    assert not street.colors.indices[street.find_rows((FIRST_CAR,))].any()
+    assert street.colors.indices[street.find_rows((FIRST_CAR + 1,))].all()
 
 
 def test_what_commands_change_is_said_by_the_commands(session, street):
@@ -220,8 +220,8 @@ def test_what_commands_change_is_said_by_the_commands(session, street):
     for command in session.actions:
         if command.menu in ("Edit", "Labels", "Select") and command.id not in ("edit.undo", "edit.redo"):
             assert command.undoable is not None, command.id
-    assert full_title(session.actions["file.export"]) == "Export…  (not undoable)"
-    assert full_title(session.actions["edit.delete"]) == "Delete"
+    assert format_title(session.actions["file.export"]) == "Export…  (not undoable)"
+    assert format_title(session.actions["edit.delete"]) == "Delete"
     steps = street.history.cursor
     for command in session.actions:
         if command.undoable is None and command.menu in ("View", "Time"):

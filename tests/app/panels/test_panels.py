@@ -13,8 +13,8 @@ from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
 from instdrive_app.panels.instances.rows import matches
-from instdrive_app.panels.menus import key_chord
-from instdrive_app.panels.widgets.ui import icon
+from instdrive_app.panels.menus import parse_shortcut
+from instdrive_app.panels.widgets.ui import get_icon
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.window import EditorWindow, require_display
 from instdrive_app.timeline import Timeline
@@ -29,12 +29,12 @@ def test_every_command_has_a_menu_an_icon_and_keys_that_exist():
     register_actions(session)
     for command in session.actions:
         assert command.menu
-        assert icon(command.icon)
+        assert get_icon(command.icon)
         for shortcut in command.shortcuts:
-            assert key_chord(shortcut) > 0
+            assert parse_shortcut(shortcut) > 0
     session.close()
-    assert key_chord("Ctrl+Shift+Z") == int(imgui.Key.mod_ctrl) | int(imgui.Key.mod_shift) | int(imgui.Key.z)
-    assert key_chord("1") == imgui.Key._1
+    assert parse_shortcut("Ctrl+Shift+Z") == int(imgui.Key.mod_ctrl) | int(imgui.Key.mod_shift) | int(imgui.Key.z)
+    assert parse_shortcut("1") == imgui.Key._1
 
 
 def test_the_file_browser_lists_folders_and_scenes(tmp_path):
@@ -53,7 +53,7 @@ def test_the_file_browser_lists_folders_and_scenes(tmp_path):
 def test_paths_are_judged_before_they_are_used(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"")
     (tmp_path / "run").mkdir()
-    opened, exported, saved = (PURPOSES[name].problem for name in ("open", "export", "save"))
+    opened, exported, saved = (PURPOSES[name].find_problem for name in ("open", "export", "save"))
     assert not opened(tmp_path / "a.ply")
     assert opened(tmp_path / "run")
     (tmp_path / "run" / MANIFEST).write_text("{}")

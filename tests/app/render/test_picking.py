@@ -198,8 +198,8 @@ def test_clicking_again_takes_the_one_behind_and_comes_around(tool, street):
 def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
     tool, session = tool
     snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
-    street.scene.gaussians.opacity_logits[street.rows_of((BLUE_CAR,))] = 8.0  # nothing shines through
-    street.scene.gaussians.log_scales[street.rows_of((BLUE_CAR,))] += 0.7
+    street.scene.gaussians.opacity_logits[street.find_rows((BLUE_CAR,))] = 8.0  # nothing shines through
+    street.scene.gaussians.log_scales[street.find_rows((BLUE_CAR,))] += 0.7
     below = Picker().below(street, snapshot, x, y)
     assert below.seen == (BLUE_CAR,)
     assert below.hidden

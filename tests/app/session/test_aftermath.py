@@ -6,7 +6,7 @@ from parked_street import CAR, OTHER_CAR, ROAD, parked_street
 from session_driver import finish
 
 from instdrive_app.actions import register_actions
-from instdrive_app.panels.overlays.hole_pattern import hole_pattern, projected
+from instdrive_app.panels.overlays.hole_pattern import build_hole_pattern, project_shapes
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
@@ -69,7 +69,7 @@ def test_undo_brings_the_report_back_and_takes_it_away(session):
 
 def test_selected_splats_leave_what_was_missed(session):
     document = session.document
-    rows = document.rows_of((CAR,))
+    rows = document.find_rows((CAR,))
     session.apply(SelectRows, rows[50:])
     session.delete_selection()
     finish(session)
@@ -127,21 +127,21 @@ def test_a_hole_without_ground_around_is_explained(session):
 
 def test_the_pattern_covers_the_hole():
     hole = report_deletion(Document(parked_street().scene), (CAR,), 0.0).hole
-    pattern = hole_pattern(hole)
+    pattern = build_hole_pattern(hole)
     first, second = (pattern.stripes[:, k] - pattern.stripes[:, 0] for k in (1, 3))
     areas = np.linalg.norm(np.cross(first, second), axis=1)
     assert areas.sum() == pytest.approx(hole.area, rel=0.01)
     lengths = np.linalg.norm(pattern.outline[:, 1] - pattern.outline[:, 0], axis=1)
     np.testing.assert_allclose(lengths, hole.grid.size, rtol=0.01)
-    heights = hole.grid.heights(pattern.outline.reshape(-1, 3))
+    heights = hole.grid.compute_heights(pattern.outline.reshape(-1, 3))
     np.testing.assert_allclose(heights, 0, atol=1e-9)
     ends = {tuple(point) for point in pattern.outline.reshape(-1, 3).round(6).tolist()}
     counts = [np.all(np.isclose(pattern.outline.reshape(-1, 3), end), axis=1).sum() for end in ends]
     assert all(count % 2 == 0 for count in counts), "the outline is closed"
     ahead = Camera(100.0, 100.0, 50.0, 50.0, 100, 100, look_at(np.array([0.0, -9, 2]), np.array([2.0, 0, 0])))
     behind = Camera(100.0, 100.0, 50.0, 50.0, 100, 100, look_at(np.array([0.0, -9, 2]), np.array([0.0, -20, 0])))
-    assert len(projected(pattern.stripes, ahead)) == len(pattern.stripes)
-    assert projected(pattern.stripes, behind) == []
+    assert len(project_shapes(pattern.stripes, ahead)) == len(pattern.stripes)
+    assert project_shapes(pattern.stripes, behind) == []
 
 
 def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeypatch):

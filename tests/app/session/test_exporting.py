@@ -9,7 +9,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR
 from session_driver import finish
 
 from instdrive_app.messages import Level
-from instdrive_app.panels.dialogs.export import ExportOptions, ending_of, with_ending
+from instdrive_app.panels.dialogs.export import ExportOptions, find_ending, replace_ending
 from instdrive_app.session.export_kinds import KINDS, ExportChoice
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.formats import read_back
@@ -32,7 +32,7 @@ def export(session, path, **choice):
 def test_the_selection_in_every_format(session, street, tmp_path, name):
     session.select((*CARS, DRIVING_CAR))
     told = export(session, tmp_path / name, what="selection")
-    count = len(street.rows_of((*CARS, DRIVING_CAR)))
+    count = len(street.find_rows((*CARS, DRIVING_CAR)))
     assert told.text == f"Exported {count:,} splats to {tmp_path / name}, read back and compared"
     found = open_scene(tmp_path / name)
     assert len(found) == count
@@ -41,7 +41,7 @@ def test_the_selection_in_every_format(session, street, tmp_path, name):
 
 
 def test_selected_splats_are_exported_and_no_others_of_their_instances(session, street, tmp_path):
-    rows = street.rows_of((FIRST_CAR,))[:40]
+    rows = street.find_rows((FIRST_CAR,))[:40]
     session.apply(SelectRows, rows)
     export(session, tmp_path / "some.ply", what="selection")
     found = open_scene(tmp_path / "some.ply")
@@ -70,7 +70,7 @@ def test_one_file_per_selected_instance_or_of_all(session, tmp_path):
     session.clear_selection()
     session.delete((FIRST_CAR,))
     export(session, tmp_path / "all", what="instances")
-    assert {entry["id"] for entry in listed(tmp_path / "all")} == set(session.document.visible_instances())
+    assert {entry["id"] for entry in listed(tmp_path / "all")} == set(session.document.find_visible_instances())
 
 
 def listed(folder):
@@ -81,7 +81,7 @@ def test_actors_with_their_poses(session, street, tmp_path):
     told = export(session, tmp_path / "actors", what="actors", suffix=".ply")
     assert "1 actor" in told.text
     track, _, splats = read_poses(tmp_path / "actors" / "001_Car.poses.json")
-    found, rows = open_scene(splats), street.rows_of((DRIVING_CAR,))
+    found, rows = open_scene(splats), street.find_rows((DRIVING_CAR,))
     np.testing.assert_array_equal(found.gaussians.means, street.scene.gaussians.means[rows])
     np.testing.assert_allclose(track.world_from_box, street.scene.actors[0].world_from_box, atol=1e-7)
 
@@ -108,7 +108,7 @@ def test_boxes_and_hulls(session, street, tmp_path, name, hulls):
     assert f"{'hulls' if hulls else 'boxes'} of" in told.text
     if name.endswith(".json"):
         entries = json.loads((tmp_path / name).read_text())["objects"]
-        assert {entry["id"] for entry in entries} == set(street.visible_instances())
+        assert {entry["id"] for entry in entries} == set(street.find_visible_instances())
         assert any("hull" in entry for entry in entries) is hulls
 
 
@@ -162,10 +162,10 @@ def test_the_dialog_begins_with_the_scene_and_proposes_names(session, street, tm
     options = ExportOptions()
     assert options.begin(session, "export") == str(tmp_path / "street_edited.ply")
     assert session.exporting.amounts["scene"] == f"{len(street.scene):,} splats"
-    assert "Nothing is selected" in with_choice(session, options, "selection").problem(tmp_path / "a.ply")
+    assert "Nothing is selected" in with_choice(session, options, "selection").find_problem(tmp_path / "a.ply")
     session.select((FIRST_CAR,))
     assert options.begin(session, "export_selection") == str(tmp_path / "street_parked_car_1.ply")
-    assert not options.purpose(session).problem(tmp_path / "a.spz")
+    assert not options.build_purpose(session).find_problem(tmp_path / "a.spz")
     for what, right, wrong in (
         ("instances", "parts", "parts.ply"),
         ("masks", "masks", "masks.json"),
@@ -174,28 +174,28 @@ def test_the_dialog_begins_with_the_scene_and_proposes_names(session, street, tm
         ("scene", "folder", "scene.sog"),
     ):
         purpose = with_choice(session, options, what)
-        assert not purpose.problem(tmp_path / right), what
-        assert purpose.problem(tmp_path / wrong), what
+        assert not purpose.find_problem(tmp_path / right), what
+        assert purpose.find_problem(tmp_path / wrong), what
         assert session.exporting.propose_path_in(str(tmp_path / "x.ply")).parent == tmp_path
 
 
 def with_choice(session, options, what):
     session.exporting.choice = ExportChoice(what)
-    return options.purpose(session)
+    return options.build_purpose(session)
 
 
 def test_endings_are_read_from_the_path_and_replaced_there():
-    assert [ending_of(name) for name in ("/a/b.PLY", "b.compressed.ply", "c.sibr.ply", "/a.ply/folder", "x")] == [
+    assert [find_ending(name) for name in ("/a/b.PLY", "b.compressed.ply", "c.sibr.ply", "/a.ply/folder", "x")] == [
         ".ply",
         ".compressed.ply",
         ".sibr.ply",
         "",
         "",
     ]
-    assert with_ending("/a/b.compressed.ply", ".spz") == "/a/b.spz"
-    assert with_ending("/a/b", ".splat") == "/a/b.splat"
-    assert with_ending("/a/b.ply", "") == "/a/b"
-    assert with_ending("/a/b.PLY", ".ply") == "/a/b.PLY"
+    assert replace_ending("/a/b.compressed.ply", ".spz") == "/a/b.spz"
+    assert replace_ending("/a/b", ".splat") == "/a/b.splat"
+    assert replace_ending("/a/b.ply", "") == "/a/b"
+    assert replace_ending("/a/b.PLY", ".ply") == "/a/b.PLY"
 
 
 def test_every_written_format_can_be_chosen():

@@ -45,8 +45,8 @@ def test_an_inserted_scene_stands_before_the_camera_on_the_ground(session, stree
     assert len(added) == (2 if instances else 1)
     assert street.history.cursor == steps + 1
     assert session.state.tool == "move"
-    rows = street.rows_of(added)
-    means = street.means_of(rows)
+    rows = street.find_rows(added)
+    means = street.compute_means(rows)
     assert np.quantile(means[:, 2], 0.02) == pytest.approx(0, abs=0.15)
     assert abs(np.mean(np.quantile(means[:, 0], [0.03, 0.97]))) < 0.2
     assert 6 < np.mean(np.quantile(means[:, 1], [0.03, 0.97])) < 40
@@ -68,7 +68,7 @@ def test_several_scenes_stand_side_by_side_and_are_selected_together(session, st
     assert street.history.cursor == steps + 3
     edges = []
     for first, count in ((0, 1), (1, 2), (3, 1)):
-        means = street.means_of(street.rows_of(session.selected[first : first + count]))
+        means = street.compute_means(street.find_rows(session.selected[first : first + count]))
         low, high = np.quantile(means, [0.03, 0.97], axis=0)
         assert 6 < (low[1] + high[1]) / 2 < 40, "before the camera"
         edges += [low[0], high[0]]
@@ -79,7 +79,7 @@ def test_a_scene_inserted_where_no_ground_is_stands_below_the_camera_and_that_is
     session.state.viewpoint = Viewpoint(look_at(np.array([500.0, 0, 12]), np.array([500.0, 10, 12])), LENS)
     session.inserting.insert(car_file(tmp_path))
     finish(session)
-    means = street.means_of(street.rows_of(session.selected))
+    means = street.compute_means(street.find_rows(session.selected))
     assert np.quantile(means[:, 2], 0.02) == pytest.approx(12 - 1.6, abs=0.05)
     assert "no ground" in session.messages.log[-1].text
 

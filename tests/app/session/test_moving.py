@@ -7,7 +7,12 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR
 from session_driver import errors
 
-from instdrive_app.panels.overlays.gizmo import change_of, gizmo_axes, gl_projection, gl_view
+from instdrive_app.panels.overlays.gizmo import (
+    choose_gizmo_axes,
+    compute_gl_projection,
+    compute_gl_view,
+    extract_change,
+)
 from instdrive_app.session.selection_box import BOX_EDGES
 from instdrive_app.state import Intrinsics
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows
@@ -17,8 +22,8 @@ from instdrive_core.edits.queries.placement import compute_bottom, compute_cente
 from instdrive_core.instances.table import Instance
 from instdrive_core.instances.vehicles import is_vehicle
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.rasterize.kernels.view_colors import view_colors
-from instdrive_core.rasterize.preview import preview
+from instdrive_core.rasterize.kernels.view_colors import compute_colors
+from instdrive_core.rasterize.preview import render_preview
 from instdrive_core.scene.camera import Camera, look_at
 
 TREE = 30
@@ -46,7 +51,7 @@ def middle(session, instance=FIRST_CAR):
 
 def test_a_drag_is_one_step_told_from_where_it_began(session, street):
     moving, steps, start = session.moving, street.history.cursor, session.moving.center()
-    means = street.means_of(street.rows_of((FIRST_CAR,)))
+    means = street.compute_means(street.find_rows((FIRST_CAR,)))
     moving.begin_drag(np.eye(3))
     for part in np.linspace(0, 1, 200):
         moving.drag_to(np.array([3 * part, part, 0.0]), yaw(40 * part), 1 + part)
@@ -55,10 +60,10 @@ def test_a_drag_is_one_step_told_from_where_it_began(session, street):
     arrived = start + np.array([3, 1, 0])
     np.testing.assert_allclose(moving.center(), arrived, atol=1e-9)
     expected = 2 * (means - start) @ yaw(40).T + arrived
-    np.testing.assert_allclose(street.means_of(street.rows_of((FIRST_CAR,))), expected, atol=2e-5)
+    np.testing.assert_allclose(street.compute_means(street.find_rows((FIRST_CAR,))), expected, atol=2e-5)
     assert len(street.transforms) == 2, "200 frames leave one entry"
     session.undo()
-    np.testing.assert_array_equal(street.means_of(street.rows_of((FIRST_CAR,))), means)
+    np.testing.assert_array_equal(street.compute_means(street.find_rows((FIRST_CAR,))), means)
 
 
 def test_a_drag_back_to_its_start_is_no_step_and_goes_on_from_there(session, street):
@@ -73,13 +78,13 @@ def test_a_drag_back_to_its_start_is_no_step_and_goes_on_from_there(session, str
 
 
 def test_a_drag_that_is_given_up_leaves_nothing(session, street):
-    edits, start = street.history.edits, street.means_of(street.rows_of((FIRST_CAR,)))
+    edits, start = street.history.edits, street.compute_means(street.find_rows((FIRST_CAR,)))
     session.moving.options.on_ground = True
     session.moving.begin_drag(np.eye(3))
     session.moving.drag_to(np.array([1.0, 2.0, 0.0]), yaw(20), 1.1)
     session.moving.give_up_drag()
     assert street.history.edits == edits
-    np.testing.assert_array_equal(street.means_of(street.rows_of((FIRST_CAR,))), start)
+    np.testing.assert_array_equal(street.compute_means(street.find_rows((FIRST_CAR,))), start)
     session.moving.begin_drag(np.eye(3))
     session.moving.give_up_drag()
     assert street.history.edits == edits
@@ -112,7 +117,7 @@ def test_along_the_lane_only_the_lane_counts(session, street):
     session.moving.options.along_lane = True
     lane, start = session.moving.lane(), middle(session)
     np.testing.assert_allclose(np.abs(lane), [0, 1, 0], atol=0.1)
-    session.moving.begin_drag(gizmo_axes(session.moving, session.moving.box(), "move"))
+    session.moving.begin_drag(choose_gizmo_axes(session.moving, session.moving.box(), "move"))
     session.moving.drag_to(np.array([5.0, 4.0, 2.0]), NO_TURN, 1.0)
     np.testing.assert_allclose(middle(session) - start, lane * (lane @ [5, 4, 2]), atol=0.02)
 
@@ -151,13 +156,13 @@ def preview_of(scene, camera, harmonics=None):
     gaussians = scene.gaussians.select(np.flatnonzero(scene.instance_ids == FIRST_CAR))
     rest = gaussians.sh_rest if harmonics is None else harmonics
     nodes = np.zeros(len(gaussians), np.uint16)
-    colors = view_colors(gaussians.means, gaussians.sh_dc, rest, camera.position, nodes, np.eye(4)[None])
+    colors = compute_colors(gaussians.means, gaussians.sh_dc, rest, camera.position, nodes, np.eye(4)[None])
     shape = (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities)
-    return preview(*shape, colors, camera).color
+    return render_preview(*shape, colors, camera).color
 
 
 def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street):
-    rows = street.rows_of((FIRST_CAR,))
+    rows = street.find_rows((FIRST_CAR,))
     rest = street.scene.gaussians.sh_rest
     rest[rows] = np.random.default_rng(8).normal(0, 0.3, rest[rows].shape)
     moving, pivot = session.moving, session.moving.center()
@@ -262,19 +267,19 @@ def test_the_box_fits_the_car_and_goes_along(session, street):
 
 
 def test_four_quarter_turns_by_typed_numbers_lead_back(session, street):
-    rows = street.rows_of((FIRST_CAR,))
-    before, moving = street.means_of(rows), session.moving
+    rows = street.find_rows((FIRST_CAR,))
+    before, moving = street.compute_means(rows), session.moving
     for degrees in (90.0, 180.0, -90.0, 0.0):
         present = moving.placement()
         moving.place(present, type(present)(present.position, degrees, 1.0))
         assert moving.placement().position == pytest.approx(present.position, abs=1e-9)
-    np.testing.assert_allclose(street.means_of(rows), before, atol=2e-6)
+    np.testing.assert_allclose(street.compute_means(rows), before, atol=2e-6)
 
 
 def test_the_box_is_measured_anew_where_splats_leave(session, street):
     whole = session.moving.box()
-    rows = street.rows_of((FIRST_CAR,))
-    front = rows[street.means_of(rows)[:, 1] > whole.center[1]]
+    rows = street.find_rows((FIRST_CAR,))
+    front = rows[street.compute_means(rows)[:, 1] > whole.center[1]]
     street.apply(DeleteRows(front))
     assert session.moving.box().size[1] < 0.6 * whole.size[1]
 
@@ -291,7 +296,7 @@ def test_box_edges_are_the_twelve_of_a_box(session):
 def test_gizmos_are_seen_as_the_camera_sees():
     camera = Camera(410.0, 395.0, 300.0, 180.0, 640, 400, look_at(np.array([3.0, -8, 2]), np.zeros(3)))
     points = np.random.default_rng(5).uniform(-2, 2, (50, 3))
-    clip = np.c_[points, np.ones(50)] @ (gl_projection(camera) @ gl_view(camera)).T
+    clip = np.c_[points, np.ones(50)] @ (compute_gl_projection(camera) @ compute_gl_view(camera)).T
     ndc = clip[:, :3] / clip[:, 3:]
     pixels = (ndc[:, :2] * [0.5, -0.5] + 0.5) * [640, 400]
     np.testing.assert_allclose(pixels, camera.project(points)[0], atol=1e-9)
@@ -303,7 +308,7 @@ def test_what_a_gizmo_did_is_read_from_its_matrix():
     matrix = np.eye(4)
     matrix[:3, :3] = yaw(70) @ axes * [1.0, 1.5, 0.98]
     matrix[:3, 3] = (1, 2, 3)
-    shift, rotation, scale = change_of(matrix, axes)
+    shift, rotation, scale = extract_change(matrix, axes)
     np.testing.assert_array_equal(shift, [1, 2, 3])
     np.testing.assert_allclose(rotation, yaw(70), atol=1e-12)
     assert scale == pytest.approx(1.5)

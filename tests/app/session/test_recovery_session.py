@@ -46,7 +46,7 @@ def test_of_a_changed_scene_it_is_asked_and_can_be_had_all_the_same(left_behind)
     assert str(left_behind) in changed.said
     changed.open_anyway()
     finish(editor)
-    assert FIRST_CAR not in editor.document.visible_instances()
+    assert FIRST_CAR not in editor.document.find_visible_instances()
     assert editor.is_unsaved
     assert editor.autosave.recoverable == []
     editor.close()

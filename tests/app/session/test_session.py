@@ -42,16 +42,16 @@ def test_regions_select_splats_where_there_are_no_instances(session):
 def test_delete_undo_redo_and_jump(session, street):
     session.select((FIRST_CAR,))
     assert session.actions.run("edit.delete")
-    assert FIRST_CAR not in street.visible_instances()
+    assert FIRST_CAR not in street.find_visible_instances()
     session.actions.run("edit.undo")
-    assert FIRST_CAR in street.visible_instances()
+    assert FIRST_CAR in street.find_visible_instances()
     session.actions.run("edit.redo")
-    assert FIRST_CAR not in street.visible_instances()
+    assert FIRST_CAR not in street.find_visible_instances()
     assert not session.actions.run("edit.redo")
     session.jump(0)
     assert street.history.cursor == 0
     session.jump(2)
-    assert FIRST_CAR not in street.visible_instances()
+    assert FIRST_CAR not in street.find_visible_instances()
 
 
 def test_selection_modes_and_codeword(session):
@@ -69,14 +69,14 @@ def test_selection_modes_and_codeword(session):
 
 
 def test_hide_solo_and_show_all(session, street):
-    everything = street.visible_instances()
+    everything = street.find_visible_instances()
     session.hide((FIRST_CAR,))
-    assert FIRST_CAR not in street.visible_instances()
+    assert FIRST_CAR not in street.find_visible_instances()
     session.show_all()
     session.solo.toggle((FIRST_CAR,))
-    assert street.visible_instances() == (FIRST_CAR,)
+    assert street.find_visible_instances() == (FIRST_CAR,)
     session.solo.toggle((FIRST_CAR,))
-    assert street.visible_instances() == everything
+    assert street.find_visible_instances() == everything
 
 
 def test_a_drag_of_the_color_picker_is_one_step(session, street):

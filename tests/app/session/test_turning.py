@@ -8,7 +8,7 @@ from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
 from instdrive_app.camera import frame_scene, look_straight_down
-from instdrive_app.panels.dialogs.turn_upright import guessed, told
+from instdrive_app.panels.dialogs.turn_upright import describe_guess, describe_turn
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
@@ -33,7 +33,7 @@ def test_a_foreign_street_that_lies_is_told_of_and_turned_by_nobody(session, axi
     bare = scene_from_gaussians(scene.gaussians.select(scene.nodes == 0))
     document = Document(bare)
     document.apply(
-        TurnScene.upright(tuple((compute_axis_direction(axis) * [-1, -1, 1]).tolist()))
+        TurnScene.make_upright(tuple((compute_axis_direction(axis) * [-1, -1, 1]).tolist()))
     )  # takes +z to the axis
     session.show(Document(bake_document(document)))
     finish(session)
@@ -112,7 +112,7 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
     scene = procedural_street()
     upright = Document(scene)
     fallen = Document(scene)
-    fallen.apply(TurnScene.upright((0.0, 1.0, 0.0)))
+    fallen.apply(TurnScene.make_upright((0.0, 1.0, 0.0)))
     raised = Document(bake_document(fallen))
     found = {}
     for name, document in (("upright", upright), ("raised", raised)):
@@ -127,9 +127,9 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
         session.moving.begin_drag(np.eye(3))
         session.moving.drag_to(np.array([1.0, 0.5, 2.0]), np.eye(3), 1.0)
         session.moving.end_drag()
-        moved = session.document.means_of(session.document.rows_of((FIRST_CAR,)))
+        moved = session.document.compute_means(session.document.find_rows((FIRST_CAR,)))
         session.moving.reset()
-        back = session.document.means_of(session.document.rows_of((FIRST_CAR,)))
+        back = session.document.compute_means(session.document.find_rows((FIRST_CAR,)))
         found[name] = (box.corners, placement.position, placement.yaw, placement.scale, moved, back)
         assert not errors(session)
     for mine, theirs in zip(*found.values(), strict=True):
@@ -150,21 +150,25 @@ def test_copies_of_the_turned_lie_as_the_turned(session):
     document = session.document
     document.apply(DuplicateInstances((FIRST_CAR,), (0.0, 3.0, 0.0)))
     copy = max(entry.id for entry in document.scene.table)
-    rows, copied = document.rows_of((FIRST_CAR,)), document.rows_of((copy,))
-    np.testing.assert_allclose(document.means_of(copied), document.means_of(rows) + np.float32([0, 3, 0]), atol=1e-5)
+    rows, copied = document.find_rows((FIRST_CAR,)), document.find_rows((copy,))
+    np.testing.assert_allclose(
+        document.compute_means(copied), document.compute_means(rows) + np.float32([0, 3, 0]), atol=1e-5
+    )
 
 
 def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     scene = session.document.scene
-    assert told(compute_axis_direction("+z"), 1.0, scene) == "Nothing: +Z is up already."
-    assert told(DOWN, 1.0, scene).startswith("The whole scene turns by 90°, so that −Y points up.")
-    assert "what lies 19° from −Y" in told(ASKEW, 0.01, scene)
-    assert "0.01 times as large" in told(ASKEW, 0.01, scene)
-    assert told(DOWN, 1.0, scene).endswith(" The drives, the photos' cameras and the sky go along. It can be undone.")
+    assert describe_turn(compute_axis_direction("+z"), 1.0, scene) == "Nothing: +Z is up already."
+    assert describe_turn(DOWN, 1.0, scene).startswith("The whole scene turns by 90°, so that −Y points up.")
+    assert "what lies 19° from −Y" in describe_turn(ASKEW, 0.01, scene)
+    assert "0.01 times as large" in describe_turn(ASKEW, 0.01, scene)
+    assert describe_turn(DOWN, 1.0, scene).endswith(
+        " The drives, the photos' cameras and the sky go along. It can be undone."
+    )
     parked = scene_from_gaussians(scene.gaussians)
-    assert " The sky goes along." in told(DOWN, 1.0, replace(parked, sky=scene.sky))
-    assert " The photos' cameras go along." in told(DOWN, 1.0, replace(parked, views=scene.views))
-    assert guessed(None) == "Looking for the way up…"
+    assert " The sky goes along." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
+    assert " The photos' cameras go along." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
+    assert describe_guess(None) == "Looking for the way up…"
     session.turning.look()
     finish(session)
-    assert guessed(session.turning.estimate) == "Guess: +Z, known from the photos' cameras."
+    assert describe_guess(session.turning.estimate) == "Guess: +Z, known from the photos' cameras."

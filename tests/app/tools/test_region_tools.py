@@ -7,7 +7,7 @@ import pytest
 from procedural_street import FIRST_CAR, ROAD, procedural_street
 
 from instdrive_app.actions import register_actions
-from instdrive_app.panels.overlays.region_outline import DASH, dashes
+from instdrive_app.panels.overlays.region_outline import DASH, compute_dashes
 from instdrive_app.pointer import Click
 from instdrive_app.render.gl.renderer import Renderer
 from instdrive_app.session.editor_session import EditorSession
@@ -231,10 +231,10 @@ def test_dashes_cover_half_of_the_line_and_march():
     outline = ((0.0, 0.0), (100.0, 0.0), (100.0, 60.0))
     length = 160 + np.hypot(100, 60)
     for shift in (0.0, 3.0, 1234.5):
-        pieces = dashes(outline, shift)
+        pieces = compute_dashes(outline, shift)
         lengths = np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1])
         assert lengths.max() <= DASH + 1e-9
         assert lengths.sum() == pytest.approx(length / 2, abs=DASH)
-    first, later = dashes(outline, 0.0), dashes(outline, 1.0)
+    first, later = compute_dashes(outline, 0.0), compute_dashes(outline, 1.0)
     assert first[1].tolist() == [10, 0, 15, 0]
     assert [11, 0, 16, 0] in later.tolist()

@@ -40,14 +40,14 @@ def test_a_project_saved_elsewhere_is_written_over_only_when_asked(street_folder
     assert not left, "the window stays open"
     assert errors(second) == []
     kept = opened(project)
-    assert ROAD not in kept.document.visible_instances(), "the first editor's save is there still"
+    assert ROAD not in kept.document.find_visible_instances(), "the first editor's save is there still"
     second.files.other_save.save_over()
     finish(second)
     assert left
     assert not second.is_unsaved
     last = opened(project)
-    assert FIRST_CAR not in last.document.visible_instances()
-    assert ROAD in last.document.visible_instances()
+    assert FIRST_CAR not in last.document.find_visible_instances()
+    assert ROAD in last.document.find_visible_instances()
     project.unlink()
     second.show_all()
     second.save()

@@ -16,7 +16,7 @@ from instdrive_core.datasets.synthetic import StreetConfig, write_street
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.sensors.render import compute_subsample_directions
 from instdrive_core.datasets.synthetic.world.layout import build_street
-from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, beam_elevations
+from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, compute_beam_elevations
 from instdrive_core.datasets.synthetic.world.street import Street
 from instdrive_core.datasets.synthetic.write import STEP_SECONDS, compute_ego_pose
 from instdrive_core.errors import DataError, OptionError
@@ -267,7 +267,7 @@ def test_sweeps_are_noisy_returns_of_64_beams_within_range(clip: Path) -> None:
     ranges = np.linalg.norm(local, axis=1)
     elevations = np.arcsin(local[:, 2] / ranges)
     assert ranges.max() < 120.2
-    assert np.abs(elevations[:, None] - beam_elevations()).min(axis=1).max() < 1e-3
+    assert np.abs(elevations[:, None] - compute_beam_elevations()).min(axis=1).max() < 1e-3
     assert table["i"].min() >= 0
     assert 20 < table["i"].std() < 100
     assert table["i"].max() <= 255

@@ -33,19 +33,21 @@ def test_a_duplicate_is_coloured_and_moved_as_its_original():
     document = Document(random_scene())
     document.apply(RecolorInstances((2,), "solid", (1.0, 0.0, 0.0)))
     document.apply(MoveInstances((2,), (1.0, 0.0, 0.0), rotation=(0.7, 0.0, 0.0, 0.7)))
-    rows = document.rows_of((2,))
+    rows = document.find_rows((2,))
     document.apply(DuplicateInstances((2,), (0.0, 5.0, 0.0)))
     copies = np.arange(200, 200 + len(rows))
-    np.testing.assert_array_equal(document.rows_of((9,)), copies)
+    np.testing.assert_array_equal(document.find_rows((9,)), copies)
     table = document.scene.table
     assert (table[9].name, table[9].count, table[9].codeword) == ("a b\\n (9)", len(rows), table[2].codeword)
-    np.testing.assert_allclose(document.means_of(copies), document.means_of(rows) + np.float32([0, 5, 0]), atol=1e-5)
+    np.testing.assert_allclose(
+        document.compute_means(copies), document.compute_means(rows) + np.float32([0, 5, 0]), atol=1e-5
+    )
     result = bake_document(document).gaussians
     np.testing.assert_array_equal(result.sh_dc[copies], result.sh_dc[rows])
     np.testing.assert_allclose(result.sh_rest[copies], result.sh_rest[rows], atol=1e-7)
     np.testing.assert_array_equal(result.quats[copies], result.quats[rows])
     document.apply(DeleteInstances((2,)))
-    assert document.instance_flags(9).drawn == len(rows)
+    assert document.summarize_instance(9).drawn == len(rows)
     for _ in range(4):
         document.undo()
     untouched(document)
@@ -57,7 +59,7 @@ def test_a_duplicated_actor_drives_a_track_of_its_own():
     old, new = document.scene.actors[0], document.scene.actors[2]
     assert new.id == "actor-0 copy"
     np.testing.assert_allclose(new.world_from_box[:, :3, 3], old.world_from_box[:, :3, 3] + [0, 5, 0])
-    copies = document.rows_of((10,)) if document.scene.table[10].node else document.rows_of((9,))
+    copies = document.find_rows((10,)) if document.scene.table[10].node else document.find_rows((9,))
     assert (document.scene.nodes[copies] == 3).all()
     assert not document.transforms.indices[copies].any(), "the track carries the shift"
     document.apply(DuplicateInstances((7,)))
@@ -89,7 +91,7 @@ def test_another_scene_is_inserted_under_new_ids():
     assert not scene.gaussians.sh_rest[rows][:, 3:].any()
     still = other.nodes == 0
     np.testing.assert_allclose(
-        document.means_of(rows[still]), other.gaussians.means[still] + np.float32([0, 0, 1]), atol=1e-6
+        document.compute_means(rows[still]), other.gaussians.means[still] + np.float32([0, 0, 1]), atol=1e-6
     )
     np.testing.assert_array_equal(scene.extra["confidence"][rows], other.extra["confidence"])
     document.undo()

@@ -26,7 +26,7 @@ def few_are_many(monkeypatch):
 
 def fresh(waits=True):
     document = Document(random_scene(count=400, instances=6, actors=1))
-    document.bounds_can_wait = waits
+    document.can_defer_bounds = waits
     return document
 
 
@@ -48,8 +48,8 @@ def test_bounds_become_exact_bit_by_bit_some_at_a_time():
     document.apply(move())
     assert list(document.scene.table) == before
     calls = 0
-    while document.rest is not None:
-        document.catch_up(50)
+    while document.deferred is not None:
+        document.run_deferred(50)
         calls += 1
     assert 1 < calls <= len(IDS)
     assert document_digest(document) == digest_of(lambda exact: exact.apply(move()))
@@ -62,14 +62,14 @@ def test_a_box_around_them_goes_along():
     before = boxes.find_box(document, still, 0.0)
     edit = MoveInstances(still, (5.0, -2.0, 1.0))
     document.apply(edit)
-    assert document.rest is not None
+    assert document.deferred is not None
     along = boxes.find_box(document, still, 0.0)
     np.testing.assert_allclose(along.center, before.center + np.array([5.0, -2.0, 1.0]), atol=1e-6)
-    document.catch_up()
+    document.run_deferred()
     np.testing.assert_allclose(boxes.find_box(document, still, 0.0).center, along.center, atol=1e-5)
     document.apply(MoveInstances(still, (1.0, 0.0, 0.0), TURN, 1.2))
     turned = boxes.find_box(document, still, 0.0)
-    document.catch_up()
+    document.run_deferred()
     exact = boxes.find_box(document, still, 0.0)
     assert (turned.corners.min(axis=0) <= exact.corners.min(axis=0) + 1e-4).all()
     assert (turned.corners.max(axis=0) >= exact.corners.max(axis=0) - 1e-4).all()
@@ -99,16 +99,16 @@ def test_whatever_follows_sees_exact_bounds(following, caught_up):
 
     drag(document)
     if caught_up is None:
-        document.catch_up()
+        document.run_deferred()
     elif caught_up:
-        document.catch_up(caught_up)
+        document.run_deferred(caught_up)
     following(document)
-    document.catch_up()
-    assert document.rest is None
+    document.run_deferred()
+    assert document.deferred is None
     assert document_digest(document) == digest_of(drag, following)
     while document.undo():
         pass
-    document.catch_up()
+    document.run_deferred()
     assert document_digest(document) == digest_of()
 
 
@@ -117,21 +117,21 @@ def test_an_edit_that_fails_leaves_exact_bounds():
     document.apply(move(), "drag")
     with pytest.raises(EditError):
         document.apply(move(ids=(1, 999)), "drag")
-    document.catch_up()
+    document.run_deferred()
     assert document_digest(document) == digest_of(lambda exact: exact.apply(move()))
 
 
 def test_a_part_of_another_edit_and_a_document_without_frames_do_not_wait():
     document = fresh()
     document.apply(CompoundEdit((move(), move(2.0)), "both"))
-    assert document.rest is None
+    assert document.deferred is None
     document = fresh(waits=False)
     document.apply(move())
-    assert document.rest is None
+    assert document.deferred is None
 
 
 def test_a_frozen_copy_is_exact():
     document = fresh()
     document.apply(move())
     assert list(freeze_document(document).scene.table) == list(document.scene.table)
-    assert document.rest is None
+    assert document.deferred is None

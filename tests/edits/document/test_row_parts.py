@@ -23,23 +23,23 @@ def document():
 
 def test_parts_are_the_rows_of_one_instance_after_another(document):
     ids = tuple(sorted(document.scene.table.instances, reverse=True))
-    document.state.change(document.rows_of(ids[:1])[::2], Flag.LOCKED, True)
+    document.state.change(document.find_rows(ids[:1])[::2], Flag.LOCKED, True)
     for part, instance in zip(find_editable_parts(document, ids), ids, strict=True):
         np.testing.assert_array_equal(part, find_editable_rows(document, (instance,)))
 
 
 def test_the_instance_of_which_nothing_can_be_edited_is_named(document):
     one, other = sorted(document.scene.table.instances)[:2]
-    document.state.change(document.rows_of((other,)), Flag.LOCKED, True)
+    document.state.change(document.find_rows((other,)), Flag.LOCKED, True)
     with pytest.raises(EditError, match=f"instance {other}: every splat is locked"):
         find_editable_parts(document, (one, other))
 
 
 def test_rows_can_be_left_out_of_parts():
     parts = RowParts(np.array([4, 5, 1, 2, 3]), np.array([0, 2, 2, 5]))
-    fewer = parts.where(np.array([False, False, True, False, True]))
+    fewer = parts.filter(np.array([False, False, True, False, True]))
     assert [part.tolist() for part in fewer] == [[], [], [1, 3]]
-    assert [part.tolist() for part in fewer.without_empty()] == [[1, 3]]
+    assert [part.tolist() for part in fewer.drop_empty()] == [[1, 3]]
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=4), st.integers(0, 99), st.booleans())
@@ -49,7 +49,7 @@ def test_bounds_are_those_of_the_table(sizes, seed, moved):
         document.apply(MoveInstances((1, 2), (3.0, 1.0, 0.0), (0.8, 0.1, 0.0, 0.2), 1.3))
     rows = rng.permutation(200)[: sum(sizes)]
     parts = RowParts(rows, np.append(0, np.cumsum(sizes)))
-    expected = [compute_middle_bounds(document.means_of(part)) for part in parts]
+    expected = [compute_middle_bounds(document.compute_means(part)) for part in parts]
     np.testing.assert_array_equal(compute_part_bounds(document, parts), np.array(expected, np.float32))
 
 

@@ -34,8 +34,8 @@ def test_only_what_the_deleted_part_stood_on_is_a_hole(street, cut):
     document = Document(deepcopy(street.scene))
     whole = report_deletion(document, (CAR,), 0.0).hole_area
     takes, share = UNCOVERED[cut]
-    rows = document.rows_of((CAR,))
-    offsets = document.means_of(rows) - CAR_CENTER - [0, 0, 0.02 * CAR_CENTER[1]]
+    rows = document.find_rows((CAR,))
+    offsets = document.compute_means(rows) - CAR_CENTER - [0, 0, 0.02 * CAR_CENTER[1]]
     deleted = rows[takes(offsets)]
     before = report_row_deletion(document, deleted, 0.0)
     document.apply(SelectRows(deleted))
@@ -44,7 +44,7 @@ def test_only_what_the_deleted_part_stood_on_is_a_hole(street, cut):
     assert report.hole_area == pytest.approx(share * whole, abs=0.25 * whole if share else 0.01)
     assert report.hole_area == before.hole_area, "what is reported before a deletion is what is found after it"
     if 0 < share < 1:
-        cells = np.abs(report.hole.grid.centers(report.hole.cells) - CAR_CENTER[:2])
+        cells = np.abs(report.hole.grid.compute_centers(report.hole.cells) - CAR_CENTER[:2])
         inside = (cells < CAR_SIZE[:2] / 2).all(axis=1)
         assert inside.mean() > 0.7
 
@@ -56,7 +56,7 @@ def box(low, high, count=400, seed=0):
 def test_pieces_are_covered_one_by_one_and_only_where_they_stand():
     front, back = box([-2, -1, 0], [-1, 1, 1]), box([1, -1, 0], [2, 1, 1])
     under = find_kept_footprint([np.concatenate([front, back])], GRID)
-    places = GRID.centers(np.argwhere(under))
+    places = GRID.compute_centers(np.argwhere(under))
     assert np.count_nonzero(under) * GRID.size**2 == pytest.approx(4.0, rel=0.35)
     assert (np.abs(places[:, 0]) > 0.8).all(), "nothing stands between the pieces"
     floating = box([-2, -1, 0.6], [2, 1, 0.9])

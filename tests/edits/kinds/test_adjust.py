@@ -66,7 +66,7 @@ def shown_mean(document, rows):
 @given(st.lists(amounts, min_size=1, max_size=3), st.booleans())
 def test_adjustments_add_up_from_every_side_after_export(steps, tinted):
     document = Document(random_scene(count=60))
-    rows = document.rows_of((2,))
+    rows = document.find_rows((2,))
     if tinted:
         document.apply(RecolorInstances((2,), "tint", (0.6, 0.3, 0.2)))
     before = bake_document(document)
@@ -94,7 +94,7 @@ def test_neutral_amounts_are_no_step_and_recolouring_keeps_the_opacity():
     document.apply(AdjustInstances((2,), "opacity", 0.5))
     document.apply(AdjustInstances((2,), "hue", 90.0))
     document.apply(RecolorInstances((1, 2), "solid", (1.0, 0.0, 0.0)))
-    entries = document.colors.indices[document.rows_of((2,))]
+    entries = document.colors.indices[document.find_rows((2,))]
     assert document.colors.alphas[entries[0]] == 0.5
     np.testing.assert_array_equal(document.colors.matrices[entries[0]][:, :3], 0)
-    assert document.colors.alphas[document.colors.indices[document.rows_of((1,))[0]]] == 1
+    assert document.colors.alphas[document.colors.indices[document.find_rows((1,))[0]]] == 1

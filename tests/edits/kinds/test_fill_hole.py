@@ -67,7 +67,7 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     mask = place_of_car(camera)
     assert mask.sum() > 500
     before = psnr(bake_document(document), street.empty, mask, camera)
-    document.apply(report.filling())
+    document.apply(report.make_fill_edit())
     after = psnr(bake_document(document), street.empty, mask, camera)
     assert after > 30, (before, after)
     assert before < 15, (before, after)
@@ -76,11 +76,11 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
 def test_copies_lie_on_the_ground_in_its_colours(street):
     document, report = emptied(street)
     count = len(document.scene)
-    document.apply(report.filling())
+    document.apply(report.make_fill_edit())
     fill = document.scene.table[int(document.scene.instance_ids[count])]
     assert (fill.name, fill.class_name, fill.count) == ("fill of Car 7", "synthetic", len(document.scene) - count)
     rows = np.arange(count, len(document.scene))
-    means, colors = document.means_of(rows), color_from_dc(document.scene.gaussians.sh_dc[rows])
+    means, colors = document.compute_means(rows), color_from_dc(document.scene.gaussians.sh_dc[rows])
     road, pavement = means[:, 0] < 2.9, means[:, 0] > 3.1
     heights = means[:, 2] - 0.02 * means[:, 1]
     assert abs(np.median(heights[road])) < 0.03
@@ -94,7 +94,7 @@ def test_copies_lie_on_the_ground_in_its_colours(street):
 def test_copies_are_marked_also_in_files(street, tmp_path):
     document, report = emptied(street)
     count = len(document.scene)
-    document.apply(report.filling())
+    document.apply(report.make_fill_edit())
     column = document.scene.extra["synthetic"]
     assert not column[:count].any()
     assert column[count:].all()
@@ -110,7 +110,7 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
     document, report = emptied(street)
     same, _ = emptied(street)
     state = same.state.flags.copy(), same.first_free_id
-    edit = report.filling(seed=3)
+    edit = report.make_fill_edit(seed=3)
     document.apply(edit)
     assert document.state.mask(Flag.DELETED).sum() > (state[0] & Flag.DELETED > 0).sum(), "noise in the hole goes"
     replayed, _ = emptied(street)
@@ -129,10 +129,10 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
 
 def test_a_second_fill_keeps_the_column_of_the_first(street):
     document, report = emptied(street)
-    first = report.filling()
+    first = report.make_fill_edit()
     document.apply(first)
     count = len(document.scene)
-    document.apply(report.filling(seed=1))
+    document.apply(report.make_fill_edit(seed=1))
     assert document.scene.extra["synthetic"][count:].all()
     document.undo()
     assert len(document.scene.extra["synthetic"]) == count
@@ -144,8 +144,8 @@ def test_copies_wear_the_colour_of_recoloured_ground(street):
     document, report = emptied(street)
     document.apply(RecolorInstances((1,), "solid", (0.0, 0.0, 1.0)))
     count = len(document.scene)
-    document.apply(report.filling())
-    copied = np.isin(document.colors.indices[count:], np.unique(document.colors.indices[document.rows_of((1,))]))
+    document.apply(report.make_fill_edit())
+    copied = np.isin(document.colors.indices[count:], np.unique(document.colors.indices[document.find_rows((1,))]))
     assert copied.mean() > 0.5
 
 
@@ -154,7 +154,7 @@ def test_a_fill_without_ground_around_is_refused(street):
     document.apply(DeleteInstances((1, 2, 3)))
     count = len(document.scene)
     with pytest.raises(EditError, match="no ground"):
-        document.apply(report.filling())
+        document.apply(report.make_fill_edit())
     assert len(document.scene) == count
     assert "synthetic" not in document.scene.extra
 
@@ -197,8 +197,8 @@ def test_pieces_continue_what_runs_along_the_lane():
 def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monkeypatch):
     document, report = emptied(street)
     expected, _ = emptied(street)
-    expected.apply(report.filling())
-    frozen, edit = freeze_document(document), report.filling()
+    expected.apply(report.make_fill_edit())
+    frozen, edit = freeze_document(document), report.make_fill_edit()
     document.apply(SelectInstances((1,)))
     edit.prepare(frozen)
     with monkeypatch.context() as patch:
@@ -208,13 +208,13 @@ def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monke
         document.redo()
     np.testing.assert_array_equal(document.scene.gaussians.means, expected.scene.gaussians.means)
     late, _ = emptied(street)
-    edit = report.filling()
+    edit = report.make_fill_edit()
     edit.prepare(freeze_document(late))
     late.apply(DeleteInstances((8,)))
     late.apply(edit)
     fresh, _ = emptied(street)
     fresh.apply(DeleteInstances((8,)))
-    fresh.apply(report.filling())
+    fresh.apply(report.make_fill_edit())
     assert_same_scene(late.scene, fresh.scene)
 
 
@@ -223,14 +223,14 @@ def test_a_frozen_copy_does_not_follow_the_document(street):
     document.apply(MoveInstances((8,), (1.0, 0.0, 0.0)))
     frozen, before = freeze_document(document), fingerprint(document)
     assert fingerprint(frozen) == before
-    means = frozen.means_of(frozen.rows_of((8,))).copy()
+    means = frozen.compute_means(frozen.find_rows((8,))).copy()
     document.apply(MoveInstances((8,), (0.0, 1.0, 0.0)))
     assert fingerprint(document) != before
     document.undo()
     assert fingerprint(document) == before
     document.apply(MergeInstances((1,), 2))
     document.apply(DeleteInstances((8,)))
-    np.testing.assert_array_equal(frozen.means_of(frozen.rows_of((8,))), means)
-    assert frozen.instance_flags(8).drawn == len(means)
+    np.testing.assert_array_equal(frozen.compute_means(frozen.find_rows((8,))), means)
+    assert frozen.summarize_instance(8).drawn == len(means)
     assert 1 in frozen.scene.table
     assert fingerprint(frozen) == before

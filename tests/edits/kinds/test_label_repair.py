@@ -208,7 +208,7 @@ def test_floaters_of_a_deleted_car_are_deleted_with_it():
     selected = state_of(document)
     document.apply(AbsorbFloaters(CAR))
     assert (document.state.flags[where["inside"]] == Flag.DELETED).all()
-    assert document.instance_flags(CAR).is_deleted
+    assert document.summarize_instance(CAR).is_deleted
     document.undo()
     assert state_of(document) == selected
     document.undo()

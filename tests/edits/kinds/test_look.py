@@ -50,7 +50,7 @@ def test_only_the_last_amount_of_each_kind_counts(steps):
 
 def test_the_map_is_the_base_then_the_adjustments_in_order():
     document = Document(random_scene(count=60))
-    rows = document.rows_of((2,))
+    rows = document.find_rows((2,))
     document.apply(RecolorInstances((2,), "tint", (0.7, 0.4, 0.2)))
     base = document.colors.matrices[document.colors.indices[rows[0]]].astype(float)
     gaussians = document.scene.gaussians
@@ -89,7 +89,7 @@ def test_copies_and_pieces_keep_their_amounts_and_differing_ones_are_told():
     document.apply(SetAdjustment((2,), "hue", 90.0))
     document.apply(DuplicateInstances((2,), (1.0, 0.0, 0.0)))
     copy = document.first_free_id - 1
-    document.apply(SelectRows(document.rows_of((2,))[:1]))
+    document.apply(SelectRows(document.find_rows((2,))[:1]))
     document.apply(ReassignSelected())
     piece = document.first_free_id - 1
     assert piece != copy
@@ -136,7 +136,7 @@ def test_reset_brings_the_trained_bits_back_and_is_replayable():
 
 def test_hue_mode_turns_the_mean_to_the_colour_and_keeps_greys():
     document = Document(random_scene(count=60))
-    rows = document.rows_of((2,))
+    rows = document.find_rows((2,))
     document.scene.gaussians.sh_dc[rows] = np.array([1.2, -0.4, -0.8], np.float32)
     document.scene.gaussians.sh_dc[rows[0]] = -0.5
     document.apply(RecolorInstances((2,), "hue", (0.1, 0.2, 0.9)))

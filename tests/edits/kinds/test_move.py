@@ -16,7 +16,7 @@ from instdrive_core.edits.queries.ground_height import estimate_ground_height
 from instdrive_core.edits.queries.placement import compute_bottom, compute_center
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.rasterize.kernels.view_colors import view_colors
+from instdrive_core.rasterize.kernels.view_colors import compute_colors
 from instdrive_core.rasterize.render import render
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.lane import estimate_street_direction, estimate_travel_direction
@@ -35,7 +35,7 @@ def everything(document):
 
 def picture(scene, camera):
     gaussians = scene.gaussians
-    colors = view_colors(
+    colors = compute_colors(
         gaussians.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, np.eye(4)[None]
     )
     return render(gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities, colors, camera).image
@@ -74,14 +74,14 @@ def edit_matrix(quat, scale, shift, pivot):
 def test_moves_compose_and_undo_restores_every_bit():
     document = Document(random_scene())
     before, start = everything(document), document.scene.gaussians.means.copy()
-    rows = document.rows_of((2,))
+    rows = document.find_rows((2,))
     document.apply(MoveInstances((2,), (1.0, 0.0, 0.0), pivot=(0.0, 0.0, 0.0)))
     document.apply(MoveInstances((2, 3), rotation=YAW_90, pivot=(0.0, 0.0, 0.0)))
     shifted = start[rows] + np.float32([1, 0, 0])
     turned = np.stack([-shifted[:, 1], shifted[:, 0], shifted[:, 2]], axis=1)
-    np.testing.assert_allclose(document.means_of(rows), turned, atol=1e-5)
-    third = document.rows_of((3,))
-    np.testing.assert_allclose(document.means_of(third)[:, 0], -start[third][:, 1], atol=1e-5)
+    np.testing.assert_allclose(document.compute_means(rows), turned, atol=1e-5)
+    third = document.find_rows((3,))
+    np.testing.assert_allclose(document.compute_means(third)[:, 0], -start[third][:, 1], atol=1e-5)
     assert len(document.transforms) == 4
     np.testing.assert_array_equal(document.scene.gaussians.means, start)
     np.testing.assert_allclose(document.scene.table[2].bounds, bounds(turned), atol=1e-5)
@@ -97,7 +97,7 @@ def test_moves_compose_and_undo_restores_every_bit():
         assert getattr(result.gaussians, name)[untouched].tobytes() == array[untouched].tobytes(), name
     document.apply(MergeInstances((2,), 4))
     document.apply(MoveInstances((4,), (0.0, 0.0, 1.0)))
-    np.testing.assert_allclose(document.means_of(rows), turned + np.float32([0, 0, 1]), atol=1e-5)
+    np.testing.assert_allclose(document.compute_means(rows), turned + np.float32([0, 0, 1]), atol=1e-5)
 
 
 def bounds(means):
@@ -148,7 +148,7 @@ def test_strays_of_an_actor_in_the_background_go_along_in_the_world():
     table, first = list(document.scene.table), document.scene.actors[0]
     assert document.scene.table[7].node == 1
     document.apply(MoveInstances((7,), (0.0, 3.0, 0.0), time=0.2))
-    np.testing.assert_allclose(document.means_of(strays), scene.gaussians.means[strays] + [0, 3, 0], atol=1e-5)
+    np.testing.assert_allclose(document.compute_means(strays), scene.gaussians.means[strays] + [0, 3, 0], atol=1e-5)
     assert np.count_nonzero(document.transforms.indices) == len(strays), "the others go along with the track"
     np.testing.assert_allclose(
         document.scene.actors[0].world_from_box[0, :3, 3] - first.world_from_box[0, :3, 3], [0, 3, 0]
@@ -169,7 +169,7 @@ def test_a_scaled_actor_drives_as_far_as_before():
     np.testing.assert_allclose(new.dimensions, 2 * old.dimensions)
     np.testing.assert_allclose(new.world_from_box, old.world_from_box, atol=1e-12)
     rows = np.flatnonzero(document.scene.nodes == 1)
-    np.testing.assert_array_equal(document.means_of(rows), 2 * document.scene.gaussians.means[rows])
+    np.testing.assert_array_equal(document.compute_means(rows), 2 * document.scene.gaussians.means[rows])
     assert not document.transforms.indices[document.scene.nodes != 1].any()
     result = bake_document(document).gaussians
     np.testing.assert_allclose(
@@ -263,11 +263,11 @@ def test_two_layers_far_apart_still_have_a_ground():
 
 def test_yaw_only_drops_the_tilt():
     document = Document(street())
-    tilted = MoveInstances((1,), rotation=(0.9, 0.2, -0.1, 0.3), yaw_only=True).matrix(document)
+    tilted = MoveInstances((1,), rotation=(0.9, 0.2, -0.1, 0.3), yaw_only=True).compute_matrix(document)
     np.testing.assert_allclose(tilted[2, :3], [0, 0, 1], atol=1e-12)
     expected = 2 * np.arctan2(0.3, 0.9)
     assert np.arctan2(tilted[1, 0], tilted[0, 0]) == pytest.approx(expected)
-    over = MoveInstances((1,), rotation=(0.0, 1.0, 0.0, 0.0), yaw_only=True).matrix(document)
+    over = MoveInstances((1,), rotation=(0.0, 1.0, 0.0, 0.0), yaw_only=True).compute_matrix(document)
     np.testing.assert_array_equal(over[:, :3], np.eye(3))
 
 
@@ -307,18 +307,18 @@ def test_memory_is_that_of_the_rows_moved():
     document = Document(random_scene(count=20_000, instances=2_000))
     edit = MoveInstances((5,), (1.0, 0.0, 0.0))
     document.apply(edit)
-    assert edit._rows.nbytes + edit._before.nbytes == 6 * len(document.rows_of((5,)))
-    assert compute_current_means(document.scene.gaussians, document.transforms, document.rows_of((6,))).base is None
+    assert edit._rows.nbytes + edit._before.nbytes == 6 * len(document.find_rows((5,)))
+    assert compute_current_means(document.scene.gaussians, document.transforms, document.find_rows((6,))).base is None
 
 
 def test_what_is_drawn_of_some_rows_is_what_is_exported():
     document = Document(random_scene())
     document.apply(MoveInstances((2, 7), (1.0, 0.0, 0.0), (0.5, 0.5, 0.1, 0.2), 1.5))
-    rows = np.array([5, 17, 150, 199, *document.rows_of((2,))[:5]])
+    rows = np.array([5, 17, 150, 199, *document.find_rows((2,))[:5]])
     drawn, exported = (
         copy_transformed(document.scene.gaussians, document.transforms, rows),
         bake_document(document).gaussians,
     )
     for name, array in drawn.arrays().items():
         np.testing.assert_allclose(array, getattr(exported, name)[rows], atol=2e-6, err_msg=name)
-    np.testing.assert_allclose(document.means_of(rows), drawn.means, atol=1e-5)
+    np.testing.assert_allclose(document.compute_means(rows), drawn.means, atol=1e-5)

@@ -38,8 +38,8 @@ def test_others_stay_where_they_were_moved_to():
     document = Document(random_scene())
     document.apply(MoveInstances((2, 3), (1.0, 0.0, 0.0)))
     document.apply(ResetMoves((2,)))
-    assert not document.transforms.indices[document.rows_of((2,))].any()
-    assert document.transforms.indices[document.rows_of((3,))].all()
+    assert not document.transforms.indices[document.find_rows((2,))].any()
+    assert document.transforms.indices[document.find_rows((3,))].all()
 
 
 def test_what_was_never_moved_is_no_step_and_what_is_locked_stays():

@@ -28,13 +28,13 @@ from instdrive_core.scene.upright import AXES, compute_axis_direction, compute_u
 
 ANY_TURN = (0.8, 0.1, -0.3, 0.5)
 NEARLY_DOWN = [np.array([x, 0.3 * x, -1.0]) for x in (1e-2, 1e-4, 1e-6, 1e-9, 1e-13)]
-AXIS_TURNS = [TurnScene.upright(tuple(compute_axis_direction(axis))) for axis in AXES if axis != "+z"]
+AXIS_TURNS = [TurnScene.make_upright(tuple(compute_axis_direction(axis))) for axis in AXES if axis != "+z"]
 
 
 def world_means(document, time):
     scene = document.scene
     poses, _ = scene.at(time)
-    means = document.means_of(np.arange(len(scene)))
+    means = document.compute_means(np.arange(len(scene)))
     return place_in_world(means, scene.gaussians.quats, scene.nodes, poses)[0]
 
 
@@ -65,9 +65,9 @@ def test_a_sky_turned_by_quarters_keeps_its_texels():
 def test_what_pointed_there_points_up_and_coordinates_are_kept(axis):
     document = Document(random_scene())
     means = document.scene.gaussians.means
-    document.apply(TurnScene.upright(tuple(compute_axis_direction(axis))))
+    document.apply(TurnScene.make_upright(tuple(compute_axis_direction(axis))))
     still = document.scene.nodes == 0
-    found = document.means_of(np.flatnonzero(still))
+    found = document.compute_means(np.flatnonzero(still))
     np.testing.assert_array_equal(found[:, 2], means[still] @ compute_axis_direction(axis).astype(np.float32))
     np.testing.assert_array_equal(np.sort(np.abs(found), axis=1), np.sort(np.abs(means[still]), axis=1))
 
@@ -95,7 +95,7 @@ def test_it_is_one_step_and_undo_restores_every_bit():
 
 
 def test_it_is_replayed_from_its_lines():
-    edit = TurnScene.upright((0.0, -1.0, 0.2), 0.5)
+    edit = TurnScene.make_upright((0.0, -1.0, 0.2), 0.5)
     first, second = Document(random_scene()), Document(random_scene())
     first.apply(edit)
     (again,) = edits_from_lines(edits_to_lines([edit]))
@@ -107,18 +107,18 @@ def test_it_is_replayed_from_its_lines():
 def test_moved_things_are_reset_to_where_the_turn_has_put_them():
     """Not back to where they lie on their side; nor do copies, drives and what was moved before the turn."""
     turned, moved = Document(random_scene()), Document(random_scene())
-    turn = TurnScene.upright((0.0, -1.0, 0.0), 2.0)
+    turn = TurnScene.make_upright((0.0, -1.0, 0.0), 2.0)
     turned.apply(turn)
     moved.apply(MoveInstances((2, 7), (1.0, 2.0, 0.0), ANY_TURN, 1.5))
     moved.apply(turn)
     moved.apply(MoveInstances((3, 8), (0.0, 1.0, 0.0), ANY_TURN, 0.9))
     moved.apply(ResetMoves((2, 3, 7, 8)))
     assert_same_scene(bake_document(moved), bake_document(turned))
-    rows = turned.rows_of((4,))
+    rows = turned.find_rows((4,))
     turned.apply(DuplicateInstances((4,), (0.0, 0.0, 9.0)))
     copy = max(entry.id for entry in turned.scene.table)
     turned.apply(ResetMoves((copy,)))
-    np.testing.assert_array_equal(turned.means_of(turned.rows_of((copy,))), turned.means_of(rows))
+    np.testing.assert_array_equal(turned.compute_means(turned.find_rows((copy,))), turned.compute_means(rows))
 
 
 def test_bounds_are_those_of_the_splats():
@@ -126,9 +126,9 @@ def test_bounds_are_those_of_the_splats():
         document = Document(random_scene())
         document.apply(edit)
         for entry in document.scene.table:
-            rows = document.rows_of((entry.id,))
+            rows = document.find_rows((entry.id,))
             rows = rows[document.scene.nodes[rows] == entry.node]
-            np.testing.assert_allclose(entry.bounds, compute_middle_bounds(document.means_of(rows)), atol=1e-5)
+            np.testing.assert_allclose(entry.bounds, compute_middle_bounds(document.compute_means(rows)), atol=1e-5)
 
 
 def test_prepared_aside_it_gives_the_same_and_only_for_what_it_was_prepared_for():
@@ -143,7 +143,7 @@ def test_prepared_aside_it_gives_the_same_and_only_for_what_it_was_prepared_for(
         document = Document(random_scene())
         document.apply(MoveInstances((2,), (1.0, 0.0, 0.0)))
         document.apply(turn)
-        bounds = compute_middle_bounds(document.means_of(document.rows_of((2,))))
+        bounds = compute_middle_bounds(document.compute_means(document.find_rows((2,))))
         np.testing.assert_allclose(document.scene.table[2].bounds, bounds, atol=1e-5)
 
 
@@ -168,7 +168,7 @@ def test_turns_add_up_and_a_turn_back_leaves_the_identity():
     document = Document(random_scene())
     scene = bake_document(document)
     for _ in range(4):
-        document.apply(TurnScene.upright((0.0, -1.0, 0.0)))
+        document.apply(TurnScene.make_upright((0.0, -1.0, 0.0)))
     assert not document.transforms.indices.any()
     np.testing.assert_array_equal(document.orientation, np.eye(3, 4))
     assert bake_document(document).gaussians.means.tobytes() == scene.gaussians.means.tobytes()
@@ -195,7 +195,7 @@ def test_the_shortest_way_up_is_taken():
 def test_titles_say_what_happens():
     assert [edit.title for edit in AXIS_TURNS][3:] == ["Turn the scene, −Y up", "Turn the scene, −Z up"]
     assert TurnScene(scale=0.01).title == "Scale the scene by 0.01"
-    assert TurnScene.upright((1.0, 0.0, 0.0), 3.0).title == "Turn the scene, +X up, and scale it by 3"
+    assert TurnScene.make_upright((1.0, 0.0, 0.0), 3.0).title == "Turn the scene, +X up, and scale it by 3"
     assert TurnScene(ANY_TURN).title == "Turn the scene"
 
 
@@ -207,7 +207,7 @@ def test_what_is_no_turn_is_refused(values):
     with pytest.raises(EditError):
         edit_from_json({"kind": "turn_scene", **values})
     with pytest.raises(EditError):
-        TurnScene.upright((0.0, 0.0, 0.0))
+        TurnScene.make_upright((0.0, 0.0, 0.0))
 
 
 def test_a_scene_without_anything_can_be_turned():

@@ -45,18 +45,18 @@ def test_a_part_is_what_the_whole_has_of_it(document):
 
 
 def test_a_part_keeps_the_tracks_of_its_own_splats_only(document):
-    part = bake_part(document, document.rows_of((3, 8)))
+    part = bake_part(document, document.find_rows((3, 8)))
     assert part.actors == (document.scene.actors[1],)
     np.testing.assert_array_equal(part.nodes, (part.instance_ids == 8).astype(np.uint16))
     assert (part.table[8].node, part.table[3].node) == (1, 0)
-    assert bake_part(document, document.rows_of((3,))).actors == ()
-    at_once, later = bake_part(document, document.rows_of((3, 8)), 0.3), freeze_at_time(part, 0.3)
+    assert bake_part(document, document.find_rows((3,))).actors == ()
+    at_once, later = bake_part(document, document.find_rows((3, 8)), 0.3), freeze_at_time(part, 0.3)
     np.testing.assert_array_equal(at_once.gaussians.means, later.gaussians.means)
 
 
 def test_deleted_splats_and_absent_actors_are_in_no_part(document):
-    assert not len(bake_part(document, document.rows_of((1,))))
-    assert not len(bake_part(document, document.rows_of((7, 8)), 9.0))
+    assert not len(bake_part(document, document.find_rows((1,))))
+    assert not len(bake_part(document, document.find_rows((7, 8)), 9.0))
     with pytest.raises(EditError, match="nothing is selected"):
         find_selected_rows(document)
 
@@ -68,7 +68,7 @@ def test_an_actor_alone_placed_by_its_track_is_the_actor_in_the_scene(document, 
     assert not alone.nodes.any()
     assert not alone.origin.any()
     time = 0.3
-    world, rows = bake_document(document, time), document.rows_of((6 + node,))
+    world, rows = bake_document(document, time), document.find_rows((6 + node,))
     pose = document.scene.actors[node - 1].pose_at(time)
     placed = alone.gaussians.means @ pose[:3, :3].T + pose[:3, 3]
     np.testing.assert_allclose(placed, world.gaussians.means[world.instance_ids == 6 + node], atol=1e-4)

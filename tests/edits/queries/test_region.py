@@ -10,7 +10,7 @@ from instdrive_core.edits.kinds.visibility import HideInstances
 from instdrive_core.edits.queries.region import find_instances_in_region, find_rows_in_region
 from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.maths.spherical_harmonics import color_from_dc
-from instdrive_core.rasterize.preview import preview
+from instdrive_core.rasterize.preview import render_preview
 from instdrive_core.scene.scene import place_in_world
 from instdrive_core.scene.screen_region import rasterize_polygon
 
@@ -37,7 +37,7 @@ def winners(scene, camera):
     gaussians = scene.gaussians
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     colors = color_from_dc(gaussians.sh_dc)
-    return (preview(means, quats, gaussians.log_scales, gaussians.opacities, colors, camera).winner + 1).astype(
+    return (render_preview(means, quats, gaussians.log_scales, gaussians.opacities, colors, camera).winner + 1).astype(
         np.uint32
     )
 

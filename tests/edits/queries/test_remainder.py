@@ -34,8 +34,8 @@ def document(street):
 @pytest.fixture(params=CUTS)
 def cut(request, document):
     """Rows of the car: those that the cut takes, and the others."""
-    rows = document.rows_of((CAR,))
-    taken = CUTS[request.param](document.means_of(rows) - CAR_CENTER)
+    rows = document.find_rows((CAR,))
+    taken = CUTS[request.param](document.compute_means(rows) - CAR_CENTER)
     return rows[taken], rows[~taken]
 
 
@@ -63,9 +63,9 @@ def test_the_part_that_is_left_is_no_residue(document, street, cut):
 
 
 def test_strays_go_with_the_half_that_they_are_in(document, street):
-    offsets = document.means_of(street.strays)[:, 1] - CAR_CENTER[1]
-    rows = document.rows_of((CAR,))
-    taken = rows[document.means_of(rows)[:, 1] > CAR_CENTER[1]]
+    offsets = document.compute_means(street.strays)[:, 1] - CAR_CENTER[1]
+    rows = document.find_rows((CAR,))
+    taken = rows[document.compute_means(rows)[:, 1] > CAR_CENTER[1]]
     delete(document, taken)
     residue = report_row_deletion(document, taken, 0.0).residue
     assert np.isin(street.strays[offsets > 0.3], residue).all()
@@ -78,8 +78,8 @@ def test_strays_go_with_the_half_that_they_are_in(document, street):
 
 @pytest.mark.parametrize("half", [False, True])
 def test_single_splats_that_were_missed_are_found(document, half):
-    rows = document.rows_of((CAR,))
-    meant = document.means_of(rows)[:, 1] > CAR_CENTER[1] if half else np.ones(len(rows), bool)
+    rows = document.find_rows((CAR,))
+    meant = document.compute_means(rows)[:, 1] > CAR_CENTER[1] if half else np.ones(len(rows), bool)
     missed = meant & (np.arange(len(rows)) % 20 == 0)
     found = divide_instance(document, CAR, rows[meant & ~missed])
     assert np.isin(found.missed, rows[missed]).all(), "nothing of the other half"
@@ -87,8 +87,8 @@ def test_single_splats_that_were_missed_are_found(document, half):
 
 
 def test_a_piece_is_kept_where_it_is_large_enough_to_be_meant(document):
-    rows = document.rows_of((CAR,))
-    distance = np.linalg.norm(document.means_of(rows) - document.means_of(rows[:1]), axis=1)
+    rows = document.find_rows((CAR,))
+    distance = np.linalg.norm(document.compute_means(rows) - document.compute_means(rows[:1]), axis=1)
     nearest = rows[np.argsort(distance)]
     for size, kept in ((3, 0), (150, 150)):
         remainder = divide_instance(document, CAR, np.sort(nearest[size:]))
@@ -97,8 +97,8 @@ def test_a_piece_is_kept_where_it_is_large_enough_to_be_meant(document):
 
 
 def test_deleted_bit_by_bit_it_is_gone_as_a_whole(document, street):
-    rows = document.rows_of((CAR,))
-    front = document.means_of(rows)[:, 1] > CAR_CENTER[1]
+    rows = document.find_rows((CAR,))
+    front = document.compute_means(rows)[:, 1] > CAR_CENTER[1]
     delete(document, rows[front])
     before = report_row_deletion(document, rows[~front], 0.0)
     delete(document, rows[~front])
@@ -108,12 +108,12 @@ def test_deleted_bit_by_bit_it_is_gone_as_a_whole(document, street):
         assert report.name == "Car 7"
         np.testing.assert_array_equal(report.residue, street.strays)
         np.testing.assert_array_equal(report.hole.cells, whole.hole.cells)
-    document.apply(after.absorption())
+    document.apply(after.make_absorb_edit())
     assert not len(report_deletion(document, (CAR,), 0.0).residue)
 
 
 def test_nothing_left_and_nothing_taken(document):
-    rows = document.rows_of((CAR,))
+    rows = document.find_rows((CAR,))
     everything = divide_instance(document, CAR, rows)
     assert (len(everything.gone), len(everything.kept), len(everything.missed)) == (len(rows), 0, 0)
     assert is_near_deleted(document, rows[:3], everything).all()

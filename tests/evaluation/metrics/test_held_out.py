@@ -7,8 +7,8 @@ import pytest
 from evaluation_scene import DRIVING, ToyDrive
 
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
-from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.metrics.box_pixels import find_moving_box_pixels
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.evaluation.protocol import evaluate_scene
 from instdrive_core.rasterize.scene_view import view_scene
@@ -17,7 +17,7 @@ from instdrive_core.scene.scene import Scene
 
 
 def seen(drive: ToyDrive, scene: Scene, frame: Frame, clip: Clip | None = None) -> HeldOutView:
-    return held_out_view(scene, clip or drive.clip, frame, drive.truth)
+    return measure_held_out_view(scene, clip or drive.clip, frame, drive.truth)
 
 
 def held_out(drive: ToyDrive, index: int = 4) -> Frame:
@@ -84,7 +84,7 @@ def without_actors(scene: Scene) -> Scene:
 
 def test_actors_are_measured_in_the_clips_boxes_only_whatever_the_scene_holds(drive):
     frame, static = held_out(drive), without_actors(drive.scene)
-    boxes = moving_box_pixels(frame.view.camera, drive.clip.tracks, frame.view.time)
+    boxes = find_moving_box_pixels(frame.view.camera, drive.clip.tracks, frame.view.time)
     assert boxes.any()
     assert not boxes[drive.truth.load(frame) == 2].any(), "the parked car is beside"
     outside = repainted(frame, lambda photo: np.where(boxes[..., None], photo, 1 - photo))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from instdrive_core.evaluation.metrics.segmentation import confusion
+from instdrive_core.evaluation.metrics.segmentation import count_confusion
 from instdrive_core.evaluation.page.charts import Curve, line_chart
 from instdrive_core.evaluation.page.elements import Markup, element, joined
 from instdrive_core.evaluation.page.map_colors import (
@@ -19,7 +19,7 @@ from instdrive_core.evaluation.page.map_colors import (
 )
 from instdrive_core.evaluation.page.page import number_cell, table
 from instdrive_core.evaluation.page.pictures import MAX_WIDTH, map_picture, photo_picture
-from instdrive_core.evaluation.training_log import column, read_log, term
+from instdrive_core.evaluation.training_log import get_column, get_term, read_log
 from instdrive_core.instances.colormap import colors_from_ids, ids_from_colors
 
 TRUTH = np.array([[0, 1, 1, 1, 1, 2, 2, 3]], np.uint32)
@@ -47,7 +47,7 @@ def test_cells():
 
 
 def test_the_match_leaves_out_pairs_that_share_nothing():
-    assert truth_of_predicted(confusion(TRUTH, PREDICTED)) == {7: 1, 4: 3}
+    assert truth_of_predicted(count_confusion(TRUTH, PREDICTED)) == {7: 1, 4: 3}
 
 
 def test_what_became_of_each_pixel():
@@ -117,6 +117,6 @@ def test_logs_are_read_past_damaged_lines(tmp_path):
     other = '{"stage":"rgb","seconds":2,"loss":0.25,"psnr":20,"gaussians":3}'
     (tmp_path / "log.jsonl").write_bytes(b"\xff\xfe\n" + f"{good}\n{other}\n{good[:30]}".encode())
     steps = read_log(tmp_path)
-    assert column(steps, "loss").tolist() == [0.5, 0.25]
-    assert np.isnan(column(steps, "psnr")).tolist() == [True, False]
-    assert np.isnan(term(steps, "a")).tolist() == [False, True]
+    assert get_column(steps, "loss").tolist() == [0.5, 0.25]
+    assert np.isnan(get_column(steps, "psnr")).tolist() == [True, False]
+    assert np.isnan(get_term(steps, "a")).tolist() == [False, True]

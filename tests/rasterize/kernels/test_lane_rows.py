@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from instdrive_core.rasterize.kernels.lane_rows import interleaved, member, rows_of_blocks, store_up_to
+from instdrive_core.rasterize.kernels.lane_shuffles import arrange_rows, interleave_lanes, store_up_to, take_member
 from instdrive_core.rasterize.kernels.simd import load, load_block, store, store_block
 
 ZERO, WIDTH = np.uint64(0), np.uint64(16)
@@ -14,10 +14,10 @@ ZERO, WIDTH = np.uint64(0), np.uint64(16)
 
 @numba.njit(error_model="numpy")
 def _rearranged(a, rows, turns, second):
-    store_block(rows, ZERO, WIDTH, rows_of_blocks(load_block(4, a, ZERO, WIDTH)))
+    store_block(rows, ZERO, WIDTH, arrange_rows(load_block(4, a, ZERO, WIDTH)))
     three = load_block(3, a, ZERO, WIDTH)
-    store_block(turns, ZERO, WIDTH, interleaved(three))
-    store(second, ZERO, member(three, 1))
+    store_block(turns, ZERO, WIDTH, interleave_lanes(three))
+    store(second, ZERO, take_member(three, 1))
 
 
 def test_four_blocks_become_four_rows_and_three_channels_take_turns() -> None:

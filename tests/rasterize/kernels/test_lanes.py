@@ -10,25 +10,25 @@ from instdrive_core.rasterize.kernels.simd import (
     add_products,
     add_scaled,
     any_lane,
-    block_of,
-    block_sums,
+    build_block,
     choose,
+    exclude_lanes,
+    fill_lanes,
+    find_lowest_bit,
+    find_members_with,
     greatest,
-    lane_bits,
-    lanes_with,
     least,
     load,
     load_block,
-    lowest_bit,
     magnitude,
-    members_with,
+    make_zero_block,
+    pack_lane_bits,
     prefetch,
-    spread,
     store,
     store_block,
     store_first,
-    without,
-    zero_block,
+    sum_block,
+    unpack_lane_bits,
 )
 
 ZERO = np.uint64(0)
@@ -40,7 +40,7 @@ def _numbers(count: int, seed: int = 0) -> np.ndarray:
 
 @numba.njit(error_model="numpy")
 def _operators(a, b, scalar, out):
-    x, y, total = load(a, ZERO), load(b, ZERO), spread(scalar)
+    x, y, total = load(a, ZERO), load(b, ZERO), fill_lanes(scalar)
     total += x
     results = (x + y, x - scalar, scalar * x, x / y, total, least(x, y), greatest(scalar, x), magnitude(x))
     for k in range(8):
@@ -86,7 +86,7 @@ def _blocks(a, stride, scalars, out):
     weight = load(a, np.uint64(3))
     four = load_block(4, a, np.uint64(1), stride)
     store_block(out, ZERO, np.uint64(16), add_scaled(four, weight, scalars, np.uint64(2)))
-    store_block(out, np.uint64(64), np.uint64(16), add_products(zero_block(4), weight, a, np.uint64(1), stride))
+    store_block(out, np.uint64(64), np.uint64(16), add_products(make_zero_block(4), weight, a, np.uint64(1), stride))
     store(out, np.uint64(128), add_contracted(weight, a, np.uint64(1), stride, scalars, np.uint64(2)))
 
 
@@ -101,9 +101,9 @@ def test_blocks_are_read_weighted_and_contracted() -> None:
 
 @numba.njit(error_model="numpy")
 def _sums(a, out):
-    store(out, ZERO, block_sums(load_block(12, a, ZERO, np.uint64(16))))
+    store(out, ZERO, sum_block(load_block(12, a, ZERO, np.uint64(16))))
     x = load(a, ZERO)
-    store_first(3, out, np.uint64(16), block_sums(block_of(x, x + x, np.float32(3) * x, x)))
+    store_first(3, out, np.uint64(16), sum_block(build_block(x, x + x, np.float32(3) * x, x)))
 
 
 def test_sums_of_a_block_lie_in_its_lanes_and_no_more_than_asked_is_written() -> None:
@@ -118,8 +118,8 @@ def test_sums_of_a_block_lie_in_its_lanes_and_no_more_than_asked_is_written() ->
 
 @numba.njit(error_model="numpy")
 def _bits(sets, bit):
-    found = members_with(sets, bit)
-    return found, lowest_bit(found)
+    found = find_members_with(sets, bit)
+    return found, find_lowest_bit(found)
 
 
 def test_members_of_sets_are_found_as_bits() -> None:
@@ -134,9 +134,9 @@ def test_members_of_sets_are_found_as_bits() -> None:
 @numba.njit(error_model="numpy")
 def _conditions(a, bits, out):
     x = load(a, ZERO)
-    given, above = lanes_with(bits), x > np.float32(0)
+    given, above = unpack_lane_bits(bits), x > np.float32(0)
     store(out, ZERO, choose(given, x, np.float32(9)))
-    return lane_bits(given), lane_bits(above), lane_bits(without(above, given))
+    return pack_lane_bits(given), pack_lane_bits(above), pack_lane_bits(exclude_lanes(above, given))
 
 
 def test_conditions_and_bits_are_each_others_reverse() -> None:

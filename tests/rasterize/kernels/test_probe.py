@@ -25,7 +25,7 @@ def test_the_peak_is_a_rate_that_grows_with_the_threads() -> None:
 
 
 def test_the_probe_does_the_work_that_it_counts() -> None:
-    constants, sums = DEFAULT_SETTINGS.as_row(), np.zeros((2, TILE * TILE * 12 + TILE), np.float32)
+    constants, sums = DEFAULT_SETTINGS.to_row(), np.zeros((2, TILE * TILE * 12 + TILE), np.float32)
     probe._blend_rounds(probe._covering_splats(), 3, constants, sums)
     x = np.arange(TILE) - 7.5
     alpha = 2.0 ** (8 * (-0.8 - 1e-4 * x * x))

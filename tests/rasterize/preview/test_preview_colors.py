@@ -9,7 +9,7 @@ from instdrive_core.maths.spherical_harmonics import REST_COUNTS, Y0, evaluate_r
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
 from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import projected
+from instdrive_core.rasterize.preview.splats import project_splats
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -27,7 +27,7 @@ def test_visible_rows_get_the_color_of_their_direction_in_their_frame(degree):
     )
     shapes = (np.ascontiguousarray(a, np.float32) for a in splats.arrays()[:3])
     means, quats, log_scales = shapes
-    found = projected(means, quats, log_scales, opacities, camera, DEFAULT_SETTINGS, Workspace())
+    found = project_splats(means, quats, log_scales, opacities, camera, DEFAULT_SETTINGS, Workspace())
     found.colors[:] = -7
     write_colors(found, source, means, camera.position)
 

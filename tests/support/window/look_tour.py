@@ -162,7 +162,7 @@ class Tour:
     def _cars(self) -> tuple[int, ...]:
         document = self._session.document
         assert document is not None
-        return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.visible_instances()
+        return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.find_visible_instances()
 
     def _front(self, panel: str) -> None:
         imgui.set_window_focus(panel)

@@ -108,13 +108,13 @@ class TestHarmonics:
         directions = means - POSITION
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         leaves = leaf(means), leaf(sh_dc), leaf(sh_rest)
-        colors = torch_ops.sh_colors(*leaves, POSITION)
+        colors = torch_ops.evaluate_harmonics(*leaves, POSITION)
         wanted = evaluate_view_colors(sh_dc, sh_rest, directions)
         np.testing.assert_allclose(colors.detach().numpy(), wanted, atol=1e-5)
         assert (wanted == 0).any()  # clamped channels are in the test
 
         own_directions = np.einsum("nji,nj->ni", poses[nodes, :3, :3], directions)
-        colors = torch_ops.sh_colors(*leaves, POSITION, nodes, poses)
+        colors = torch_ops.evaluate_harmonics(*leaves, POSITION, nodes, poses)
         np.testing.assert_allclose(
             colors.detach().numpy(), evaluate_view_colors(sh_dc, sh_rest, own_directions), atol=1e-5
         )

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
-from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE, lidar_directions
+from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE, compute_lidar_directions
 from instdrive_core.datasets.synthetic.world.street import StepGeometry
 
 RANGE_NOISE = 0.02
@@ -43,7 +43,7 @@ def cast_sweep(
     Args:
         semantics: class by instance ID; a material's own class goes before it (paint on the road).
     """
-    directions = lidar_directions(azimuths) @ street_from_lidar[:3, :3].T.astype(np.float32)
+    directions = compute_lidar_directions(azimuths) @ street_from_lidar[:3, :3].T.astype(np.float32)
     origin = street_from_lidar[:3, 3]
     hits = rays.first_hits(np.broadcast_to(origin.astype(np.float32), directions.shape).copy(), directions)
     seen = (hits.triangles >= 0) & (hits.distances > LIDAR_BLIND_RANGE) & (hits.distances < LIDAR_RANGE)

@@ -13,9 +13,9 @@ from instdrive_core.datasets.synthetic.world.light import (
     SIDE,
     SUBSAMPLES,
     Light,
-    develop,
-    hit_geometry,
-    probe_directions,
+    compute_hit_geometry,
+    compute_probe_directions,
+    develop_photo,
     shade_hits,
     shade_sky,
 )
@@ -65,9 +65,9 @@ class StepRenderer:
         hits = self.rays.first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
         struck = np.flatnonzero(hits.triangles >= 0)
         points, normals = np.empty((len(struck), 3), np.float32), np.empty((len(struck), 3), np.float32)
-        hit_geometry(struck, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
+        compute_hit_geometry(struck, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
         to_light, to_open = np.empty_like(points), np.empty_like(points)
-        probe_directions(struck, normals, light.sun_directions(), to_light, to_open)
+        compute_probe_directions(struck, normals, light.sun_directions(), to_light, to_open)
         in_shadow = self.rays.occluded(points, to_light, SHADOW_REACH)
         enclosed = self.rays.occluded(points, to_open, OPEN_REACH)
         radiance = np.empty_like(directions)
@@ -78,7 +78,7 @@ class StepRenderer:
         )  # fmt: skip
         shade_sky(hits.triangles, directions, light.to_sun, light.cloud_seed, radiance)
         ids = np.where(hits.triangles >= 0, self.geometry.instances[hits.triangles], 0)
-        develop(radiance, ids, EXPOSURE, image, labels)
+        develop_photo(radiance, ids, EXPOSURE, image, labels)
 
 
 def compute_subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:

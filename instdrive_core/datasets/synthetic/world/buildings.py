@@ -185,7 +185,9 @@ def _side_wall(width: float, floors: int, looks: _Looks, rng: np.random.Generato
     for level in range(floors):
         glazed = [level > 0 and rng.random() < 0.75 for _ in range(bays)]
         parts.append(
-            build_storey(width, _level(level), [looks.window if pane else None for pane in glazed], looks.materials, rng)
+            build_storey(
+                width, _level(level), [looks.window if pane else None for pane in glazed], looks.materials, rng
+            )
         )
     return join_meshes(parts)
 

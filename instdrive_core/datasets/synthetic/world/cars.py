@@ -21,7 +21,15 @@ from instdrive_core.datasets.synthetic.world.materials import (
     MaterialPalette,
 )
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
-from instdrive_core.datasets.synthetic.world.primitives import both_sides, build_box, cylinder, decal, disc, loft, build_quad
+from instdrive_core.datasets.synthetic.world.primitives import (
+    add_mirror_image,
+    build_box,
+    build_cylinder,
+    build_decal,
+    build_disc,
+    build_loft,
+    build_quad,
+)
 
 
 @dataclass(frozen=True)
@@ -149,7 +157,7 @@ def _body(shape: CarShape, finish: _Finish) -> TriangleMesh:
         (0.500, 0.78 * nose, half - 0.19, low + 0.12),
     ]
     sections = [_body_section(y * shape.length, top, width, bottom) for y, top, width, bottom in stations]
-    return loft(np.stack(sections), finish.paint).smoothed(42.0)
+    return build_loft(np.stack(sections), finish.paint).smoothed(42.0)
 
 
 def _body_section(y: float, top: float, half: float, bottom: float) -> Float[ndarray, "p 3"]:
@@ -176,18 +184,18 @@ def _cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
     base = _ring(foot, rear, front, z0)
     shoulder = _ring(top, roof_rear, roof_front, z1)
     roof = _ring(top - bevel, roof_rear + bevel, roof_front - bevel, z2)
-    parts = [loft(np.stack([base, shoulder, roof]), finish.paint).smoothed(38.0)]
+    parts = [build_loft(np.stack([base, shoulder, roof]), finish.paint).smoothed(38.0)]
     right = np.stack([base[1], base[2], shoulder[2], shoulder[1]])
     windscreen = np.stack([base[2], base[3], shoulder[3], shoulder[2]])
     rear_window = np.stack([base[0], base[1], shoulder[1], shoulder[0]])
-    surround = decal(right, (shape.pillars[0], shape.pillars[-1]), (0.10, 0.96), finish.black)
-    parts.append(both_sides(surround))
+    surround = build_decal(right, (shape.pillars[0], shape.pillars[-1]), (0.10, 0.96), finish.black)
+    parts.append(add_mirror_image(surround))
     for start, end in zip(shape.pillars, shape.pillars[1:], strict=False):
-        window = decal(right, (start + 0.015, end - 0.015), (0.13, 0.93), finish.glass, lift=0.008)
-        parts.append(both_sides(window))
-    parts.append(decal(windscreen, (0.06, 0.94), (0.05, 0.95), finish.glass))
+        window = build_decal(right, (start + 0.015, end - 0.015), (0.13, 0.93), finish.glass, lift=0.008)
+        parts.append(add_mirror_image(window))
+    parts.append(build_decal(windscreen, (0.06, 0.94), (0.05, 0.95), finish.glass))
     if shape.cargo is None or shape.cargo[2] < shape.belt:
-        parts.append(decal(rear_window, (0.08, 0.92), (0.14, 0.92), finish.glass))
+        parts.append(build_decal(rear_window, (0.08, 0.92), (0.14, 0.92), finish.glass))
     return join_meshes(parts)
 
 
@@ -201,15 +209,15 @@ def _wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
     half, radius = shape.width / 2, shape.wheel_radius
     parts = []
     for y in (-shape.wheelbase / 2 - 0.02 * shape.length, shape.wheelbase / 2 - 0.02 * shape.length):
-        tyre = cylinder((half - 0.24, y, radius), (half + 0.005, y, radius), radius, finish.black, 18)
-        rim = disc((half + 0.012, y, radius), (1, 0, 0), 0.98 * radius, finish.rim, 18)
+        tyre = build_cylinder((half - 0.24, y, radius), (half + 0.005, y, radius), radius, finish.black, 18)
+        rim = build_disc((half + 0.012, y, radius), (1, 0, 0), 0.98 * radius, finish.rim, 18)
         angles = np.linspace(0, np.pi, 15)
         ring = np.stack([np.full(15, half + 0.004), y + 1.17 * radius * np.cos(angles),
                          np.maximum(radius + 1.17 * radius * np.sin(angles), shape.clearance)], axis=1)  # fmt: skip
         middle = np.broadcast_to([half + 0.004, y, shape.clearance + 0.01], ring[1:].shape)
         arch = build_flat_mesh(np.stack([middle, ring[:-1], ring[1:]], axis=1), finish.black)
         parts += [tyre, rim, arch]
-    return both_sides(join_meshes(parts))
+    return add_mirror_image(join_meshes(parts))
 
 
 def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
@@ -231,7 +239,7 @@ def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
         build_box((shape.width * 0.80, 0.16, 0.10), (0, front - 0.10, low + 0.08), finish.black),
         build_box((shape.width * 0.82, 0.16, 0.16), (0, -front + 0.075, low + 0.16), finish.black),
     ]
-    return join_meshes([both_sides(join_meshes(lamps)), *middle])
+    return join_meshes([add_mirror_image(join_meshes(lamps)), *middle])
 
 
 def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
@@ -247,8 +255,10 @@ def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
     parts.append(build_box((0.03, 0.20, 0.035), (half, doors[0] - 0.20, shape.belt - 0.13), finish.black))
     if len(shape.pillars) > 2:
         parts.append(build_box((0.03, 0.20, 0.035), (half, front - 1.15, shape.belt - 0.13), finish.black))
-    parts.append(build_box((0.16, 0.10, 0.14), (half + 0.03, roof_front + 0.45, shape.belt + 0.07), finish.paint, (0.8, 0.8)))
-    return both_sides(join_meshes(parts))
+    parts.append(
+        build_box((0.16, 0.10, 0.14), (half + 0.03, roof_front + 0.45, shape.belt + 0.07), finish.paint, (0.8, 0.8))
+    )
+    return add_mirror_image(join_meshes(parts))
 
 
 def _cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) -> TriangleMesh:

@@ -47,7 +47,9 @@ def place_bus_stop(places: CurbPlaces, rng: np.random.Generator, palette: Materi
     return Fixture(shelter.at(ROAD_HALF + 0.62, y, CURB_HEIGHT, face_street(1)), _STATIC)
 
 
-def place_lamp_posts(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def place_lamp_posts(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Every 22 m, in turn on either side."""
     fixtures = []
     start = STREET_SPAN[0] + 4 + rng.uniform(0, 6)
@@ -60,7 +62,9 @@ def place_lamp_posts(crossing: float, places: CurbPlaces, rng: np.random.Generat
     return fixtures
 
 
-def place_crossing_signs(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def place_crossing_signs(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Traffic lights for both streets, green for the main one, and a crosswalk sign at each of its crosswalks."""
     fixtures = []
     for side in (-1, 1):
@@ -80,7 +84,9 @@ def place_crossing_signs(crossing: float, places: CurbPlaces, rng: np.random.Gen
     return fixtures
 
 
-def place_road_signs(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def place_road_signs(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Signs of all kinds towards the traffic on their side."""
     fixtures = []
     for side in (-1, 1):
@@ -99,7 +105,9 @@ def _face_traffic(side: Side) -> float:
     return 0.0 if side > 0 else np.pi
 
 
-def place_trees(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def place_trees(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Rows of trees, mostly of one species per side."""
     fixtures = []
     for side in (-1, 1):
@@ -115,7 +123,9 @@ def place_trees(crossing: float, places: CurbPlaces, rng: np.random.Generator, p
     return fixtures
 
 
-def place_small_furniture(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def place_small_furniture(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Bins, hydrants, benches and the like, at the kerb or at the house fronts, out of the walkers' way."""
     builders: tuple[tuple[Callable[[], TriangleMesh], str, float, bool], ...] = (  # label, depth, also at houses
         (lambda: furniture.build_litter_bin(rng, palette), "Rolling Containers", 0.72, True),

@@ -58,7 +58,9 @@ def build_storey(
     return join_meshes(parts)
 
 
-def build_patch(x: Span, z: Span, y: float, material: int, origin: Span = (0.0, 0.0), seed: float = 0.0) -> TriangleMesh:
+def build_patch(
+    x: Span, z: Span, y: float, material: int, origin: Span = (0.0, 0.0), seed: float = 0.0
+) -> TriangleMesh:
     """A rectangle parallel to the wall; its texture is measured from `origin`."""
     corners = np.array([[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]])
     texcoords = np.column_stack([corners[:, 0] - origin[0], corners[:, 2] - origin[1], np.full(4, seed)])

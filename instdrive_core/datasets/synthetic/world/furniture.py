@@ -18,7 +18,14 @@ from instdrive_core.datasets.synthetic.world.materials import (
     MaterialPalette,
 )
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
-from instdrive_core.datasets.synthetic.world.primitives import build_box, cylinder, disc, build_quad, sphere, tube
+from instdrive_core.datasets.synthetic.world.primitives import (
+    build_box,
+    build_cylinder,
+    build_disc,
+    build_quad,
+    build_sphere,
+    build_tube,
+)
 
 _SIGN_COLORS: dict[int, tuple[Color, Color]] = {
     0: ((0.50, 0.02, 0.02), (0.5, 0.02, 0.02)),
@@ -44,9 +51,11 @@ def build_lamp_post(rng: np.random.Generator, palette: MaterialPalette) -> Trian
     height = rng.uniform(6.2, 7.2)
     return join_meshes(
         [
-            cylinder((0, 0, 0), (0, 0, 0.9), 0.12, metal, 10),
-            cylinder((0, 0, 0.9), (0, 0, height), 0.075, metal, 10, 0.05),
-            tube([(0, 0, height - 0.1), (0, -0.5, height + 0.35), (0, -1.7, height + 0.45)], [0.05] * 3, metal, 8),
+            build_cylinder((0, 0, 0), (0, 0, 0.9), 0.12, metal, 10),
+            build_cylinder((0, 0, 0.9), (0, 0, height), 0.075, metal, 10, 0.05),
+            build_tube(
+                [(0, 0, height - 0.1), (0, -0.5, height + 0.35), (0, -1.7, height + 0.45)], [0.05] * 3, metal, 8
+            ),
             build_box((0.26, 0.75, 0.12), (0, -1.9, height + 0.45), metal, (0.7, 0.9)),
             build_box((0.18, 0.55, 0.03), (0, -1.9, height + 0.38), glow),
         ]
@@ -58,7 +67,7 @@ def build_traffic_light(palette: MaterialPalette, green: bool) -> TriangleMesh:
     metal = _metal(palette, (0.12, 0.13, 0.12))
     black = palette.add(Material(PLAIN, (0.02, 0.02, 0.02), reflectivity=0.1))
     parts = [
-        cylinder((0, 0, 0), (0, 0, 3.5), 0.07, metal, 10),
+        build_cylinder((0, 0, 0), (0, 0, 3.5), 0.07, metal, 10),
         build_box((0.36, 0.22, 1.0), (0, -0.16, 3.0), black),
         build_box((0.58, 0.03, 1.22), (0, -0.03, 3.0), black),
     ]
@@ -68,7 +77,7 @@ def build_traffic_light(palette: MaterialPalette, green: bool) -> TriangleMesh:
         dim = color if on else tuple(0.12 * value for value in color)
         lamp = palette.add(Material(LAMP, dim, variant=1.6 if on else 0.0, reflectivity=0.3))  # type: ignore[arg-type]
         z = 3.32 - 0.32 * row
-        parts.append(disc((0, -0.28, z), (0, -1, 0), 0.115, lamp))
+        parts.append(build_disc((0, -0.28, z), (0, -1, 0), 0.115, lamp))
         parts.append(build_box((0.26, 0.16, 0.02), (0, -0.33, z + 0.13), black))
     return join_meshes(parts)
 
@@ -80,12 +89,12 @@ def build_traffic_sign(face: int, rng: np.random.Generator, palette: MaterialPal
     radius = 0.36
     material = palette.add(Material(SIGN, ground, second, radius, float(face), reflectivity=0.95))
     z = rng.uniform(2.3, 2.6)
-    parts = [cylinder((0, 0.05, 0), (0, 0.05, z + 0.3), 0.035, post, 8)]
+    parts = [build_cylinder((0, 0.05, 0), (0, 0.05, z + 0.3), 0.035, post, 8)]
     if face in _SQUARE_SIGNS:
         parts += _plate(radius, z, material, grey)
     else:
-        parts.append(disc((0, -0.012, z), (0, -1, 0), radius, material, 24))
-        parts.append(disc((0, 0.008, z), (0, 1, 0), radius, grey, 24))
+        parts.append(build_disc((0, -0.012, z), (0, -1, 0), radius, material, 24))
+        parts.append(build_disc((0, 0.008, z), (0, 1, 0), radius, grey, 24))
     return join_meshes(parts)
 
 
@@ -106,11 +115,11 @@ def build_litter_bin(rng: np.random.Generator, palette: MaterialPalette) -> Tria
     if rng.random() < 0.5:
         return join_meshes(
             [
-                cylinder((0, 0, 0.05), (0, 0, 0.95), 0.25, body, 14, 0.28),
-                cylinder((0, 0, 0.95), (0, 0, 1.08), 0.30, black, 14, 0.16),
+                build_cylinder((0, 0, 0.05), (0, 0, 0.95), 0.25, body, 14, 0.28),
+                build_cylinder((0, 0, 0.95), (0, 0, 1.08), 0.30, black, 14, 0.16),
             ]
         )
-    wheel = [cylinder((x, 0.25, 0.1), (x + 0.05, 0.25, 0.1), 0.1, black, 10) for x in (-0.28, 0.23)]
+    wheel = [build_cylinder((x, 0.25, 0.1), (x + 0.05, 0.25, 0.1), 0.1, black, 10) for x in (-0.28, 0.23)]
     lid = build_box((0.58, 0.72, 0.07), (0, 0, 1.05), black, (0.95, 0.95))
     return join_meshes([build_box((0.48, 0.58, 0.95), (0, 0, 0.545), body, (1.15, 1.15)), lid, *wheel])
 
@@ -121,11 +130,11 @@ def build_hydrant(palette: MaterialPalette) -> TriangleMesh:
     cap = palette.add(Material(PLAIN, (0.60, 0.50, 0.10), gloss=0.15, reflectivity=0.4))
     return join_meshes(
         [
-            cylinder((0, 0, 0), (0, 0, 0.08), 0.20, red, 12),
-            cylinder((0, 0, 0.08), (0, 0, 0.62), 0.13, red, 12),
-            sphere((0, 0, 0.64), (0.155, 0.155, 0.15), cap, 1),
-            cylinder((-0.23, 0, 0.45), (0.23, 0, 0.45), 0.065, cap, 10),
-            cylinder((0, -0.22, 0.42), (0, 0, 0.42), 0.085, cap, 10),
+            build_cylinder((0, 0, 0), (0, 0, 0.08), 0.20, red, 12),
+            build_cylinder((0, 0, 0.08), (0, 0, 0.62), 0.13, red, 12),
+            build_sphere((0, 0, 0.64), (0.155, 0.155, 0.15), cap, 1),
+            build_cylinder((-0.23, 0, 0.45), (0.23, 0, 0.45), 0.065, cap, 10),
+            build_cylinder((0, -0.22, 0.42), (0, 0, 0.42), 0.085, cap, 10),
         ]
     )
 
@@ -138,7 +147,10 @@ def build_bench(palette: MaterialPalette) -> TriangleMesh:
     back = [build_box((1.7, 0.03, 0.12), (0, 0.17 + 0.04 * k, 0.60 + 0.17 * k), wood) for k in range(3)]
     legs = []
     for x in (-0.7, 0.7):
-        legs += [build_box((0.06, 0.42, 0.05), (x, -0.06, 0.41), iron), build_box((0.06, 0.05, 0.42), (x, -0.24, 0.21), iron)]
+        legs += [
+            build_box((0.06, 0.42, 0.05), (x, -0.06, 0.41), iron),
+            build_box((0.06, 0.05, 0.42), (x, -0.24, 0.21), iron),
+        ]
         legs.append(build_box((0.06, 0.05, 1.0), (x, 0.18, 0.5), iron))
     return join_meshes([*slats, *back, *legs])
 
@@ -191,9 +203,9 @@ def build_cone(palette: MaterialPalette) -> TriangleMesh:
     return join_meshes(
         [
             build_box((0.38, 0.38, 0.04), (0, 0, 0.02), orange),
-            cylinder((0, 0, 0.04), (0, 0, 0.30), 0.14, orange, 14, 0.095),
-            cylinder((0, 0, 0.30), (0, 0, 0.48), 0.095, white, 14, 0.065),
-            cylinder((0, 0, 0.48), (0, 0, 0.70), 0.065, orange, 14, 0.03),
+            build_cylinder((0, 0, 0.04), (0, 0, 0.30), 0.14, orange, 14, 0.095),
+            build_cylinder((0, 0, 0.30), (0, 0, 0.48), 0.095, white, 14, 0.065),
+            build_cylinder((0, 0, 0.48), (0, 0, 0.70), 0.065, orange, 14, 0.03),
         ]
     )
 
@@ -204,7 +216,9 @@ def build_barrier(palette: MaterialPalette) -> TriangleMesh:
     grey = _metal(palette)
     legs = [build_box((0.06, 0.5, 0.06), (x, 0, 0.03), grey) for x in (-0.7, 0.7)]
     legs += [build_box((0.05, 0.05, 1.0), (x, 0, 0.5), grey) for x in (-0.7, 0.7)]
-    return join_meshes([build_box((1.6, 0.04, 0.24), (0, 0, 0.85), stripes), build_box((1.6, 0.04, 0.2), (0, 0, 0.4), stripes), *legs])
+    return join_meshes(
+        [build_box((1.6, 0.04, 0.24), (0, 0, 0.85), stripes), build_box((1.6, 0.04, 0.2), (0, 0, 0.4), stripes), *legs]
+    )
 
 
 def build_kiosk(rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
@@ -220,9 +234,9 @@ def build_kiosk(rng: np.random.Generator, palette: MaterialPalette) -> TriangleM
     ]  # fmt: skip
     return join_meshes(
         [
-            cylinder((0, 0, 0), (0, 0, 0.5), 0.48, green, 16),
+            build_cylinder((0, 0, 0), (0, 0, 0.5), 0.48, green, 16),
             *side,
-            cylinder((0, 0, 2.6), (0, 0, 2.75), 0.54, green, 16),
-            cylinder((0, 0, 2.75), (0, 0, 3.25), 0.42, green, 16, 0.05),
+            build_cylinder((0, 0, 2.6), (0, 0, 2.75), 0.54, green, 16),
+            build_cylinder((0, 0, 2.75), (0, 0, 3.25), 0.42, green, 16, 0.05),
         ]
     )

@@ -19,7 +19,7 @@ from instdrive_core.datasets.synthetic.world.materials import (
     MaterialPalette,
 )
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
-from instdrive_core.datasets.synthetic.world.primitives import build_box, disc, build_floor, build_quad
+from instdrive_core.datasets.synthetic.world.primitives import build_box, build_disc, build_floor, build_quad
 
 ROAD_HALF = 5.6
 """Two lanes and two parking strips."""
@@ -136,11 +136,13 @@ def _covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette)
     parts = []
     for y in np.arange(STREET_SPAN[0] + 8, STREET_SPAN[1], 19):
         x = rng.uniform(-2.6, 2.6)
-        parts.append(disc((x, y + rng.uniform(-4, 4), 0.003), (0, 0, 1), 0.34, iron))
+        parts.append(build_disc((x, y + rng.uniform(-4, 4), 0.003), (0, 0, 1), 0.34, iron))
         width, length = rng.uniform(0.6, 1.6), rng.uniform(1.5, 6.0)
         x, y = rng.uniform(-2.8, 2.8), y + rng.uniform(4, 12)
         if abs(y - crossing) > CROSS_HALF + 12:
-            patch = build_floor((x - width, x + width), (y - length, y + length), 0.002, fresh if rng.random() < 0.6 else old)
+            patch = build_floor(
+                (x - width, x + width), (y - length, y + length), 0.002, fresh if rng.random() < 0.6 else old
+            )
             parts.append(patch)
     return join_meshes(parts)
 

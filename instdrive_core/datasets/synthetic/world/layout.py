@@ -23,7 +23,13 @@ from instdrive_core.datasets.synthetic.world.ground import (
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.street import Fixture, Street
-from instdrive_core.datasets.synthetic.world.traffic import ego_route, parked_cars, road_works, traffic, walkers
+from instdrive_core.datasets.synthetic.world.traffic import (
+    build_road_works,
+    build_traffic,
+    build_walkers,
+    draw_ego_route,
+    park_cars,
+)
 from instdrive_core.datasets.synthetic.world.trees import SPECIES, build_bush, build_tree
 
 _HALF_TURN = np.pi
@@ -54,13 +60,13 @@ def build_street(config: StreetConfig) -> Street:
     height = partial(compute_street_height, crossing=crossing)
     works_place = float(rng["parked"].uniform(9, 19))
     actors = [
-        *parked_cars(crossing, works_place, rng["parked"], palette),
-        *traffic(crossing, rng["traffic"], palette),
-        *walkers(crossing, places, rng["people"], palette),
-        *road_works(works_place, rng["parked"], palette),
+        *park_cars(crossing, works_place, rng["parked"], palette),
+        *build_traffic(crossing, rng["build_traffic"], palette),
+        *build_walkers(crossing, places, rng["people"], palette),
+        *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
-        tuple(fixtures), tuple(actors), ego_route(rng["traffic"]), crossing, palette.table(), _light(rng["light"]),
+        tuple(fixtures), tuple(actors), draw_ego_route(rng["build_traffic"]), crossing, palette.table(), _light(rng["light"]),
         float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
 
@@ -122,7 +128,9 @@ def _row(
     return fixtures
 
 
-def _cross_row(side: Side, start: float, direction: int, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def _cross_row(
+    side: Side, start: float, direction: int, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Houses along the crossing street, behind the corner house."""
     fixtures = []
     x = FRONT + 11.6

@@ -48,7 +48,9 @@ def build_box(size: Point, centre: Point, material: int, taper: tuple[float, flo
     return build_flat_mesh(faces[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), material)
 
 
-def loft(sections: Float[ndarray, "s p 3"], material: int, closed: bool = True, capped: bool = True) -> TriangleMesh:
+def build_loft(
+    sections: Float[ndarray, "s p 3"], material: int, closed: bool = True, capped: bool = True
+) -> TriangleMesh:
     """A skin over cross-sections of equal point counts; `closed` joins each section's ends, `capped` closes the first
     and last one by a fan around its centroid (sections must be star-shaped)."""
     sections = np.asarray(sections, np.float64)
@@ -66,7 +68,7 @@ def loft(sections: Float[ndarray, "s p 3"], material: int, closed: bool = True, 
     return build_flat_mesh(merged[area > 1e-9], material)
 
 
-def tube(points: Sequence[Point], radii: Sequence[float], material: int, sides: int = 10) -> TriangleMesh:
+def build_tube(points: Sequence[Point], radii: Sequence[float], material: int, sides: int = 10) -> TriangleMesh:
     """A round limb through `points` with the given radii, smooth-shaded."""
     path = np.asarray(points, np.float64)
     directions = np.gradient(path, axis=0)
@@ -77,17 +79,17 @@ def tube(points: Sequence[Point], radii: Sequence[float], material: int, sides: 
     other = np.cross(directions, side)
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     circle = np.cos(angles)[None, :, None] * side[:, None] + np.sin(angles)[None, :, None] * other[:, None]
-    return loft(path[:, None] + np.asarray(radii)[:, None, None] * circle, material).smoothed(50.0)
+    return build_loft(path[:, None] + np.asarray(radii)[:, None, None] * circle, material).smoothed(50.0)
 
 
-def cylinder(
+def build_cylinder(
     start: Point, end: Point, radius: float, material: int, sides: int = 12, tip: float | None = None
 ) -> TriangleMesh:
     """A round bar from `start` to `end`, `tip` its radius at the end."""
-    return tube([start, end], [radius, radius if tip is None else tip], material, sides)
+    return build_tube([start, end], [radius, radius if tip is None else tip], material, sides)
 
 
-def disc(centre: Point, normal: Point, radius: float, material: int, sides: int = 16) -> TriangleMesh:
+def build_disc(centre: Point, normal: Point, radius: float, material: int, sides: int = 16) -> TriangleMesh:
     """A flat round patch; its texture coordinates are (right, up, 0) from its centre, in metres."""
     centre, normal = np.asarray(centre, float), np.asarray(normal, float)
     normal = normal / np.linalg.norm(normal)
@@ -113,7 +115,7 @@ def _unit_sphere(subdivisions: int) -> ndarray:
     return np.asarray(trimesh.creation.icosphere(subdivisions).triangles)
 
 
-def sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) -> TriangleMesh:
+def build_sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) -> TriangleMesh:
     """An ellipsoid with smooth normals."""
     unit = _unit_sphere(subdivisions)
     radii = np.asarray(radii, float)
@@ -123,7 +125,7 @@ def sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) ->
     return TriangleMesh(mesh.corners, mesh.texcoords, normals.astype(np.float32), mesh.materials)
 
 
-def decal(
+def build_decal(
     face: Float[ndarray, "4 3"], u: tuple[float, float], v: tuple[float, float], material: int, lift: float = 0.004
 ) -> TriangleMesh:
     """A patch on a four-sided `face`, from fractions `u` along its first edge and `v` along its last one, lifted by
@@ -139,7 +141,7 @@ def decal(
     return build_quad(corners + lift * normal, material)
 
 
-def mirrored(mesh: TriangleMesh) -> TriangleMesh:
+def mirror(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh reflected in the plane x = 0, wound the right way round."""
     flip = np.array([-1, 1, 1], np.float32)
     return TriangleMesh(
@@ -150,6 +152,6 @@ def mirrored(mesh: TriangleMesh) -> TriangleMesh:
     )
 
 
-def both_sides(mesh: TriangleMesh) -> TriangleMesh:
+def add_mirror_image(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh and its mirror image."""
-    return join_meshes([mesh, mirrored(mesh)])
+    return join_meshes([mesh, mirror(mesh)])

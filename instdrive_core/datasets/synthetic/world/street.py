@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, join_meshes, build_planar_pose
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_planar_pose, join_meshes
 from instdrive_core.datasets.synthetic.world.rig import EGO_HEIGHT
 
 MOVING_PATH = 1.0

@@ -13,14 +13,14 @@ from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces
 from instdrive_core.datasets.synthetic.world.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF
 from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh
-from instdrive_core.datasets.synthetic.world.people import random_cyclist, random_person
+from instdrive_core.datasets.synthetic.world.people import draw_cyclist, draw_person
 from instdrive_core.datasets.synthetic.world.street import Actor, Route
 
 EGO_SPEED = 7.0
 _HALF_TURN = np.pi
 
 
-def ego_route(rng: np.random.Generator) -> Route:
+def draw_ego_route(rng: np.random.Generator) -> Route:
     """The recording car: up the right lane, making a little room to the left."""
     return Route(LANE, 0.0, 0.0, EGO_SPEED, -float(rng.uniform(0.3, 0.6)), 28.0)
 
@@ -33,7 +33,9 @@ def _unchanging(mesh: TriangleMesh, distance: float) -> TriangleMesh:
     return mesh
 
 
-def _vehicle(model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
+def _vehicle(
+    model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: MaterialPalette
+) -> Actor:
     shape = CAR_SHAPES[model]
     mesh = build_car(shape, CAR_COLORS[color], rng, palette)
     low, high = (bound.astype(float) for bound in mesh.bounds())
@@ -48,7 +50,7 @@ def _colors(rng: np.random.Generator, count: int) -> list[int]:
     return drawn[:count]
 
 
-def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
+def park_cars(crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars along both kerbs, with empty places; none at the road works on the left at y = `works`."""
     models = ("hatchback", "sedan", "suv", "estate", "van", "pickup")
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
@@ -69,7 +71,7 @@ def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette
     return actors
 
 
-def traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
+def build_traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars ahead of, behind and towards the recording one; others wait at the crossing's red light; cyclists."""
     colors = iter(_colors(rng, 40))
 
@@ -99,12 +101,14 @@ def traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette)
 
 
 def _cyclist(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
-    cyclist = random_cyclist(rng, palette)
+    cyclist = draw_cyclist(rng, palette)
     low, high = (bound.astype(float) for bound in cyclist.cuboid())
     return Actor("Bicycle", route, cyclist.mesh, low, high, _draw_uuid(rng), motion="Moving", rider="With Rider")
 
 
-def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
+def build_walkers(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Actor]:
     """People on both pavements in either direction, on the crossing street's crosswalks, and some who stand."""
     actors = []
     for side in (-1, 1):
@@ -125,7 +129,7 @@ def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palet
 
 
 def _person(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
-    person = random_person(rng, palette)
+    person = draw_person(rng, palette)
     walking = route.speed > 0
     low, high = (bound.astype(float) for bound in person.cuboid(walking))
     label = "Pedestrian with Object" if person.carries in ("backpack", "bag") else "Pedestrian"
@@ -135,7 +139,7 @@ def _person(route: Route, rng: np.random.Generator, palette: MaterialPalette) ->
     )  # fmt: skip
 
 
-def road_works(y: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
+def build_road_works(y: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cones around barriers in the left parking strip."""
     cone = furniture.build_cone(palette)
     actors = []

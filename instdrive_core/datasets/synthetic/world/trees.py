@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.world.materials import BARK, LEAF, Color, Material, MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, join_meshes
-from instdrive_core.datasets.synthetic.world.primitives import cylinder, sphere, tube
+from instdrive_core.datasets.synthetic.world.primitives import build_cylinder, build_sphere, build_tube
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ def build_tree(species: Species, rng: np.random.Generator, palette: MaterialPale
     leaf = palette.add(_leaf_material(species, tint))
     lean = rng.uniform(-0.03, 0.03, 2) * height
     thick = 0.018 * height + 0.05
-    trunk = tube(
+    trunk = build_tube(
         [(0, 0, -0.2), (0.3 * lean[0], 0.3 * lean[1], 0.5 * foot), (*lean, 0.75 * height)],
         [1.25 * thick, thick, 0.35 * thick],
         bark,
     )
     clumps = _clumps(species, height, foot, lean, rng)
     boughs = [
-        cylinder((*(0.6 * lean), 0.9 * foot), clump[:3], 0.4 * thick, bark, 6, 0.12 * thick)
+        build_cylinder((*(0.6 * lean), 0.9 * foot), clump[:3], 0.4 * thick, bark, 6, 0.12 * thick)
         for clump in clumps[:5]
         if species.crown[1] < 0.5
     ]
@@ -62,7 +62,9 @@ def build_tree(species: Species, rng: np.random.Generator, palette: MaterialPale
     return join_meshes([trunk, *boughs, *crown])
 
 
-def build_bush(length: float, width: float, height: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
+def build_bush(
+    length: float, width: float, height: float, rng: np.random.Generator, palette: MaterialPalette
+) -> TriangleMesh:
     """A hedge along x, or a bush where `length` is short."""
     species = Species((0, 0), 0, (0, 0), (0.07, 0.16, 0.03), (0.12, 0.20, 0.05))
     leaf = palette.add(_leaf_material(species, rng.uniform(0.85, 1.15, 3)))
@@ -128,7 +130,7 @@ def _clump_mesh(
     ring = [place - size * side, place - 0.62 * size * other, place + size * side, place + 0.62 * size * other]
     corners = np.stack(ring, axis=1)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
     normals = np.repeat(np.repeat(outward[:, None], 2, axis=0), 3, axis=1)
-    core = sphere(centre, 0.88 * radii, leaf, 1)
+    core = build_sphere(centre, 0.88 * radii, leaf, 1)
     foliage = TriangleMesh(
         corners.astype(np.float32),
         corners.astype(np.float32),

@@ -13,8 +13,8 @@ from instdrive_app.files.file_names import (
     join_names,
 )
 from instdrive_app.files.folder_listing import list_folder
-from instdrive_app.panels.dialogs.dropped_files import sorted_out
-from instdrive_app.panels.dialogs.file_purposes import PURPOSES, SCENES, holds_scene
+from instdrive_app.panels.dialogs.dropped_files import sort_dropped
+from instdrive_app.panels.dialogs.file_purposes import PURPOSES, SCENE_ENDINGS, holds_scene
 from instdrive_core.formats.registry import save_scene
 
 
@@ -30,7 +30,7 @@ def folder(tmp_path):
 
 def test_scenes_projects_and_the_rest_keep_their_order(folder):
     names = ["drive.instdrive", "photo.jpg", "street", "b.SPZ", "a.ply", "a.ply"]
-    found = sorted_out([folder / name for name in names])
+    found = sort_dropped([folder / name for name in names])
     assert [path.name for path in found.scenes] == ["street", "b.SPZ", "a.ply"], "and nothing twice"
     assert [path.name for path in found.projects] == ["drive.instdrive"]
     assert [path.name for path in found.openable] == ["drive.instdrive", "street", "b.SPZ", "a.ply"]
@@ -38,7 +38,7 @@ def test_scenes_projects_and_the_rest_keep_their_order(folder):
 
 
 def test_each_problem_has_its_own_words(folder):
-    problems = sorted_out(
+    problems = sort_dropped(
         [folder / "empty", folder / "gone.ply", folder / "gone" / ("n" * 300), Path("https://a.org/s.ply")]
     ).problems
     assert problems[0].startswith("The folder empty holds no scene")
@@ -48,11 +48,11 @@ def test_each_problem_has_its_own_words(folder):
 
 
 def test_of_many_problems_the_number_is_told(folder):
-    complaint = sorted_out([folder / f"{number}.ply" for number in range(7)]).complaint
+    complaint = sort_dropped([folder / f"{number}.ply" for number in range(7)]).complaint
     assert "2.ply cannot be found" in complaint
     assert "3.ply" not in complaint
     assert "4 others" in complaint
-    assert sorted_out([]).complaint == ""
+    assert sort_dropped([]).complaint == ""
 
 
 def test_names_that_are_no_text_are_told_and_not_listed(folder):
@@ -62,13 +62,13 @@ def test_names_that_are_no_text_are_told_and_not_listed(folder):
     assert is_displayable(folder / "café.ply")
     assert format_path(odd.name) == "caf\ufffd.ply"
     assert find_name_problem(folder / "café.ply") == ""
-    assert sorted_out([odd]).openable == ()
-    assert odd.name not in [entry.path.name for entry in list_folder(folder, SCENES, holds_scene)]
+    assert sort_dropped([odd]).openable == ()
+    assert odd.name not in [entry.path.name for entry in list_folder(folder, SCENE_ENDINGS, holds_scene)]
 
 
 def test_paths_that_cannot_be_looked_at_are_no_answer(folder):
     for purpose in PURPOSES.values():
-        assert purpose.problem(folder / ("n" * 300) / "a.ply")
+        assert purpose.find_problem(folder / ("n" * 300) / "a.ply")
     assert not holds_scene(folder / ("n" * 300))
 
 

@@ -3,7 +3,7 @@
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD
 
-from instdrive_app.panels.instances.rows import InstanceRows, Query, natural
+from instdrive_app.panels.instances.rows import InstanceRows, Query, build_natural_key
 from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.kinds.classes import SetInstanceClass
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -51,7 +51,7 @@ def test_names_are_sorted_as_people_count(street):
     street.apply(RenameInstance(FIRST_CAR + 1, "car 9"))
     assert listed(street, column="Name", search="car 10")[0] == FIRST_CAR
     assert listed(street, column="Name")[:2] == (FIRST_CAR + 1, FIRST_CAR)
-    assert natural("x") < natural("x 2") < natural("x 10")
+    assert build_natural_key("x") < build_natural_key("x 2") < build_natural_key("x 10")
 
 
 @pytest.mark.parametrize("edit", [DeleteInstances((HOUSES,)), RenameInstance(HOUSES, "a barn")])

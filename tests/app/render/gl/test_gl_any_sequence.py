@@ -31,7 +31,7 @@ SIZE = (120, 72)
 
 def random_edit(rng, document):
     """Any kind, on one or two instances of which something is left."""
-    alive = [number for number in document.visible_instances() if document.scene.table[number].count]
+    alive = [number for number in document.find_visible_instances() if document.scene.table[number].count]
     ids = tuple(rng.choice(alive, min(len(alive), int(rng.integers(1, 3))), replace=False).tolist())
     shift = tuple(rng.normal(0, 1.5, 3).tolist())
     turn = tuple((np.array([1.0, 0, 0, 0]) + rng.normal(0, 0.4, 4)).tolist())
@@ -61,7 +61,7 @@ def step(rng, document, state):
         document.redo()
     elif choice < 0.4:
         state.time = float(rng.uniform(-1, 5))
-    elif len(document.visible_instances()):
+    elif len(document.find_visible_instances()):
         try:
             document.apply(random_edit(rng, document))
         except EditError:

@@ -154,7 +154,7 @@ def test_edited_tracks_hold_at_every_time(gl, renderer, street):
 
 @pytest.mark.parametrize("scale", [1.0, 1.6])
 def test_a_moved_car_seen_from_the_same_side_looks_the_same(renderer, street, scale):
-    others = tuple(i for i in street.visible_instances() if i != BLUE_CAR)
+    others = tuple(i for i in street.find_visible_instances() if i != BLUE_CAR)
     street.apply(HideInstances(others))
     state = state_at(street, 0, show_sky=False)
     before, ids = look(renderer, resolve(state, *SIZE))

@@ -17,7 +17,7 @@ from instdrive_core.edits.kinds.visibility import HideInstances
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids, ids_from_colors
 from instdrive_core.maths.spherical_harmonics import evaluate_view_colors
-from instdrive_core.rasterize.preview import PickRule, preview
+from instdrive_core.rasterize.preview import PickRule, render_preview
 
 SIZE = (300, 180)
 NEAREST_SOLID = PickRule(min_share=0.0, min_coverage=2.0)
@@ -45,7 +45,7 @@ def cpu_frame(document, snapshot, rule=NEAREST_SOLID):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     colors = evaluate_view_colors(gaussians.sh_dc, gaussians.sh_rest, directions)
     shape = (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities)
-    return preview(*shape, colors, snapshot.camera, rule=rule)
+    return render_preview(*shape, colors, snapshot.camera, rule=rule)
 
 
 def edited(document):

@@ -14,7 +14,7 @@ from instdrive_core.evaluation.protocol import Evaluation
 from instdrive_core.files.atomic import write_bytes
 
 MAP_COLUMNS = ("view mIoU", "view mAcc", "scene mIoU", "scene mAcc", "PQ", "Acc @.25", "Acc @.5", "ID sw.")
-"""Of `map_rows`."""
+"""Of `list_map_rows`."""
 POINT_COLUMNS = {
     "AP": "ap",
     "AP50": "ap50",
@@ -25,7 +25,7 @@ POINT_COLUMNS = {
     "inst. to cover": "instances_to_cover",
     "objects per inst.": "objects_per_instance",
 }
-"""Of `point_rows`, with the protocol's keys."""
+"""Of `list_point_rows`, with the protocol's keys."""
 IMAGES_ONLY = (
     "nothing says which instance is where (no LiDAR with cuboids or semantic classes): only images are measured"
 )
@@ -38,7 +38,7 @@ def write_figures(path: Path, figures: Mapping[str, Any]) -> None:
     write_bytes(path, (json.dumps(figures, indent=2, allow_nan=False) + "\n").encode())
 
 
-def map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
+def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
     """How well each predicted map agrees with the ground truth, by the map's name; columns as `MAP_COLUMNS`.
 
     Oracle: true IDs on this geometry. Instance: what a click selects. Codeword: of the rendered feature. The last
@@ -60,20 +60,20 @@ def map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
     return rows
 
 
-def instance_table(evaluation: Evaluation) -> Table:
-    """The rows of `map_rows`, in 80 columns."""
-    title = f"Instance maps, {split_text(evaluation)}"
+def build_instance_table(evaluation: Evaluation) -> Table:
+    """The rows of `list_map_rows`, in 80 columns."""
+    title = f"Instance maps, {describe_split(evaluation)}"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     table.add_column("predicted map", no_wrap=True)
     for name in MAP_COLUMNS:
         table.add_column(name.replace(" ", "\n"), justify="right", no_wrap=True)
-    for name, values in map_rows(evaluation).items():
-        table.add_row(name, *(figure_text(value) for value in values))
+    for name, values in list_map_rows(evaluation).items():
+        table.add_row(name, *(format_figure(value) for value in values))
     return table
 
 
-def point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
-    """How well IDs agree with the objects of LiDAR points, rows as in `map_rows`; columns as `POINT_COLUMNS`.
+def list_point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
+    """How well IDs agree with the objects of LiDAR points, rows as in `list_map_rows`; columns as `POINT_COLUMNS`.
 
     Empty where nothing could be measured.
     """
@@ -87,9 +87,9 @@ def point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
     return rows if any(value is not None for values in rows.values() for value in values) else {}
 
 
-def point_table(evaluation: Evaluation) -> Table | None:
-    """The rows of `point_rows`, in 80 columns; None where there are none."""
-    rows = point_rows(evaluation)
+def build_point_table(evaluation: Evaluation) -> Table | None:
+    """The rows of `list_point_rows`, in 80 columns; None where there are none."""
+    rows = list_point_rows(evaluation)
     if not rows:
         return None
     table = Table(title="LiDAR points of held-out sweeps", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
@@ -97,17 +97,17 @@ def point_table(evaluation: Evaluation) -> Table | None:
     for name in POINT_COLUMNS:
         table.add_column(name.replace(" ", "\n"), justify="right", no_wrap=True)
     for name, values in rows.items():
-        table.add_row(name, *(figure_text(value) for value in values))
+        table.add_row(name, *(format_figure(value) for value in values))
     return table
 
 
-def summary_rows(evaluation: Evaluation) -> dict[str, str]:
+def list_summary_rows(evaluation: Evaluation) -> dict[str, str]:
     """Images, clicks, size and cost of a run; without ground truth nothing of instances."""
     figures = evaluation.figures
     rows = {
-        "PSNR (dB)": figure_text(figures["psnr"], 2),
-        "PSNR in the boxes of moving objects (dB)": figure_text(figures["psnr_actors"], 2),
-        "SSIM": figure_text(figures["ssim"]),
+        "PSNR (dB)": format_figure(figures["psnr"], 2),
+        "PSNR in the boxes of moving objects (dB)": format_figure(figures["psnr_actors"], 2),
+        "SSIM": format_figure(figures["ssim"]),
     }
     if not evaluation.has_truth:
         rows = {name: text for name, text in rows.items() if text != NOT_APPLICABLE}
@@ -120,7 +120,7 @@ def summary_rows(evaluation: Evaluation) -> dict[str, str]:
 def _instance_rows(figures: Mapping[str, Any]) -> dict[str, str]:
     click, scene = figures["click"], figures["scene"]
     return {
-        "scene mIoU of things / stuff": f"{figure_text(scene['miou_things'])} / {figure_text(scene['miou_stuff'])}",
+        "scene mIoU of things / stuff": f"{format_figure(scene['miou_things'])} / {format_figure(scene['miou_stuff'])}",
         "clicks that hit the object (IoU of the selection > 0.5)": _with_oracle(click, "hit_rate"),
         "mean IoU of selections": _with_oracle(click, "iou"),
         "collateral of deleting hits: other pixels changed": _with_oracle(click, "collateral", 4),
@@ -128,17 +128,17 @@ def _instance_rows(figures: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def summary_table(evaluation: Evaluation) -> Table:
-    """The rows of `summary_rows`."""
+def build_summary_table(evaluation: Evaluation) -> Table:
+    """The rows of `list_summary_rows`."""
     table = Table(box=box.SIMPLE, pad_edge=False, show_header=False)
     table.add_column()
     table.add_column(justify="right")
-    for name, value in summary_rows(evaluation).items():
+    for name, value in list_summary_rows(evaluation).items():
         table.add_row(name, value)
     return table
 
 
-def split_text(evaluation: Evaluation) -> str:
+def describe_split(evaluation: Evaluation) -> str:
     """What was measured on what, in one line."""
     figures = evaluation.figures
     steps = ", ".join(map(str, evaluation.held_out_steps))
@@ -149,7 +149,7 @@ def split_text(evaluation: Evaluation) -> str:
     )
 
 
-def figure_text(value: float | int | None, digits: int = 3) -> str:
+def format_figure(value: float | int | None, digits: int = 3) -> str:
     """A figure as people read it; a dash where it does not apply."""
     if value is None:
         return NOT_APPLICABLE
@@ -159,5 +159,5 @@ def figure_text(value: float | int | None, digits: int = 3) -> str:
 def _with_oracle(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
     """A figure, and what true IDs reach on the same Gaussians where that is known."""
     oracle = scores.get(f"oracle_{key}")
-    text = figure_text(scores[key], digits)
-    return text if oracle is None else f"{text} (oracle {figure_text(oracle, digits)})"
+    text = format_figure(scores[key], digits)
+    return text if oracle is None else f"{text} (oracle {format_figure(oracle, digits)})"

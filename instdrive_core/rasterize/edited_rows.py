@@ -22,7 +22,7 @@ from instdrive_core.scene.transforms import TransformPalette
 
 
 @dataclass(frozen=True)
-class Frames:
+class RowFrames:
     """The way of a row into the world: through its entry of the transform palette, then its node's pose."""
 
     entries: Float64[ndarray, "p 3 4"]
@@ -31,16 +31,16 @@ class Frames:
     """world_from_node."""
 
     @classmethod
-    def of(cls, transforms: TransformPalette, poses: Float64[ndarray, "m 4 4"]) -> Frames:
+    def of(cls, transforms: TransformPalette, poses: Float64[ndarray, "m 4 4"]) -> RowFrames:
         """Copies, so that later edits do not change them."""
         return cls(transforms.matrices.copy(), np.ascontiguousarray(poses[:, :3]))
 
 
-def place_means(
+def write_world_means(
     means: Float32[ndarray, "n 3"],
     entry_of_row: UInt16[ndarray, " n"],
     node_of_row: UInt16[ndarray, " n"],
-    frames: Frames,
+    frames: RowFrames,
     rows: tuple[int, int],
     world_means: Float32[ndarray, "n 3"],
 ) -> None:
@@ -49,10 +49,10 @@ def place_means(
     _place_means(_input(means), _input(entry_of_row), _input(node_of_row), *rigid, *rows, world_means)
 
 
-def largest_log_scales(
+def write_largest_log_scales(
     log_scales: Float32[ndarray, "n 3"],
     entry_of_row: UInt16[ndarray, " n"],
-    frames: Frames,
+    frames: RowFrames,
     rows: tuple[int, int],
     log_sizes: Float32[ndarray, "n 1"],
 ) -> None:
@@ -61,7 +61,7 @@ def largest_log_scales(
     _largest_log_scales(_input(log_scales), _input(entry_of_row), _input(growth), *rows, log_sizes)
 
 
-def shown_opacities(
+def write_shown_opacities(
     logits: Float32[ndarray, " n"],
     colors: ColorPalette,
     flags: UInt8[ndarray, " n"],
@@ -78,11 +78,11 @@ def shown_opacities(
     _shown_opacities(_input(logits), *recoloring, *visibility, *rows, opacities)
 
 
-def world_shapes(
+def compute_world_shapes(
     gaussians: Gaussians,
     entry_of_row: UInt16[ndarray, " n"],
     node_of_row: UInt16[ndarray, " n"],
-    frames: Frames,
+    frames: RowFrames,
     rows: Int[ndarray, " k"],
 ) -> tuple[Float32[ndarray, "k 4"], Float32[ndarray, "k 3"]]:
     """Quaternions in the world and log scales (of metres) of some rows, moves included."""

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.fragment import FAST, exponent_of
+from instdrive_core.rasterize.kernels.fragment import FAST, compute_exponent
 from instdrive_core.rasterize.kernels.project import DEPTH, Projection
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 
 BLOCK = 4
 """Depth and channels are padded with zeros to a multiple of this: kernels treat four of them at once."""
-# Columns of a record: the six numbers of `exponent_of` relative to pixel (0, 0), depth, then the channels.
+# Columns of a record: the six numbers of `compute_exponent` relative to pixel (0, 0), depth, then the channels.
 RECORD_X, RECORD_Y, RECORD_BASE, RECORD_XX, RECORD_XY, RECORD_YY, RECORD_VALUES = (np.uint64(k) for k in range(7))
 
 
@@ -21,13 +21,13 @@ def pack_records(
     projection: Projection, channels: Float32[ndarray, "n c"], settings: RasterSettings
 ) -> Float32[ndarray, "v width"]:
     """One record per visible splat, nearest first; columns as named above."""
-    width = int(RECORD_VALUES) + blocks_of(1 + channels.shape[1]) * BLOCK
+    width = int(RECORD_VALUES) + count_blocks(1 + channels.shape[1]) * BLOCK
     records = np.empty((len(projection.rows), width), np.float32)
-    _pack(projection.splats, projection.rows, channels, settings.as_row(), records)
+    _pack(projection.splats, projection.rows, channels, settings.to_row(), records)
     return records
 
 
-def blocks_of(count: int) -> int:
+def count_blocks(count: int) -> int:
     """How many blocks hold `count` numbers."""
     return -(-count // BLOCK)
 
@@ -36,7 +36,7 @@ def blocks_of(count: int) -> int:
 def _pack(splats, rows, channels, constants, records):
     zero, count = np.float32(0), channels.shape[1]
     for v in numba.prange(len(rows)):
-        x, y, base, xx, xy, yy = exponent_of(splats, v, zero, zero, constants[2])
+        x, y, base, xx, xy, yy = compute_exponent(splats, v, zero, zero, constants[2])
         records[v, 0], records[v, 1], records[v, 2] = x, y, base
         records[v, 3], records[v, 4], records[v, 5] = xx, xy, yy
         records[v, 6] = splats[v, DEPTH]

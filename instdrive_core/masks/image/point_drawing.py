@@ -14,7 +14,7 @@ MAX_HALF_SIZE = 12.0
 """Pixels; bounds the work for points right in front of the camera."""
 
 
-def splat(
+def draw_points(
     points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], camera: Camera, size: float
 ) -> tuple[UInt32[ndarray, "h w"], Float32[ndarray, "h w"]]:
     """ID and depth (metres along the optical axis) of the nearest point in each pixel; 0 and infinity where none is.

@@ -17,7 +17,7 @@ from instdrive_core.rasterize.render import Raster
 
 
 @dataclass(frozen=True)
-class Redrawn:
+class RedrawnWindow:
     """The part of a view that changed when something vanished."""
 
     window: tuple[slice, slice]
@@ -27,7 +27,7 @@ class Redrawn:
     alpha: Float32[ndarray, "wh ww"]
 
 
-def without_rows(raster: Raster, rows: Bool[ndarray, " n"]) -> Redrawn:
+def redraw_without_rows(raster: Raster, rows: Bool[ndarray, " n"]) -> RedrawnWindow:
     """Draw a raster again without the given rows: bit for bit what `render` makes of the others.
 
     Args:
@@ -48,7 +48,7 @@ def without_rows(raster: Raster, rows: Bool[ndarray, " n"]) -> Redrawn:
     window = _window(np.flatnonzero(grid.any(axis=1))), _window(np.flatnonzero(grid.any(axis=0)))
     pixels = grid.repeat(TILE, axis=0).repeat(TILE, axis=1)[:height, :width][window]
     image = np.where(pixels[..., None], drawn.image[window], raster.image[window])
-    return Redrawn(window, image, np.where(pixels, drawn.alpha[window], raster.alpha[window]))
+    return RedrawnWindow(window, image, np.where(pixels, drawn.alpha[window], raster.alpha[window]))
 
 
 def _window(touched: Int[ndarray, " k"]) -> slice:

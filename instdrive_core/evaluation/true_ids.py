@@ -12,9 +12,9 @@ from scipy.sparse import csr_array, find
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Frame
-from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, world_gaussians
+from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, place_world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
-from instdrive_core.rasterize.kernels.blend_weights import blend_weights
+from instdrive_core.rasterize.kernels.blend_weights import compute_blend_weights
 from instdrive_core.scene.scene import Scene
 
 PIXELS_PER_VIEW = 8192
@@ -23,7 +23,7 @@ MIN_WEIGHT = 0.1
 of them would name them after that surface."""
 
 
-def true_instance_ids(
+def find_true_ids(
     scene: Scene,
     frames: Sequence[Frame],
     ground_truth: GroundTruth,
@@ -41,7 +41,7 @@ def true_instance_ids(
     votes = csr_array(shape, dtype=np.float64)
     done = 0
     for time, group in groupby(frames, key=lambda frame: frame.view.time):
-        world = world_gaussians(scene, time)
+        world = place_world_gaussians(scene, time)
         parts = []
         for frame in group:
             rng = np.random.default_rng((seed, done))
@@ -59,7 +59,9 @@ def _votes(
     """Gaussians, IDs and blending weights of `count` random labelled pixels."""
     labelled = np.flatnonzero(labels)
     pixels = np.sort(rng.choice(labelled, min(count, len(labelled)), replace=False))
-    found = blend_weights(world.means, world.quats, world.log_scales, world.opacities, frame.view.camera, pixels)
+    found = compute_blend_weights(
+        world.means, world.quats, world.log_scales, world.opacities, frame.view.camera, pixels
+    )
     return found.rows, np.repeat(labels[pixels], np.diff(found.indptr)), found.weights
 
 

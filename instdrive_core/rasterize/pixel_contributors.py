@@ -10,9 +10,9 @@ from jaxtyping import Float, Float32, Int32, Int64
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import TILE
-from instdrive_core.rasterize.kernels.fragment import FLOOR, exponent_of, power_of_two
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.rasterize.kernels.project import DEPTH, OPACITY, camera_row, project
+from instdrive_core.rasterize.kernels.fragment import FLOOR, compute_exponent, power_of_two
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.project import DEPTH, OPACITY, camera_to_row, project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
 from instdrive_core.scene.camera import Camera
@@ -43,7 +43,7 @@ class Contributors:
         )
 
 
-def pixel_contributors(
+def find_pixel_contributors(
     means: Float[ndarray, "n 3"],
     quats: Float[ndarray, "n 4"],
     log_scales: Float[ndarray, "n 3"],
@@ -58,12 +58,12 @@ def pixel_contributors(
     Raises:
         ValueError: the pixel is outside the image.
     """
-    near = rows_near(means, log_scales, opacities, camera, x, y, settings)
+    near = find_rows_near_pixel(means, log_scales, opacities, camera, x, y, settings)
     shape = means[near], quats[near], log_scales[near], opacities[near]
-    return fragments_among(near, *shape, camera, x, y, settings).blended
+    return find_fragments_among(near, *shape, camera, x, y, settings).blended
 
 
-def fragments_among(
+def find_fragments_among(
     near: Int64[ndarray, " k"],
     means: Float[ndarray, "k 3"],
     quats: Float[ndarray, "k 4"],
@@ -76,11 +76,11 @@ def fragments_among(
 ) -> Contributors:
     """All that reaches pixel (column x, row y), given only the rows `near` it and their splats; what is hidden behind
     solid things, too."""
-    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
+    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
     projection = project(means, quats, log_scales, opacities, camera, settings)
     left, top = x // TILE * TILE, y // TILE * TILE
     alphas = np.zeros(len(projection.rows), np.float32)
-    _alphas_at(projection.splats, np.float32(left), np.float32(top), x - left, y - top, settings.as_row(), alphas)
+    _alphas_at(projection.splats, np.float32(left), np.float32(top), x - left, y - top, settings.to_row(), alphas)
     behind = np.cumprod(1 - alphas)
     reaching = np.flatnonzero(alphas > 0)
     behind_each = behind[reaching]
@@ -95,7 +95,7 @@ def fragments_among(
     )
 
 
-def winner_of(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) -> int:
+def pick_winner(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) -> int:
     """The row that this pixel stands for, as `preview` finds it; -1 for none."""
     total = contributors.weights.sum()
     solid = (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
@@ -109,7 +109,7 @@ def winner_of(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) ->
     return int(contributors.rows[median])
 
 
-def rows_near(
+def find_rows_near_pixel(
     means: Float[ndarray, "n 3"],
     log_sizes: Float[ndarray, "n a"],
     opacities: Float[ndarray, " n"],
@@ -124,11 +124,11 @@ def rows_near(
     """
     if not (0 <= x < camera.width and 0 <= y < camera.height):
         raise ValueError(f"pixel ({x}, {y}) is outside the {camera.width} × {camera.height} image")
-    means, log_sizes, opacities = (kernel_array(array) for array in (means, log_sizes, opacities))
+    means, log_sizes, opacities = (to_kernel_array(array) for array in (means, log_sizes, opacities))
     chunks = -(-len(means) // _CHUNK)
     found, counts = np.empty(len(means), np.int64), np.zeros(chunks, np.int64)
     pixel = np.array([x + 0.5, y + 0.5], np.float32)
-    _find_near(means, log_sizes, opacities, camera_row(camera), settings.as_row(), pixel, found, counts)
+    _find_near(means, log_sizes, opacities, camera_to_row(camera), settings.to_row(), pixel, found, counts)
     return np.concatenate([found[k * _CHUNK : k * _CHUNK + counts[k]] for k in range(chunks)] or [found])
 
 
@@ -165,7 +165,7 @@ def _alphas_at(splats, left, top, column, line, constants, alphas):
     """α′ of projected splats at one pixel of the tile at (left, top), in the arithmetic of the blending loops."""
     min_alpha, max_alpha = constants[2], constants[3]
     for v in range(len(splats)):
-        x, y, base, xx, xy, yy = exponent_of(splats, v, left, top, min_alpha)
+        x, y, base, xx, xy, yy = compute_exponent(splats, v, left, top, min_alpha)
         dx, dy = np.float32(column) - x, np.float32(line) - y
         exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
         if exponent >= FLOOR:

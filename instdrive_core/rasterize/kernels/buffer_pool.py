@@ -14,7 +14,7 @@ _spare: list[ndarray] = []
 
 
 @contextmanager
-def spare_floats(count: int) -> Iterator[Float32[ndarray, " count"]]:
+def borrow_floats(count: int) -> Iterator[Float32[ndarray, " count"]]:
     """`count` uninitialised float32, to be forgotten when the scope ends."""
     try:
         buffer = _spare.pop()

@@ -16,12 +16,12 @@ def _constant(numbers):
     return ir.Constant(ir.VectorType(_INT32, len(numbers)), numbers)
 
 
-def _picked(builder, left, right, places):
+def _pick_lanes(builder, left, right, places):
     """Lanes of `left` and, counted on, of `right`."""
     return builder.shuffle_vector(left, right, _constant(places))
 
 
-def _joined(context, builder, signature, members):
+def _join_members(context, builder, signature, members):
     block = ir.Constant(context.get_value_type(signature.return_type), ir.Undefined)
     for k, member in enumerate(members):
         block = builder.insert_value(block, member, k)
@@ -29,7 +29,7 @@ def _joined(context, builder, signature, members):
 
 
 @intrinsic
-def rows_of_blocks(typingctx, blocks):
+def arrange_rows(typingctx, blocks):
     """Four rows of sixteen pixels, of four blocks of 4 × 4 side by side."""
 
     def codegen(context, builder, signature, args):
@@ -38,15 +38,15 @@ def rows_of_blocks(typingctx, blocks):
         for line in range(_SIDE):
             of_one = range(_SIDE * line, _SIDE * (line + 1))
             of_two = [*of_one, *(WIDTH + lane for lane in of_one)]
-            left, right = _picked(builder, first, second, of_two), _picked(builder, third, fourth, of_two)
-            rows.append(_picked(builder, left, right, list(range(WIDTH))))
-        return _joined(context, builder, signature, rows)
+            left, right = _pick_lanes(builder, first, second, of_two), _pick_lanes(builder, third, fourth, of_two)
+            rows.append(_pick_lanes(builder, left, right, list(range(WIDTH))))
+        return _join_members(context, builder, signature, rows)
 
     return LaneBlock(_SIDE)(LaneBlock(_SIDE)), codegen
 
 
 @intrinsic
-def interleaved(typingctx, three):
+def interleave_lanes(typingctx, three):
     """Forty-eight numbers in turn from each of three lanes: red, green, blue, red, …"""
 
     def codegen(context, builder, signature, args):
@@ -54,16 +54,16 @@ def interleaved(typingctx, three):
         parts = []
         for first in range(0, 3 * WIDTH, WIDTH):
             turns = [divmod(place, 3) for place in range(first, first + WIDTH)]
-            two = _picked(builder, red, green, [lane + WIDTH * (turn == 1) for lane, turn in turns])
+            two = _pick_lanes(builder, red, green, [lane + WIDTH * (turn == 1) for lane, turn in turns])
             thirds = [WIDTH + lane if turn == 2 else place for place, (lane, turn) in enumerate(turns)]
-            parts.append(_picked(builder, two, blue, thirds))
-        return _joined(context, builder, signature, parts)
+            parts.append(_pick_lanes(builder, two, blue, thirds))
+        return _join_members(context, builder, signature, parts)
 
     return LaneBlock(3)(LaneBlock(3)), codegen
 
 
 @intrinsic(prefer_literal=True)
-def member(typingctx, block, number):
+def take_member(typingctx, block, number):
     """The lanes of a block with this number (a literal)."""
     if not isinstance(number, types.IntegerLiteral):
         return None
@@ -80,7 +80,9 @@ def store_up_to(typingctx, count, array, place, value):
         count = builder.select(builder.icmp_signed("<", count, count.type(WIDTH)), count, count.type(WIDTH))
         kind = ir.VectorType(_INT32, WIDTH)
         count = builder.insert_element(ir.Constant(kind, ir.Undefined), builder.trunc(count, _INT32), _INT32(0))
-        wanted = builder.icmp_signed("<", _constant(list(range(WIDTH))), _picked(builder, count, count, [0] * WIDTH))
+        wanted = builder.icmp_signed(
+            "<", _constant(list(range(WIDTH))), _pick_lanes(builder, count, count, [0] * WIDTH)
+        )
         data = context.make_array(signature.args[1])(context, builder, array).data
         pointer = builder.bitcast(builder.gep(data, [place]), _VECTOR.as_pointer())
         function = ir.FunctionType(ir.VoidType(), [_VECTOR, pointer.type, _INT32, wanted.type])
