@@ -233,9 +233,9 @@ def _is_own(cell: Cell, place: Workplace) -> bool:
 def _rows(cell: Cell, scene: Scene) -> dict[str, Scene]:
     if not cell.published_too:
         return {SPLIT: scene}
-    from instdrive_core.baselines.as_published import as_published
+    from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 
-    return {PUBLISHED: as_published(scene), SPLIT: scene}
+    return {PUBLISHED: assign_instances_by_codeword(scene), SPLIT: scene}
 
 
 def _draw(cell: Cell, place: Workplace) -> dict[str, Any]:
@@ -248,7 +248,7 @@ def _draw(cell: Cell, place: Workplace) -> dict[str, Any]:
 
 def _train(cell: Cell, place: Workplace, run: Path, init: Path | None = None) -> None:
     """Train into a folder, or go on where an earlier process was cut off."""
-    from instdrive_core.baselines.registry import learner_for
+    from instdrive_core.baselines.registry import find_learner
     from instdrive_core.training.run import CHECKPOINT, CONFIG, RunRequest, run_training
 
     if (run / _RUN_FACTS).is_file():
@@ -263,7 +263,7 @@ def _train(cell: Cell, place: Workplace, run: Path, init: Path | None = None) ->
         resume=(run / CONFIG).is_file(),
         init=init,
         device="cpu",
-        learner=learner_for(cell.method),
+        learner=find_learner(cell.method),
     )
     run_training(request, on_event=lambda event: None, on_note=lambda note: print(note, flush=True))
     (run / CHECKPOINT).unlink(missing_ok=True)

@@ -18,8 +18,8 @@ from instdrive_core.training.settings.config import (
     InstanceConfig,
     Method,
     TrainConfig,
-    on_frozen_geometry,
-    train_config,
+    build_train_config,
+    freeze_geometry,
 )
 
 Kind = Literal["clip", "masks", "geometry", "method", "figure"]
@@ -198,7 +198,7 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
 
     Raises OptionError for an unknown variant.
     """
-    config = train_config(cell.method, "quick")
+    config = build_train_config(cell.method, "quick")
     if scale.geometry_iterations is not None:
         config = replace(config, geometry=replace(config.geometry, iterations=scale.geometry_iterations))
     if scale.instance_iterations is not None:
@@ -211,7 +211,7 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
         )
     if cell.kind == "geometry":
         return config
-    config = on_frozen_geometry(config)
+    config = freeze_geometry(config)
     instances = config.instances
     for change in filter(None, cell.variant.split("+")):
         instances = _changed(instances, change)

@@ -1,7 +1,7 @@
 """How long it takes to make instances of codewords, and what their table and names take.
 
 `python -m benchmarks.components [--run RUN]` prints one JSON line: seconds (the best of several runs, after the kernels
-were compiled) of `split_components`, `build_instance_table` and `instance_classes` on a trained scene grown to a million
+were compiled) of `split_components`, `build_instance_table` and `find_instance_classes` on a trained scene grown to a million
 Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each Gaussian
 moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
 scene is measured, and they are null.
@@ -32,7 +32,7 @@ from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.training.instances.naming import instance_classes
+from instdrive_core.training.instances.naming import find_instance_classes
 
 Growth = Literal["longer", "denser"]
 
@@ -95,7 +95,7 @@ def measured(scene: GrownScene, clip: Clip | None, labels: list[str], runs: int)
     ids = split_components(gaussians.means, scales, nodes, codewords, opacities)
     named = None
     if clip is not None:
-        named = seconds(lambda: instance_classes(clip, ids, gaussians.means, nodes, labels), runs)
+        named = seconds(lambda: find_instance_classes(clip, ids, gaussians.means, nodes, labels), runs)
     return {
         "gaussians": len(gaussians),
         "instances": int(ids.max()),

@@ -111,7 +111,7 @@ class Tour:
         document = self._session.document
         assert document is not None
         lens = self._session.state.viewpoint.lens
-        ids = self._renderer.instance_ids(resolve(self._session.state, 480, round(480 * lens.height / lens.width)))
+        ids = self._renderer.read_instance_ids(resolve(self._session.state, 480, round(480 * lens.height / lens.width)))
         first, second, *_ = rank_objects(document.scene, np.asarray(ids))
         return first, second
 

@@ -28,12 +28,12 @@ from instdrive_core.errors import InstDriveError
 from instdrive_core.masks.sources import ensure_masks
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends.backend import Backend
-from instdrive_core.training.backends.device import chosen_backend
-from instdrive_core.training.build_trainer import trainer_from_clip, trainer_from_scene
-from instdrive_core.training.settings.config import Device, TrainConfig, train_config
+from instdrive_core.training.backends.device import choose_backend
+from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene
+from instdrive_core.training.settings.config import Device, TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.training_view import TrainingView
-from instdrive_core.training.views.view_store import ViewStore, view_store
+from instdrive_core.training.views.view_store import ViewStore, open_view_store
 
 _BLOCKS = 6
 """The workload's photos are noise, with this many times this many masks."""
@@ -61,7 +61,7 @@ class Options:
 
 def configured(feature_dim: int, with_instances: bool) -> TrainConfig:
     """The RGB stage at full resolution, spherical harmonics of degree 3, with or without the instance losses in it."""
-    config = train_config("instdrive", "paper")
+    config = build_train_config("instdrive", "paper")
     return replace(
         config,
         geometry=replace(config.geometry, coarse_iterations=0),
@@ -103,10 +103,10 @@ def noise_view(camera: Camera, number: int) -> TrainingView:
 def clip_trainer(options: Options, path: Path, config: TrainConfig, backend: Backend, folder: str) -> Trainer:
     """A clip's training photos and masks; `folder` keeps masks made from its annotations."""
     clip = load_clip(str(path), options.options)
-    store = view_store(clip, ensure_masks(path, clip, folder, None))
+    store = open_view_store(clip, ensure_masks(path, clip, folder, None))
     if options.init is not None:
-        return trainer_from_scene(config, clip, store, options.init, backend)
-    return trainer_from_clip(config, clip, store, backend)
+        return build_trainer_from_scene(config, clip, store, options.init, backend)
+    return build_trainer_from_clip(config, clip, store, backend)
 
 
 def steps_per_second(trainer: Trainer, warm_up: int, steps: int) -> float:
@@ -129,7 +129,7 @@ def finished(trainer: Trainer) -> float:
 
 def measure(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
-    backend, rates, trainer = chosen_backend(options.device), [], None
+    backend, rates, trainer = choose_backend(options.device), [], None
     with tempfile.TemporaryDirectory() as folder:
         for with_instances in (False, True):
             config = configured(options.feature_dim, with_instances)

@@ -100,10 +100,10 @@ def run_editing(options: Editing) -> dict[str, object]:
     """Rounds of what a user does; each ends where it began, so that what stays is a leak."""
     from benchmarks.editor_session import driven_editor
     from instdrive_app.files.sample import find_sample_scene
-    from instdrive_app.render.offscreen import offscreen_context
+    from instdrive_app.render.offscreen import open_offscreen_context
 
     gauge, rounds = Gauge(options.minutes), 0
-    with own_state() as folder, offscreen_context() as context, driven_editor(context, SIZE) as editor:
+    with own_state() as folder, open_offscreen_context() as context, driven_editor(context, SIZE) as editor:
         scene = options.scene or find_sample_scene()
         editor.open(scene)
         rng = np.random.default_rng(0)
@@ -151,9 +151,9 @@ def run_training(options: Training) -> dict[str, object]:
     from instdrive_core.datasets.clip import ClipOptions
     from instdrive_core.training.run import RunRequest
     from instdrive_core.training.run import run_training as train
-    from instdrive_core.training.settings.config import train_config
+    from instdrive_core.training.settings.config import build_train_config
 
-    config = train_config()
+    config = build_train_config()
     extra = config.init.near_points + config.init.far_points
     config = replace(
         config,

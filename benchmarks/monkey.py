@@ -25,7 +25,7 @@ from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
 from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.messages import Level
-from instdrive_app.render.gl.gl_objects import live_objects
+from instdrive_app.render.gl.gl_objects import count_live_objects
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, What
 from instdrive_app.shell.display import DisplayError
@@ -255,7 +255,7 @@ class Monkey:
         document = self._session.document
         if document is not None and not self._session.jobs.blocking:
             self.problems += find_broken_invariants(document)
-        self.objects.append(sum(live_objects().values()))
+        self.objects.append(sum(count_live_objects().values()))
         fault = self._window.ui.view.gl_error
         if fault is not None:
             self.problems.append(f"OpenGL reports {fault}")

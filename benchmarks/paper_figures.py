@@ -12,7 +12,7 @@ from numpy import ndarray
 from scipy.ndimage import binary_dilation
 
 from benchmarks.picture_layout import banner, beside, fitted, save_jpeg
-from instdrive_core.baselines.as_published import as_published
+from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 from instdrive_core.datasets.clip import Clip, Frame, Sweep, is_held_out
 from instdrive_core.errors import DataError
 from instdrive_core.evaluation.metrics.point_ids import compute_point_support, vote_point_ids
@@ -56,7 +56,7 @@ class Shown:
     def scene(self) -> Scene:
         """Its Gaussians with the instances that the figure shows."""
         scene = read_scene_folder(self.run)
-        return scene if self.method == "instdrive" else as_published(scene)
+        return scene if self.method == "instdrive" else assign_instances_by_codeword(scene)
 
 
 def draw(figure: str, clip: Clip, shown: Sequence[Shown], target: Path) -> str:

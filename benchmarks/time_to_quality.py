@@ -31,12 +31,12 @@ from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.cpu_backend import CpuBackend
-from instdrive_core.training.build_trainer import trainer_from_clip
-from instdrive_core.training.gaussians.exposures import finished_exposures
-from instdrive_core.training.instances.scene_export import finished_scene
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.build_trainer import build_trainer_from_clip
+from instdrive_core.training.gaussians.exposures import export_exposures
+from instdrive_core.training.instances.scene_export import export_trained_scene
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.views.view_store import view_store
+from instdrive_core.training.views.view_store import open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
 
@@ -48,7 +48,7 @@ class Options:
     masks: Path | None = None
     """Folder of masks, of which the RGB stage uses the sky; default: the clip's own `masks/`, else none."""
     options: ClipOptions = dataclasses.field(default_factory=ClipOptions)
-    config: TrainConfig = dataclasses.field(default_factory=train_config)
+    config: TrainConfig = dataclasses.field(default_factory=build_train_config)
     marks: int = 10
     """How often held-out photos are drawn, evenly over the steps."""
     photos: int = 18
@@ -87,8 +87,8 @@ def scene_of(trainer: Trainer, clip: Clip) -> Scene:
     """What has been learned so far, without instances."""
     exposures = None
     if trainer.config.geometry.exposure_lr:
-        exposures = finished_exposures(trainer.model.shared["exposures"], trainer.store.facts)
-    return finished_scene(trainer.model, clip, trainer.config, learned=None, exposures=exposures)
+        exposures = export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+    return export_trained_scene(trainer.model, clip, trainer.config, learned=None, exposures=exposures)
 
 
 def main(options: Options) -> dict[str, object]:
@@ -102,8 +102,8 @@ def main(options: Options) -> dict[str, object]:
     total = options.config.geometry.iterations
     due = set(np.linspace(0, total, options.marks + 1).round().astype(int).tolist()[1:])
     curve: list[tuple[int, float, float, int]] = []
-    with view_store(clip, masks) as store:
-        trainer = trainer_from_clip(options.config, clip, store, CpuBackend())
+    with open_view_store(clip, masks) as store:
+        trainer = build_trainer_from_clip(options.config, clip, store, CpuBackend())
         ready = time.perf_counter() - started
         while trainer.iteration < total:
             trainer.rgb_step()

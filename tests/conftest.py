@@ -59,7 +59,7 @@ def _compiled_code_is_saved_by_one_worker_at_a_time(tmp_path_factory):
     path, save = tmp_path_factory.getbasetemp().parent / "numba.lock", IndexDataCacheFile.save
 
     def save_alone(self, key, data):
-        while (lock := FileLock.taken(path)) is None:
+        while (lock := FileLock.acquire(path)) is None:
             time.sleep(0.002)
         try:
             save(self, key, data)

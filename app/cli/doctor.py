@@ -105,14 +105,14 @@ def _cpu_render() -> str:
 def _opengl_render() -> str:
     """The same scene by OpenGL and by the CPU, which share no code."""
     # Imported here: a missing driver library must be a line of the report.
-    from instdrive_app.render.frame_renderer import CHOICE, chosen_kind
-    from instdrive_app.render.offscreen import drawn_blend, driver_facts, offscreen_context
+    from instdrive_app.render.frame_renderer import CHOICE, choose_renderer_kind
+    from instdrive_app.render.offscreen import describe_driver, draw_blended, open_offscreen_context
 
     scene, snapshot = _test_scene(), _snapshot()
-    with offscreen_context() as context:
-        facts = driver_facts(context)
-        drawer = "the CPU" if chosen_kind(context.info["GL_RENDERER"]) == "cpu" else "OpenGL"
-        shown = drawn_blend(context, Document(scene), snapshot)
+    with open_offscreen_context() as context:
+        facts = describe_driver(context)
+        drawer = "the CPU" if choose_renderer_kind(context.info["GL_RENDERER"]) == "cpu" else "OpenGL"
+        shown = draw_blended(context, Document(scene), snapshot)
     difference = float(np.abs(shown - _cpu_picture(scene, snapshot)).mean())
     if not difference < LARGEST_MEAN_DIFFERENCE:
         raise DoctorError(f"{facts}: the picture differs from the CPU's by {difference:.2g} on average")
@@ -122,13 +122,13 @@ def _opengl_render() -> str:
 
 def _cuda_state() -> str:
     try:
-        from instdrive_core.training.backends.device import chosen_backend, gpu_name, missing_for_cuda
+        from instdrive_core.training.backends.device import choose_backend, describe_gpu, explain_missing_cuda
 
-        missing = missing_for_cuda()
+        missing = explain_missing_cuda()
         if missing is not None:
             return f"training uses the CPU: {missing}"
-        chosen_backend("cuda")  # draws one Gaussian
-        return f"{gpu_name()}; gsplat draws"
+        choose_backend("cuda")  # draws one Gaussian
+        return f"{describe_gpu()}; gsplat draws"
     except (ImportError, OSError) as error:
         return f"torch cannot be loaded ({error}). Install it again; training needs it, the editor does not"
     except InstDriveError as error:

@@ -123,7 +123,7 @@ class ScriptedSession:
         """Hold the pointer over the middle of what is seen of an instance."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
-        self._window.ui.script_pointer = find_inner_pixel(self._renderer.instance_ids(snapshot) == instance)
+        self._window.ui.script_pointer = find_inner_pixel(self._renderer.read_instance_ids(snapshot) == instance)
         yield from self._drawn()
 
     def _clicked(self, instance: int, name: str) -> Iterator[None]:
@@ -197,7 +197,7 @@ class ScriptedSession:
 
     def _id_map(self) -> UInt32[ndarray, "h w"]:
         self._write("id_map.png", self._picture(ViewMode.INSTANCE, outlines=False))
-        return self._renderer.instance_ids(resolve(self._session.state, *self._picture_size))
+        return self._renderer.read_instance_ids(resolve(self._session.state, *self._picture_size))
 
     def _picture_pixel(self, pointer: tuple[float, float]) -> list[int]:
         """A position in the viewport as column and row of the saved pictures."""

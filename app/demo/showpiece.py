@@ -31,7 +31,7 @@ def choose_view(renderer: FrameRenderer, session: EditorSession) -> int:
         view = scene.views[index]
         before.time, before.viewpoint = view.time, camera.view_from_camera(view)
         height = max(1, round(TRIED_WIDTH * view.camera.height / view.camera.width))
-        ids = renderer.instance_ids(resolve(before, TRIED_WIDTH, height))
+        ids = renderer.read_instance_ids(resolve(before, TRIED_WIDTH, height))
         areas = [int((ids == thing).sum()) for thing in rank_objects(scene, ids)[:2]]
         scores[index] = (len(areas), float(np.prod(areas)), len(np.unique(ids)))
     return max(scores, key=lambda index: scores[index])

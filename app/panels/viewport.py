@@ -130,7 +130,7 @@ class ViewportPanel:
             self._drag_tool(ui, start, (io.mouse_pos.x - place.x, io.mouse_pos.y - place.y))
             return viewpoint
         if first:
-            depth = ui.view.depth_at(*start)
+            depth = ui.view.measure_depth_at(*start)
             if depth:
                 viewpoint = camera.set_pivot_distance(viewpoint, depth)
         dx, dy = io.mouse_delta.x, io.mouse_delta.y

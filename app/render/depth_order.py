@@ -27,12 +27,14 @@ class DepthOrder:
     """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
 
 
-def depth_order(key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float) -> DepthOrder:
+def sort_by_depth(
+    key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
+) -> DepthOrder:
     """Sort by depth = axis · (x, y, z, 1), metres; what is nearer than `near` counts as behind the camera."""
     depths = means @ axis[:3] + axis[3]
     front = back_to_front(depths, near)
     behind = np.flatnonzero(depths <= near).astype(np.uint32)
-    return DepthOrder(key, np.concatenate([front, behind]), len(front), _middle(depths, front))
+    return DepthOrder(key, np.concatenate([front, behind]), len(front), _find_depth_range(depths, front))
 
 
 NOTHING_SORTED = DepthOrder(None, np.zeros(0, np.uint32), 0, (1.0, 100.0))
@@ -47,7 +49,7 @@ class OrderSorter:
         self._running: tuple[Hashable, Future[DepthOrder]] | None = None
         self._latest = NOTHING_SORTED
 
-    def now(
+    def sort_now(
         self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
     ) -> DepthOrder:
         """The order for `key`, however long it takes."""
@@ -55,10 +57,10 @@ class OrderSorter:
         if running is not None and running[0] == key:
             self._latest, self._running = running[1].result(), None
         if self._latest.key != key:
-            self._latest = depth_order(key, means, axis, near)
+            self._latest = sort_by_depth(key, means, axis, near)
         return self._latest
 
-    def soon(
+    def sort_soon(
         self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
     ) -> DepthOrder:
         """The newest order there is, at once; the one for `key` is sorted meanwhile. Ask again until it is there.
@@ -71,7 +73,7 @@ class OrderSorter:
         if self._running is None and self._latest.key != key:
             if self._thread is None:
                 self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="splat-order")
-            self._running = key, self._thread.submit(depth_order, key, means, axis, near)
+            self._running = key, self._thread.submit(sort_by_depth, key, means, axis, near)
         return self._latest
 
     def release(self) -> None:
@@ -81,7 +83,7 @@ class OrderSorter:
         self._thread, self._running, self._latest = None, None, NOTHING_SORTED
 
 
-def _middle(depths: Float32[ndarray, " n"], front: UInt32[ndarray, " m"]) -> tuple[float, float]:
+def _find_depth_range(depths: Float32[ndarray, " n"], front: UInt32[ndarray, " m"]) -> tuple[float, float]:
     count = len(front)
     if not count:
         return 1.0, 100.0

@@ -50,15 +50,15 @@ class FrameRenderer(Protocol):
         """Bring `picture` up to date; without `wait` as far as it can be at once: ask again until it is `settled`."""
         ...
 
-    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
         ...
 
-    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """The instance that the ID view shows at every pixel; 0 = none."""
         ...
 
-    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+    def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
         ...
 
@@ -75,7 +75,7 @@ class FrameRenderer(Protocol):
         ...
 
 
-def chosen_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Literal["gl", "cpu"]:
+def choose_renderer_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Literal["gl", "cpu"]:
     """Which renderer serves a driver best, by its name (GL_RENDERER); the environment may say otherwise.
 
     Raises OptionError where it says neither `gl` nor `cpu`.
@@ -88,12 +88,12 @@ def chosen_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Lit
     return "cpu" if any(name in driver.lower() for name in SOFTWARE_DRIVERS) else "gl"
 
 
-def renderer_of(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
+def create_renderer(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
     """A renderer of the document. `wake` is called from another thread when one that draws aside has a frame."""
-    if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
+    if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
         from instdrive_app.render.software.renderer import SoftwareRenderer
 
         return SoftwareRenderer(ctx, document, wake)
-    from instdrive_app.render.gl.renderer import Renderer
+    from instdrive_app.render.gl.renderer import GlRenderer
 
-    return Renderer(ctx, document)
+    return GlRenderer(ctx, document)

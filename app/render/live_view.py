@@ -8,9 +8,9 @@ from collections.abc import Callable
 import moderngl
 import numpy as np
 
-from instdrive_app.render.frame_renderer import FrameRenderer, chosen_kind, renderer_of
+from instdrive_app.render.frame_renderer import FrameRenderer, choose_renderer_kind, create_renderer
 from instdrive_app.render.shown_frame import ShownFrame
-from instdrive_app.render.software.warm_up import warm_up_beside
+from instdrive_app.render.software.warm_up import start_warm_up
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document.document import Document
 
@@ -26,8 +26,8 @@ class LiveView:
     def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
         """`wake` is called, from another thread, when `show` has something newer to show."""
         self._ctx, self._wake = ctx, wake
-        if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
-            warm_up_beside()
+        if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
+            start_warm_up()
         self._renderer: FrameRenderer | None = None
         self._document: Document | None = None
         self._sharp_seconds = 0.0
@@ -40,7 +40,7 @@ class LiveView:
     def backend(self) -> str:
         """The graphics driver's name for the device, or that the CPU draws."""
         driver = self._ctx.info["GL_RENDERER"]
-        return "CPU" if chosen_kind(driver) == "cpu" else driver.split("(")[0].strip()
+        return "CPU" if choose_renderer_kind(driver) == "cpu" else driver.split("(")[0].strip()
 
     @property
     def gl_error(self) -> str | None:
@@ -68,7 +68,7 @@ class LiveView:
         """The picture of a viewport of this size; drawn only where something has changed, waited for never."""
         if document is not self._document:
             self.release()
-            self._renderer, self._document = renderer_of(self._ctx, document, self._wake), document
+            self._renderer, self._document = create_renderer(self._ctx, document, self._wake), document
         renderer = self.renderer
         renderer.free_retired()
         wanted = resolve(state, width, height, draft=self._is_draft(state))
@@ -80,13 +80,13 @@ class LiveView:
             self._sharp_seconds = renderer.frame_seconds
         return renderer.picture
 
-    def depth_at(self, x: float, y: float) -> float | None:
+    def measure_depth_at(self, x: float, y: float) -> float | None:
         """Depth (metres along the viewing axis) of the splat that the ID view shows at a pixel; None where none is."""
         document, snapshot = self._document, self.snapshot
         if document is None or snapshot is None or snapshot.draft:
             return None
-        row = snapshot.row_at(x, y) if isinstance(snapshot, ShownFrame) else None
-        row = self.renderer.row_at(snapshot, int(x), int(y)) if row is None else row
+        row = snapshot.read_row_at(x, y) if isinstance(snapshot, ShownFrame) else None
+        row = self.renderer.read_row_at(snapshot, int(x), int(y)) if row is None else row
         if row is None or row < 0:
             return None
         poses, _ = document.scene.at(snapshot.time)

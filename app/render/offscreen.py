@@ -13,15 +13,15 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_app.render.gl.gl_state import GraphicsError
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
 
-__all__ = ["GraphicsError", "drawn_blend", "driver_facts", "offscreen_context"]
+__all__ = ["GraphicsError", "drawn_blend", "driver_facts", "open_offscreen_context"]
 
 
 @contextmanager
-def offscreen_context() -> Iterator[moderngl.Context]:
+def open_offscreen_context() -> Iterator[moderngl.Context]:
     """An OpenGL 3.3 context of its own, released at the end; on Linux through EGL, which needs no display.
 
     Raises GraphicsError with the driver's words where there is none.
@@ -40,16 +40,16 @@ def offscreen_context() -> Iterator[moderngl.Context]:
         context.release()
 
 
-def driver_facts(context: moderngl.Context) -> str:
+def describe_driver(context: moderngl.Context) -> str:
     """Version, renderer, vendor and the largest picture."""
     info = context.info
     side = info["GL_MAX_TEXTURE_SIZE"]
     return f"{info['GL_VERSION']}; {info['GL_RENDERER']}; {info['GL_VENDOR']}; pictures up to {side} px"
 
 
-def drawn_blend(context: moderngl.Context, document: Document, snapshot: FrameSnapshot) -> Float32[ndarray, "h w 4"]:
+def draw_blended(context: moderngl.Context, document: Document, snapshot: FrameSnapshot) -> Float32[ndarray, "h w 4"]:
     """One colour frame: premultiplied over the sky; alpha is coverage. Raises ShaderError or GraphicsError."""
-    renderer = Renderer(context, document)
+    renderer = GlRenderer(context, document)
     try:
         renderer.render(snapshot)
         blended = renderer.read_blended()

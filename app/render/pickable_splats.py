@@ -41,7 +41,7 @@ class PickableSplats:
         document, scene = self.document, self.document.scene
         count = len(scene)
         if count != len(self.opacities):
-            self.opacities, self.log_sizes = _resized(self.opacities, count), _resized(self.log_sizes, count)
+            self.opacities, self.log_sizes = _resize(self.opacities, count), _resize(self.log_sizes, count)
         moved = self._world.update(time)
         if moved is not None:
             entries, frames = document.transforms.indices, self._world.frames
@@ -57,7 +57,7 @@ class PickableSplats:
             looks = (logits, document.colors, flags, _NOT_SHOWN)
             write_shown_opacities(*looks, scene.nodes, self._present, rows, self.opacities)
 
-    def shapes(self, rows: Int[ndarray, " k"]) -> tuple[Float32[ndarray, "k 4"], Float32[ndarray, "k 3"]]:
+    def compute_shapes(self, rows: Int[ndarray, " k"]) -> tuple[Float32[ndarray, "k 4"], Float32[ndarray, "k 3"]]:
         """Quaternions and log scales of some rows in the world."""
         document = self.document
         return compute_world_shapes(
@@ -65,7 +65,7 @@ class PickableSplats:
         )
 
 
-def _resized(array: ndarray, count: int) -> ndarray:
+def _resize(array: ndarray, count: int) -> ndarray:
     resized = np.zeros((count, *array.shape[1:]), array.dtype)
     shared = min(count, len(array))
     resized[:shared] = array[:shared]

@@ -22,7 +22,7 @@ from instdrive_core.rasterize.pixel_contributors import (
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
 
 
-class Below(NamedTuple):
+class PickedInstances(NamedTuple):
     """Instances at a place of a picture, front to back."""
 
     seen: tuple[int, ...]
@@ -31,7 +31,7 @@ class Below(NamedTuple):
     """Those behind: what is in front lets nothing of them through."""
 
 
-_NOTHING = Below((), ())
+_NOTHING = PickedInstances((), ())
 
 
 class Picker:
@@ -39,17 +39,17 @@ class Picker:
 
     def __init__(self) -> None:
         self._splats: PickableSplats | None = None
-        self._answer: tuple[tuple, Below] | None = None
+        self._answer: tuple[tuple, PickedInstances] | None = None
 
-    def instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
+    def find_instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
         """Instances at a position of the picture: the one that the pixel stands for, then all behind it.
 
         Empty outside the picture, and where the pixel stands for nothing or for a splat without an instance.
         """
-        below = self.below(document, snapshot, x, y)
+        below = self.find_below(document, snapshot, x, y)
         return below.seen + below.hidden
 
-    def below(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> Below:
+    def find_below(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> PickedInstances:
         """The same, parted into what is seen there and what is hidden."""
         camera, column, row = snapshot.camera, int(np.floor(x)), int(np.floor(y))
         if not (0 <= column < camera.width and 0 <= row < camera.height):
@@ -58,40 +58,40 @@ class Picker:
             self._splats, self._answer = PickableSplats(document), None
         pose = camera.world_from_camera.tobytes()
         lens = (camera.fx, camera.fy, camera.cx, camera.cy)
-        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, _versions(document))
+        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, _collect_versions(document))
         if self._answer is None or self._answer[0] != key:
             self._splats.update(snapshot.time)
-            self._answer = (key, _found(self._splats, snapshot, column, row))
+            self._answer = (key, _pick_instances(self._splats, snapshot, column, row))
         return self._answer[1]
 
 
-def _versions(document: Document) -> tuple:
+def _collect_versions(document: Document) -> tuple:
     looks = (document.state.version, document.colors.version)
     return (*looks, document.geometry_version, document.rows_version, document.table_version)
 
 
-def _found(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> Below:
+def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> PickedInstances:
     camera, opacities, ids = snapshot.camera, splats.opacities, splats.document.scene.instance_ids
     settings = choose_raster_settings(splats.document.scene)
     near = find_rows_near_pixel(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
-    shape = splats.means[near], *splats.shapes(near), opacities[near]
+    shape = splats.means[near], *splats.compute_shapes(near), opacities[near]
     fragments = find_fragments_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
     winner = pick_winner(fragments.blended, rule)
     first = int(ids[winner]) if winner >= 0 else 0
     if first == 0:
         return _NOTHING
-    behind = _solid_behind(fragments, winner, snapshot.id_opacity)
-    seen = _each_once(first, ids[fragments.rows[behind & (fragments.weights > 0)]])
-    return Below(seen, tuple(i for i in _each_once(first, ids[fragments.rows[behind]]) if i not in seen))
+    behind = _find_solid_behind(fragments, winner, snapshot.id_opacity)
+    seen = _list_unique(first, ids[fragments.rows[behind & (fragments.weights > 0)]])
+    return PickedInstances(seen, tuple(i for i in _list_unique(first, ids[fragments.rows[behind]]) if i not in seen))
 
 
-def _solid_behind(fragments: Contributors, winner: int, min_opacity: float) -> Bool[ndarray, " k"]:
+def _find_solid_behind(fragments: Contributors, winner: int, min_opacity: float) -> Bool[ndarray, " k"]:
     """Which fragments, from the winner's depth on, the ID view would draw."""
     solid = (fragments.opacities >= min_opacity) & (fragments.alphas >= ID_ALPHA_CUT)
     solid[: int(np.argmax(fragments.rows == winner))] = False
     return solid
 
 
-def _each_once(first: int, ids: UInt32[ndarray, " k"]) -> tuple[int, ...]:
+def _list_unique(first: int, ids: UInt32[ndarray, " k"]) -> tuple[int, ...]:
     return tuple(dict.fromkeys([first, *(i for i in ids.tolist() if i)]))

@@ -23,7 +23,7 @@ class ShownFrame(FrameSnapshot):
     rows_version: int = field(compare=False)
     """The document's when the frame was drawn."""
 
-    def row_at(self, x: float, y: float) -> int | None:
+    def read_row_at(self, x: float, y: float) -> int | None:
         """The splat that a pixel stands for, -1 for none; None where the frame cannot tell: it is a draft, its rows
         are other ones by now, or the pixel is outside."""
         column, row = int(np.floor(x)), int(np.floor(y))
@@ -34,17 +34,17 @@ class ShownFrame(FrameSnapshot):
         return int(self.winner[row, column])
 
 
-def asked_of(snapshot: FrameSnapshot) -> FrameSnapshot:
+def drop_winners(snapshot: FrameSnapshot) -> FrameSnapshot:
     """What was asked for, where it may be a frame shown: that holds its picture's winners."""
     return FrameSnapshot(**{entry.name: getattr(snapshot, entry.name) for entry in fields(FrameSnapshot)})
 
 
-def instance_shown_at(document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
+def find_shown_instance(document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
     """The instance that a click at a place of a frame means, 0 for none, by what the frame shows there. None where it
     cannot tell, also because what it shows has been hidden or deleted since."""
     if not isinstance(snapshot, ShownFrame) or snapshot.document is not document:
         return None
-    row = snapshot.row_at(x, y)
+    row = snapshot.read_row_at(x, y)
     if row is None or row < 0:
         return None if row is None else 0
     if document.state.flags[row] & (Flag.HIDDEN | Flag.DELETED):

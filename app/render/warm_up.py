@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from instdrive_app.render.depth_order import depth_order
+from instdrive_app.render.depth_order import sort_by_depth
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.edits.document.document import Document
@@ -28,10 +28,10 @@ def warm_up() -> None:
     To be called on a thread of its own when the program starts.
     """
     state = EditorState()
-    document = _one_splat_at(state.viewpoint.pivot)
+    document = _build_one_splat(state.viewpoint.pivot)
     snapshot = resolve(state, _SIDE, _SIDE)
-    Picker().instances_at(document, snapshot, _SIDE / 2, _SIDE / 2)
-    depth_order("warm-up", document.scene.gaussians.means, np.array([0, 0, 1, 9], np.float32), 0.2)
+    Picker().find_instances_at(document, snapshot, _SIDE / 2, _SIDE / 2)
+    sort_by_depth("warm-up", document.scene.gaussians.means, np.array([0, 0, 1, 9], np.float32), 0.2)
     find_rows_in_region(document, snapshot.camera, 0.0, np.ones((_SIDE, _SIDE), np.bool_))
     both = np.zeros((2, 3), np.float32)
     find_rows_near(both, np.zeros(1, np.int64), np.ones(1, np.int64), 1.0)
@@ -59,7 +59,7 @@ def _edit(document: Document) -> None:
     document.undo()
 
 
-def _one_splat_at(place: np.ndarray) -> Document:
+def _build_one_splat(place: np.ndarray) -> Document:
     shapes = {"log_scales": (3,), "sh_dc": (3,), "sh_rest": (0, 3), "features": (0,)}
     nothing = {name: np.zeros((1, *shape), np.float32) for name, shape in shapes.items()}
     upright, solid = np.array([[1, 0, 0, 0]], np.float32), np.full(1, 3, np.float32)

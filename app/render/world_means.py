@@ -30,7 +30,7 @@ class WorldMeans:
         """Bring everything to the document's present state at `time` (seconds); the range of rows that may have moved
         or are new, or None. Rows that are gone are in no range."""
         document, scene = self._document, self._document.scene
-        ranges = [self._moves.take(), self._new_rows()]
+        ranges = [self._moves.take(), self._take_new_rows()]
         key = (time, document.track_version)
         if key != self._key:
             poses, self.present = scene.at(time)
@@ -47,7 +47,7 @@ class WorldMeans:
         )
         return rows
 
-    def _new_rows(self) -> tuple[int, int] | None:
+    def _take_new_rows(self) -> tuple[int, int] | None:
         nodes, rows = self._document.scene.nodes, self._new.take()
         count = len(nodes)
         if count > len(self._buffer):

@@ -196,7 +196,7 @@ def _shown_scene(request: ExportRequest) -> Scene:
 
 
 def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request: ExportRequest) -> None:
-    camera = camera.scaled(request.choice.scale)
+    camera = camera.scale(request.choice.scale)
     if max(camera.width, camera.height) > MAX_SIDE:
         raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
     save_png(path, colorize_preview(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))

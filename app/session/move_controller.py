@@ -127,7 +127,7 @@ class MoveController:
         """Where the selection, which is not empty, is now."""
         document, time = self._opened, self._state.time
         first = document.scene.table[self.ids[0]]
-        matrix = document.transforms.move_of(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
+        matrix = document.transforms.get_move(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
         turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
         return Placement(_vector(self.center()), yaw, extract_scale(matrix))

@@ -97,7 +97,7 @@ class SelectionBoxes:
         if counts is not self._counts or instance.id != self._instance or not np.array_equal(home, self._home):
             self._trained = _trained_box(document, instance.id, home)
             self._counts, self._instance, self._home = counts, instance.id, home.copy()
-        return self._trained.moved(document.transforms.move_of(entry))
+        return self._trained.moved(document.transforms.get_move(entry))
 
     def _level_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """Around the bounds of all instances, along the world's axes."""

@@ -28,7 +28,7 @@ from instdrive_app.shell.display import DisplayError, has_display
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
 from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
-from instdrive_app.tools.registry import created_tools
+from instdrive_app.tools.registry import create_tools
 
 
 class EditorWindow:
@@ -152,7 +152,7 @@ class EditorWindow:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context, self._wake)
         self._session.wake = self._wake
-        tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
+        tools = create_tools(self._session, lambda snapshot: view.renderer.read_rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
         Thread(target=warm_up, name="warm-up", daemon=True).start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.render.picking import Picker
-from instdrive_app.render.shown_frame import instance_shown_at
+from instdrive_app.render.shown_frame import find_shown_instance
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
@@ -30,7 +30,7 @@ class PickTool:
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
         """The cursor is at this place of the frame `snapshot`; while the camera moves nothing is hovered."""
-        self._session.state.hovered = 0 if snapshot.draft else self._first(x, y, snapshot)
+        self._session.state.hovered = 0 if snapshot.draft else self._find_first(x, y, snapshot)
 
     def leave(self) -> None:
         """The cursor is elsewhere."""
@@ -38,10 +38,10 @@ class PickTool:
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
         """Select by a click on the frame `snapshot`; returns the instance, 0 where none is."""
-        instance = self._first(click.x, click.y, snapshot)
-        turn = self._turn(click, snapshot) if instance else 0
+        instance = self._find_first(click.x, click.y, snapshot)
+        turn = self._count_turns(click, snapshot) if instance else 0
         if turn:
-            below = self._below(click.x, click.y, snapshot)
+            below = self._find_all(click.x, click.y, snapshot)
             instance = below[turn % len(below)] if below else instance
         self._select(instance, click)
         return instance
@@ -55,7 +55,7 @@ class PickTool:
     def cancel(self) -> None:
         """Nothing is ever under way."""
 
-    def _first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
+    def _find_first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
         """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so.
 
         What is locked is looked through, as far as light comes through it: nothing unseen is taken by a first click.
@@ -63,23 +63,23 @@ class PickTool:
         document = self._session.document
         if document is None:
             return 0
-        shown = instance_shown_at(document, snapshot, x, y)
+        shown = find_shown_instance(document, snapshot, x, y)
         if shown is not None and not (shown and document.summarize_instance(shown).is_locked):
             return shown
-        return next(iter(self._unlocked(document, self._picker.below(document, snapshot, x, y).seen)), 0)
+        return next(iter(self._drop_locked(document, self._picker.find_below(document, snapshot, x, y).seen)), 0)
 
-    def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
+    def _find_all(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
         """What clicks at one place take in turn, what is behind solid things included."""
         document = self._session.document
         if document is None:
             return ()
-        return self._unlocked(document, self._picker.instances_at(document, snapshot, x, y))
+        return self._drop_locked(document, self._picker.find_instances_at(document, snapshot, x, y))
 
     @staticmethod
-    def _unlocked(document: Document, ids: tuple[int, ...]) -> tuple[int, ...]:
+    def _drop_locked(document: Document, ids: tuple[int, ...]) -> tuple[int, ...]:
         return tuple(instance for instance in ids if not document.summarize_instance(instance).is_locked)
 
-    def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
+    def _count_turns(self, click: Click, snapshot: FrameSnapshot) -> int:
         """How often this place was clicked before, plainly and from the same viewpoint."""
         pose = snapshot.camera.world_from_camera.tobytes()
         modified = click.shift or click.ctrl or click.alt

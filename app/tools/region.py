@@ -19,7 +19,7 @@ from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.region import find_instances_in_region, find_rows_in_region
 from instdrive_core.scene.screen_region import rasterize_polygon
 
-Winners = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
+WinnerReader = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
 """Row + 1 of the splat that each pixel of a frame stands for; 0 = none."""
 
 
@@ -33,7 +33,7 @@ class RegionTool(ABC):
     operation: Operation | None = None
     options: tuple[str, ...] = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
 
-    def __init__(self, session: EditorSession, winners: Winners, picker: Picker | None = None) -> None:
+    def __init__(self, session: EditorSession, winners: WinnerReader, picker: Picker | None = None) -> None:
         self._session, self._winners = session, winners
         self._pick = PickTool(session, picker)
         self.outline: tuple[Point, ...] = ()

@@ -12,7 +12,7 @@ from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.rectangle import RectangleTool
-from instdrive_app.tools.region import Winners
+from instdrive_app.tools.region import WinnerReader
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class ToolParts:
     """What tools are made of; they share it."""
 
     session: EditorSession
-    winners: Winners
+    winners: WinnerReader
     picker: Picker
 
 
@@ -39,7 +39,7 @@ class ToolRecord:
     """Whether toolbar and menu part it from the tools before."""
 
 
-def _handles(operation: Operation) -> Callable[[ToolParts], Tool]:
+def _make_handles_tool(operation: Operation) -> Callable[[ToolParts], Tool]:
     return lambda parts: GizmoTool(parts.session, operation, parts.picker)
 
 
@@ -61,14 +61,14 @@ TOOLS = (
         "L",
         lambda parts: LassoTool(parts.session, parts.winners, parts.picker),
     ),
-    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _handles("move"), starts_group=True),
-    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _handles("rotate")),
-    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _handles("scale")),
+    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _make_handles_tool("move"), starts_group=True),
+    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _make_handles_tool("rotate")),
+    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _make_handles_tool("scale")),
 )
 """In the toolbar's order."""
 
 
-def created_tools(session: EditorSession, winners: Winners) -> dict[str, Tool]:
+def create_tools(session: EditorSession, winners: WinnerReader) -> dict[str, Tool]:
     """One of each, by name."""
     parts = ToolParts(session, winners, Picker())
     return {record.name: record.create(parts) for record in TOOLS}

@@ -13,7 +13,7 @@ _CHUNK = 1 << 12
 """Points that one thread takes at a time."""
 
 
-def seeded_centers(
+def seed_centers(
     points: Float32[ndarray, "n d"], count: int, rng: np.random.Generator, sample: int = 20_000
 ) -> Float32[ndarray, "k d"]:
     """k-means++ (Arthur & Vassilvitskii 2007) on a sample; fewer than `count` where there are fewer points."""
@@ -26,7 +26,7 @@ def seeded_centers(
     return np.array(centers, np.float32)
 
 
-def nearest_centers(
+def find_nearest_centers(
     points: Float32[ndarray, "n d"],
     centers: Float32[ndarray, "k d"],
     starts: Int64[ndarray, " g+1"],
@@ -38,7 +38,7 @@ def nearest_centers(
     return found
 
 
-def moved_centers(
+def move_centers(
     points: Float32[ndarray, "n d"], owners: Int64[ndarray, " n"], centers: Float32[ndarray, "k d"]
 ) -> Float32[ndarray, "k d"]:
     """The mean of each centre's points; a centre without any stays."""
@@ -48,7 +48,7 @@ def moved_centers(
     return np.where(counts[:, None] > 0, means, centers).astype(np.float32)
 
 
-def lloyd(
+def run_lloyd(
     points: Float32[ndarray, "n d"],
     centers: Float32[ndarray, "k d"],
     starts: Int64[ndarray, " g+1"],
@@ -56,10 +56,10 @@ def lloyd(
     rounds: int,
 ) -> tuple[Int64[ndarray, " n"], Float[ndarray, "k d"]]:
     """At most `rounds` rounds: the centre of each point, and the centres, means of their points."""
-    owners = nearest_centers(points, centers, starts, groups)
+    owners = find_nearest_centers(points, centers, starts, groups)
     for _ in range(rounds):
-        centers = moved_centers(points, owners, centers)
-        before, owners = owners, nearest_centers(points, centers, starts, groups)
+        centers = move_centers(points, owners, centers)
+        before, owners = owners, find_nearest_centers(points, centers, starts, groups)
         if np.array_equal(before, owners):
             break
     return owners, centers

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.visible_adam import VisibleAdam
 from instdrive_core.training.settings.schedule import step_rng
 
@@ -38,7 +38,7 @@ class LearnableFeatures:
 
     def leaf(self, rows: Int64[Tensor, " v"]) -> Float[Tensor, "v d"]:
         """A copy of some rows that a loss can be differentiated by."""
-        return gathered(self.values, rows).requires_grad_(True)
+        return gather_rows(self.values, rows).requires_grad_(True)
 
     def descend(self, *parts: tuple[Int64[Tensor, " v"], Float[Tensor, "v d"]]) -> None:
         """One step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""

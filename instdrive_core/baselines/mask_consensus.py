@@ -46,7 +46,7 @@ class MaskRelations:
     observed: Bool[ndarray, "m v"]
     view_of_mask: Int[ndarray, " m"]
 
-    def without(self, dropped: Bool[ndarray, " m"]) -> MaskRelations:
+    def exclude(self, dropped: Bool[ndarray, " m"]) -> MaskRelations:
         """As if there were no such masks: photos that put others into one of them say nothing about these."""
         inside = cast(csr_array, self.contained[:, np.flatnonzero(dropped)]).tocoo()
         observed = self.observed.copy()
@@ -62,7 +62,7 @@ class MaskRelations:
         return (support / (observers + 1)).astype(np.float32)
 
 
-def mask_relations(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
+def relate_masks(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
     """Which photos observe which masks, and which masks contain them there."""
     masks_by_gaussian = of.members.T.tocsr()
     sizes = np.asarray(of.members.sum(axis=0)).ravel()
@@ -77,31 +77,31 @@ def mask_relations(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
     return MaskRelations(csr_array((ones, (mask, other)), shape=shared.shape), observed, of.view_of_mask)
 
 
-def dropped_masks(relations: MaskRelations, config: MaskGraphConfig) -> Bool[ndarray, " m"]:
+def find_dropped_masks(relations: MaskRelations, config: MaskGraphConfig) -> Bool[ndarray, " m"]:
     """Masks that photos other than their own hardly confirm, and those that no Gaussian belongs to."""
     observers = relations.observed.sum(axis=1)
     uncontained = observers - np.asarray(relations.contained.sum(axis=1)).ravel()
     return (observers == 0) | (uncontained > config.uncontained_share * observers + _ROUNDING)
 
 
-def linked_masks(relations: MaskRelations, config: MaskGraphConfig) -> Int64[ndarray, " m"]:
+def link_masks(relations: MaskRelations, config: MaskGraphConfig) -> Int64[ndarray, " m"]:
     """Average linkage: the group 0 … k - 1 of each mask, in the order of their first masks.
 
     Two groups that are merged hold a pair that reaches the limit by itself, so nothing is ever merged across the
     components of the graph of such pairs: each is linked alone, with all of its pairs.
     """
-    components = _components(relations, config.linkage_stop)
+    components = _find_components(relations, config.linkage_stop)
     groups, found = np.empty(len(components), np.int64), 0
     order = np.argsort(components, kind="stable")
     for masks in np.split(order, np.cumsum(np.bincount(components))[:-1]):
-        local = average_linkage(relations.consensus(masks, masks), config.linkage_stop)
+        local = link_by_average(relations.consensus(masks, masks), config.linkage_stop)
         groups[masks] = found + local
         found += int(local.max(initial=-1)) + 1
     _, first, places = np.unique(groups, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first, kind="stable"), kind="stable")[places].astype(np.int64)
 
 
-def average_linkage(similarities: Float32[ndarray, "k k"], stop: float) -> Int64[ndarray, " k"]:
+def link_by_average(similarities: Float32[ndarray, "k k"], stop: float) -> Int64[ndarray, " k"]:
     """Groups 0 … of things, merged as long as the mean similarity of two groups is at least `stop`."""
     if len(similarities) == 1:
         return np.zeros(1, np.int64)
@@ -111,7 +111,7 @@ def average_linkage(similarities: Float32[ndarray, "k k"], stop: float) -> Int64
     return fcluster(tree, 1 - stop + _ROUNDING, "distance").astype(np.int64) - 1
 
 
-def _components(relations: MaskRelations, stop: float) -> Int64[ndarray, " m"]:
+def _find_components(relations: MaskRelations, stop: float) -> Int64[ndarray, " m"]:
     """Of the graph of the pairs whose consensus reaches `stop`."""
     count = len(relations.view_of_mask)
     everything = np.arange(count)

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from instdrive_core.rasterize.kernels.top_contributors import find_top_contributors
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.feature_weights import gaussians_in_view
+from instdrive_core.training.instances.feature_weights import place_gaussians_in_view
 from instdrive_core.training.views.view_store import ViewStore
 
 PIXELS_PER_VIEW = 150_000
@@ -56,22 +56,22 @@ class MaskMembers:
             view_of_mask += [view] * (int(masks.max()) + 1)
             view += 1
         return MaskMembers(
-            _ones(np.concatenate(members, axis=1), (count, len(view_of_mask))),
-            _ones(np.concatenate(seen, axis=1), (count, view)),
+            _build_ones(np.concatenate(members, axis=1), (count, len(view_of_mask))),
+            _build_ones(np.concatenate(seen, axis=1), (count, view)),
             np.array(view_of_mask, np.int32),
         )
 
 
-def mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
+def find_mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
     """Look at every view that has masks; pixels outside all masks or with less than `min_alpha` opacity say nothing.
 
     The model is on the CPU; `share` as in `MaskMembers.of`. The same input gives the same bits, whatever the number
     of threads.
     """
-    return MaskMembers.of(_shown(model, store, min_alpha), len(model), share)
+    return MaskMembers.of(_find_shown(model, store, min_alpha), len(model), share)
 
 
-def _shown(
+def _find_shown(
     model: SceneModel, store: ViewStore, min_alpha: float
 ) -> Iterator[tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]]:
     """Top contributor and mask of each pixel of one view after the other."""
@@ -81,7 +81,7 @@ def _shown(
         if view.labels is None or not view.labels.any():
             continue
         pixels = _grid_pixels(view.labels)
-        rows, gaussians = gaussians_in_view(model, view)
+        rows, gaussians = place_gaussians_in_view(model, view)
         top = find_top_contributors(*gaussians, view.camera, pixels, min_alpha)
         pixels, top = pixels[top >= 0], top[top >= 0]
         yield rows[top], np.unique(view.labels.ravel()[pixels], return_inverse=True)[1]
@@ -107,7 +107,7 @@ def _grid_pixels(labels: Int[ndarray, "h w"]) -> Int64[ndarray, " p"]:
     return np.flatnonzero(shown)
 
 
-def _ones(pairs: Int64[ndarray, "2 k"], shape: tuple[int, int]) -> csr_array:
+def _build_ones(pairs: Int64[ndarray, "2 k"], shape: tuple[int, int]) -> csr_array:
     """Of distinct pairs of row and column; the columns of a row rise."""
     matrix = csr_array((np.ones(pairs.shape[1], np.float32), (pairs[0], pairs[1])), shape=shape)
     matrix.sort_indices()

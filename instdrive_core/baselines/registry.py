@@ -6,11 +6,11 @@ from functools import partial
 
 from instdrive_core.baselines import gaussian_grouping, opengaussian
 from instdrive_core.baselines.mask_graph import learn_mask_graph
-from instdrive_core.training.instances.instance_stage import InstanceLearner
+from instdrive_core.training.instances.instance_learner import InstanceLearner
 from instdrive_core.training.settings.config import Method, Preset
 
 
-def learner_for(method: Method, preset: Preset = "quick") -> InstanceLearner | None:
+def find_learner(method: Method, preset: Preset = "quick") -> InstanceLearner | None:
     """The learner of a baseline; None for methods that the trainer knows itself.
 
     The preset `paper` takes rates and lengths as published, the others those tuned for short runs (docs/baselines.md).

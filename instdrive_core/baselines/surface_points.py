@@ -43,7 +43,7 @@ class SurfacePoints:
         return found
 
 
-def surface_points(model: SceneModel, cached: CachedView, camera: Camera, time: float) -> SurfacePoints:
+def find_surface_points(model: SceneModel, cached: CachedView, camera: Camera, time: float) -> SurfacePoints:
     """The point at the blended depth along each sampled pixel's ray."""
     rows = cached.rows.numpy()
     nodes = model.nodes[rows]
@@ -55,13 +55,13 @@ def surface_points(model: SceneModel, cached: CachedView, camera: Camera, time: 
     rays = camera.rays_of_pixels(cached.pixels)
     reach = blended[:, 0] / blended[:, 1] / (rays @ camera.world_from_camera[:3, 2])
     world = camera.position + rays * reach[:, None]
-    owners = nodes[_strongest(cached.weights)].astype(np.int64)
+    owners = nodes[_find_strongest(cached.weights)].astype(np.int64)
     matrices = world_from_node[owners]
     local = np.einsum("pji,pj->pi", matrices[:, :3, :3], world - matrices[:, :3, 3])
     return SurfacePoints(local, owners)
 
 
-def _strongest(weights: BlendWeights) -> Int[ndarray, " p"]:
+def _find_strongest(weights: BlendWeights) -> Int[ndarray, " p"]:
     """The row with the largest weight in each pixel; every pixel has at least one."""
     starts = weights.indptr[:-1]
     if not len(starts):

@@ -110,7 +110,7 @@ def _resized(camera: Camera, width: int | None, height: int | None) -> Camera:
         zoom = height / camera.height
         scaled = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom, cy=camera.cy * zoom, height=height)
         return replace(scaled, cx=width / 2 + (camera.cx - camera.width / 2) * zoom, width=width)
-    return camera.scaled(width / camera.width if width is not None else (height or 1) / camera.height)
+    return camera.scale(width / camera.width if width is not None else (height or 1) / camera.height)
 
 
 def _save_png(path: Path, pixels: UInt8[ndarray, "h w 3"]) -> None:

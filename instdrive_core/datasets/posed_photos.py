@@ -204,7 +204,7 @@ def _coverage() -> Coverage:
 
 def _frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
     full = photo.camera
-    camera = full.scaled(scale)
+    camera = full.scale(scale)
     view = CameraView(camera, get_camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
     load = partial(_load, photo.file, (full.width, full.height), camera, photo.lens)
     return Frame(view, load, coverage(camera, photo.lens))

@@ -14,7 +14,7 @@ from typing import IO
 from instdrive_core.errors import DataError, UntrustedDataError
 from instdrive_core.files.plain_file import require_plain_file
 
-REMEDY = "Take an older copy of the project, or what the editor recovers"
+ARCHIVE_REMEDY = "Take an older copy of the project, or what the editor recovers"
 MAX_MEMBERS = 100_000
 _BAD_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, struct.error)
 _SMALL = 16 << 20
@@ -38,7 +38,7 @@ class Archive:
         """A whole member of at most `limit` bytes; its checksum is compared."""
         info = self._member(name)
         if info.file_size > limit:
-            raise DataError(self.path, f"{name!r} holds {info.file_size} bytes, at most {limit} are expected", REMEDY)
+            raise DataError(self.path, f"{name!r} holds {info.file_size} bytes, at most {limit} are expected", ARCHIVE_REMEDY)
         with self._damage(name), self._archive.open(info) as member:
             data = member.read(limit + 1)
             if len(data) != info.file_size:
@@ -46,7 +46,7 @@ class Archive:
             return data
 
     @contextmanager
-    def opened(self, name: str) -> Iterator[IO[bytes]]:
+    def open_member(self, name: str) -> Iterator[IO[bytes]]:
         """A member to be read to its end, which compares its checksum; one that unfolds absurdly far is refused."""
         info = self._member(name)
         if info.file_size > _SMALL + _MAX_RATIO * info.compress_size:
@@ -57,19 +57,19 @@ class Archive:
 
     def _member(self, name: str) -> zipfile.ZipInfo:
         if name not in self._members:
-            raise DataError(self.path, f"the project holds no {name!r}", REMEDY)
+            raise DataError(self.path, f"the project holds no {name!r}", ARCHIVE_REMEDY)
         return self._members[name]
 
     def _checked(self, members: list[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
         if len(members) > MAX_MEMBERS:
-            raise DataError(self.path, f"the archive has {len(members)} members, more than {MAX_MEMBERS}", REMEDY)
+            raise DataError(self.path, f"the archive has {len(members)} members, more than {MAX_MEMBERS}", ARCHIVE_REMEDY)
         twice = [name for name, count in Counter(info.filename for info in members).items() if count > 1]
         if twice:
-            raise UntrustedDataError(self.path, f"the archive holds {twice[0][:200]!r} twice", REMEDY)
+            raise UntrustedDataError(self.path, f"the archive holds {twice[0][:200]!r} twice", ARCHIVE_REMEDY)
         for info in members:
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 problem = f"{info.filename[:200]!r} is compressed by method {info.compress_type}"
-                raise DataError(self.path, problem, REMEDY)
+                raise DataError(self.path, problem, ARCHIVE_REMEDY)
         return members
 
     @contextmanager
@@ -77,7 +77,7 @@ class Archive:
         try:
             yield
         except _BAD_ZIP as error:
-            raise DataError(self.path, f"{name!r} in the project is damaged ({error})", REMEDY) from error
+            raise DataError(self.path, f"{name!r} in the project is damaged ({error})", ARCHIVE_REMEDY) from error
 
 
 @contextmanager
@@ -88,7 +88,7 @@ def open_project_archive(path: Path) -> Iterator[Archive]:
     except OSError as error:
         raise DataError(path, f"the project cannot be read ({error.strerror or error})", "Check the path") from error
     except _BAD_ZIP as error:
-        raise DataError(path, f"the project is no whole zip archive ({error})", REMEDY) from error
+        raise DataError(path, f"the project is no whole zip archive ({error})", ARCHIVE_REMEDY) from error
     with archive:
         yield Archive(path, archive)
 

@@ -94,16 +94,16 @@ class PlyLayout:
     """Bytes of the header."""
 
 
-def read_layout(file: BinaryIO, path: Path) -> PlyLayout:
+def read_ply_layout(file: BinaryIO, path: Path) -> PlyLayout:
     """Parse the header of any .ply. Raises DataError where it is none, or a line is not understood."""
     lines, end = _header_lines(file, path)
-    order, elements, comments = _parsed(lines, path)
+    order, elements, comments = _parse_lines(lines, path)
     return PlyLayout(order, tuple(elements), tuple(comments), end)
 
 
-def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
+def read_ply_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
     """Parse the header and check its counts against the file's size. Raises DataError."""
-    layout = read_layout(file, path)
+    layout = read_ply_layout(file, path)
     order, elements, end = layout.order, layout.elements, layout.body_offset
     names = [element.name for element in elements]
     if "vertex" not in names:
@@ -148,7 +148,7 @@ def _header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
     raise DataError(path, "the header has no 'end_header' line", REMEDY)
 
 
-def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[str]]:
+def _parse_lines(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[str]]:
     order, elements, comments = "", [], []
     for line in lines:
         words = line.split()

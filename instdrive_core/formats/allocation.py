@@ -33,17 +33,17 @@ class ReadOptions:
 
     keep_every: int = 1
     """k: rows 0, k, 2k … are read, and memory is taken for these."""
-    room: float = MEMORY_TO_READ
+    memory_factor: float = MEMORY_TO_READ
     """Memory that there must be, as a multiple of the arrays."""
 
-    def kept(self, count: int) -> int:
+    def count_kept(self, count: int) -> int:
         """How many of `count` rows are read."""
         return -(-count // self.keep_every)
 
-    def places(self, start: int, stop: int) -> tuple[slice, slice]:
+    def locate_rows(self, start: int, stop: int) -> tuple[slice, slice]:
         """Of rows from `start` to `stop` in the file: which of these are kept, and where they belong."""
         first = -start % self.keep_every
-        return slice(first, None, self.keep_every), slice(self.kept(start), self.kept(stop))
+        return slice(first, None, self.keep_every), slice(self.count_kept(start), self.count_kept(stop))
 
 
 WHOLE = ReadOptions()
@@ -74,7 +74,7 @@ def allocate_gaussians(
     """
     check_memory(path, count, count_row_bytes(rest, features) + extra, options, passing * count)
     shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
-    return Gaussians(*(allocate_with_spare((options.kept(count), *shape), np.float32) for shape in shapes))
+    return Gaussians(*(allocate_with_spare((options.count_kept(count), *shape), np.float32) for shape in shapes))
 
 
 def count_row_bytes(rest: int, features: int) -> int:
@@ -92,8 +92,8 @@ def check_memory(path: str | Path, count: int, size: int, options: ReadOptions =
         options: which rows are kept.
         passing: bytes in all that are needed while the file is read, whichever rows are kept.
     """
-    row = options.room * size + BESIDE_BYTES
-    needed = row * options.kept(count) + passing
+    row = options.memory_factor * size + BESIDE_BYTES
+    needed = row * options.count_kept(count) + passing
     available = measure_available_memory()
     if needed <= available:
         return

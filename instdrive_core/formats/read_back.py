@@ -100,12 +100,12 @@ def _check(temporary: Path, path: Path, scene: Scene, fmt: Format) -> None:
                 wrong = find_loss(scene, found, fmt)
         except (DataError, OSError) as error:
             problem = error.problem if isinstance(error, DataError) else str(error)
-            raise _refused(path, f"what was written cannot be read again: {problem}") from error
+            raise _create_refusal(path, f"what was written cannot be read again: {problem}") from error
     if wrong:
-        raise _refused(path, f"what was written reads differently: {wrong}")
+        raise _create_refusal(path, f"what was written reads differently: {wrong}")
 
 
-def _refused(path: Path, problem: str) -> DataError:
+def _create_refusal(path: Path, problem: str) -> DataError:
     remedy = "Nothing was replaced. Check the disk and try again, or choose another format"
     return DataError(path, problem, remedy)
 
@@ -118,12 +118,12 @@ def find_loss(written: Scene, found: Scene, fmt: Format) -> str:
         return ""
     fidelity = FIDELITY[fmt.suffix]
     if fidelity.is_exact:
-        return _changed_bits(written, found, fmt)
+        return _find_changed_bits(written, found, fmt)
     order = None if fidelity.order is None else fidelity.order(written.gaussians.means)
-    return _moved(written, found, fidelity, order) or _no_longer_finite(written, found, order)
+    return _find_moved(written, found, fidelity, order) or _find_no_longer_finite(written, found, order)
 
 
-def _changed_bits(written: Scene, found: Scene, fmt: Format) -> str:
+def _find_changed_bits(written: Scene, found: Scene, fmt: Format) -> str:
     pairs = {name: (getattr(written.gaussians, name), getattr(found.gaussians, name)) for name in _ALWAYS_STORED}
     rest, found_rest = written.gaussians.sh_rest, found.gaussians.sh_rest
     pairs["sh_rest"] = (rest, found_rest[:, : rest.shape[1]])
@@ -142,7 +142,7 @@ def _changed_bits(written: Scene, found: Scene, fmt: Format) -> str:
     return ""
 
 
-def _moved(written: Scene, found: Scene, fidelity: Fidelity, order: ndarray | None) -> str:
+def _find_moved(written: Scene, found: Scene, fidelity: Fidelity, order: ndarray | None) -> str:
     before = written.gaussians.means if order is None else written.gaussians.means[order]
     after = found.gaussians.means
     with np.errstate(invalid="ignore"):  # what was no number may stay so
@@ -159,7 +159,7 @@ def _moved(written: Scene, found: Scene, fidelity: Fidelity, order: ndarray | No
     )
 
 
-def _no_longer_finite(written: Scene, found: Scene, order: ndarray | None) -> str:
+def _find_no_longer_finite(written: Scene, found: Scene, order: ndarray | None) -> str:
     for name in (*_ALWAYS_STORED, "sh_rest"):
         before, after = getattr(written.gaussians, name), getattr(found.gaussians, name)
         damaged = ~np.isfinite(after)

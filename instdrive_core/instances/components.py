@@ -97,7 +97,7 @@ def _scene_spacing(by_node: NeighborForest, config: ComponentConfig) -> Float64[
     """`spacing_factor` times the local spacing among the node's cells of all codewords, metres."""
     count = len(by_node.rows)
     rank = min(config.spacing_neighbor + 1, count)
-    distances, _ = by_node.nearest_to_each(rank, np.full(count, config.sparse_limit / config.spacing_factor))
+    distances, _ = by_node.find_nearest_to_each(rank, np.full(count, config.sparse_limit / config.spacing_factor))
     return np.minimum(config.spacing_factor * distances[:, -1], config.sparse_limit)
 
 
@@ -108,7 +108,7 @@ def _connected(
     gaps = np.maximum(config.max_gap, scene_spacing)
     reach = gaps + config.extent_factor * (cells.extents + cells.extents.max())
     neighbors = min(config.neighbors + 1, len(gaps))
-    distances, targets = by_group.nearest_to_each(neighbors, reach)
+    distances, targets = by_group.find_nearest_to_each(neighbors, reach)
     rank = min(config.spacing_neighbor, neighbors - 1)
     spacing = np.clip(distances[:, rank], config.cell_size, gaps)
     parents = _joined(distances, targets, spacing, gaps, cells.extents, config.spacing_factor, config.extent_factor)
@@ -187,7 +187,7 @@ def _absorb_by_codeword(
     loose = np.flatnonzero(~solid[components])
     reach = np.maximum(config.absorb_distance, spacing[loose])
     ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
-    distances, found = by_group.nearest(cells.positions[loose], cells.groups[loose], 1, reach, ranks, below)
+    distances, found = by_group.find_nearest(cells.positions[loose], cells.groups[loose], 1, reach, ranks, below)
     hit = found[:, 0] >= 0
     fragments, targets = components[loose[hit]], components[found[hit, 0]]
     # Writing the farthest first leaves the nearest.
@@ -209,7 +209,7 @@ def _absorb_by_vote(
     reach = np.maximum(config.vote_distance, spacing[loose])
     places, labels = cells.positions[loose], cells.nodes[loose]
     ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
-    _, found = by_node.nearest(places, labels, config.neighbors, reach, ranks, below)
+    _, found = by_node.find_nearest(places, labels, config.neighbors, reach, ranks, below)
     hit = found >= 0
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
     ballots, votes = np.unique(voters * len(owners) + components[found[hit]], return_counts=True)

@@ -36,7 +36,7 @@ class NeighborForest:
     boxes: Float64[ndarray, "m 6"]
     """Lowest and highest corner of the node whose middle point stands there."""
 
-    def nearest(
+    def find_nearest(
         self,
         queries: Float[ndarray, "q 3"],
         labels: Int64[ndarray, " q"],
@@ -65,7 +65,7 @@ class NeighborForest:
                 np.ascontiguousarray(reach, np.float64), distances, found)  # fmt: skip
         return distances, found
 
-    def nearest_to_each(
+    def find_nearest_to_each(
         self, count: int, reach: Float[ndarray, " m"]
     ) -> tuple[Float64[ndarray, "m k"], Int32[ndarray, "m k"]]:
         """As `nearest` with the forest's own points as queries, by their numbers; each is its own first neighbour."""

@@ -31,7 +31,7 @@ def find_rows_near(
         return np.zeros(0, np.int64)
     forest = build_forest(points[others], np.zeros(len(others), np.int64))
     reach = np.full(len(asked), float(distance))
-    distances, _ = forest.nearest(points[asked], np.zeros(len(asked), np.int64), 1, reach)
+    distances, _ = forest.find_nearest(points[asked], np.zeros(len(asked), np.int64), 1, reach)
     return asked[np.isfinite(distances[:, 0])]
 
 
@@ -49,7 +49,7 @@ def estimate_spacing(points: Float32[ndarray, "n 3"]) -> float:
     forest = build_forest(sample, np.zeros(len(sample), np.int64))
     queries = sample[:: -(-len(sample) // _ASKED)]
     reach = np.full(len(queries), np.inf)
-    distances, _ = forest.nearest(queries, np.zeros(len(queries), np.int64), _RING + 1, reach)
+    distances, _ = forest.find_nearest(queries, np.zeros(len(queries), np.int64), _RING + 1, reach)
     return float(np.median(distances[:, _RING]) / np.sqrt(step))
 
 

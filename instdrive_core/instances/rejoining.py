@@ -138,7 +138,7 @@ def _nearest_larger(
     place_of[parts] = np.arange(len(parts))
     asking = _spread_cells(components, place_of)
     part = place_of[components[asking]]
-    distances, found = by_group.nearest(
+    distances, found = by_group.find_nearest(
         cells.positions[asking], cells.groups[asking], 1, reach[part], rank_of[components], rank_of[parts[part]]
     )
     order = np.lexsort((found[:, 0], distances[:, 0], part))

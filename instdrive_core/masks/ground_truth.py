@@ -18,7 +18,7 @@ __all__ = [
     "GroundTruth",
     "GroundTruthInstance",
     "UnknownLabels",
-    "known_ground_truth",
+    "find_ground_truth",
     "open_ground_truth",
 ]
 

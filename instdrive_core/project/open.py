@@ -14,7 +14,7 @@ from safetensors.numpy import load
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import DataError, OptionError, format_ordinal
-from instdrive_core.files.archive import REMEDY, Archive, open_project_archive
+from instdrive_core.files.archive import ARCHIVE_REMEDY, Archive, open_project_archive
 from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.project.document_check import check_of
@@ -119,10 +119,10 @@ def _read_manifest(archive: Archive) -> Manifest:
     except OtherVersionError as error:
         raise DataError(archive.path, str(error), "Update InstDrive") from error
     except ValueError as error:
-        raise DataError(archive.path, f"{MANIFEST} is damaged: {error}", REMEDY) from error
+        raise DataError(archive.path, f"{MANIFEST} is damaged: {error}", ARCHIVE_REMEDY) from error
     if unlike := archive.names ^ {MANIFEST, *manifest.members}:
         problem = f"the archive and its manifest do not agree about {min(unlike)[:200]!r}"
-        raise DataError(archive.path, problem, REMEDY)
+        raise DataError(archive.path, problem, ARCHIVE_REMEDY)
     return manifest
 
 
@@ -130,9 +130,9 @@ def _read_view(archive: Archive) -> dict[str, Any]:
     try:
         view = parse_bounded_json(archive.read(VIEW, _MAX_VIEW))
     except ValueError as error:
-        raise DataError(archive.path, f"{VIEW} is damaged: {error}", REMEDY) from error
+        raise DataError(archive.path, f"{VIEW} is damaged: {error}", ARCHIVE_REMEDY) from error
     if not isinstance(view, dict):
-        raise DataError(archive.path, f"{VIEW} holds a {type(view).__name__}, not an object", REMEDY)
+        raise DataError(archive.path, f"{VIEW} holds a {type(view).__name__}, not an object", ARCHIVE_REMEDY)
     return view
 
 
@@ -143,7 +143,7 @@ def _read_entries(archive: Archive, manifest: Manifest, document: Document, spla
         return _read_numbers(archive, name, _NUMBERS_PER_SPLAT * max(splats, len(document.scene)))
 
     number = 0
-    with archive.opened(EDITS) as lines:
+    with archive.open_member(EDITS) as lines:
         while line := lines.readline(_MAX_LINE + 1):
             number += 1
             try:
@@ -151,23 +151,23 @@ def _read_entries(archive: Archive, manifest: Manifest, document: Document, spla
                     raise ValueError(f"it has more than {_MAX_LINE} bytes")
                 entry = parse_bounded_json(line)
             except ValueError as error:
-                raise DataError(archive.path, f"line {number} of {EDITS} is damaged: {error}", REMEDY) from error
+                raise DataError(archive.path, f"line {number} of {EDITS} is damaged: {error}", ARCHIVE_REMEDY) from error
             yield unpack_lists(entry, numbers)
     if number != manifest.edits:
-        raise DataError(archive.path, f"{EDITS} holds {number} edits, not {manifest.edits}", REMEDY)
+        raise DataError(archive.path, f"{EDITS} holds {number} edits, not {manifest.edits}", ARCHIVE_REMEDY)
 
 
 def _read_numbers(archive: Archive, name: object, limit: int) -> Numbers:
     """A list of at most `limit` numbers."""
     if not isinstance(name, str):
-        raise DataError(archive.path, f"{name!r} stands where an array's name should", REMEDY)
+        raise DataError(archive.path, f"{name!r} stands where an array's name should", ARCHIVE_REMEDY)
     data = archive.read(name, 8 * limit + 4096)
     try:
         # The array's size is checked against the member's before anything is allocated.
         numbers = load(data)[ARRAY]
     except (SafetensorError, KeyError, ValueError, TypeError) as error:
-        raise DataError(archive.path, f"{name!r} is damaged ({error})", REMEDY) from error
+        raise DataError(archive.path, f"{name!r} is damaged ({error})", ARCHIVE_REMEDY) from error
     if numbers.dtype.kind != "i" or numbers.ndim not in (1, 2) or math.prod(numbers.shape) > limit:
         problem = f"{name!r} is a {numbers.dtype} array of shape {numbers.shape}, no list of whole numbers"
-        raise DataError(archive.path, problem, REMEDY)
+        raise DataError(archive.path, problem, ARCHIVE_REMEDY)
     return numbers

@@ -108,7 +108,7 @@ def discard_session(session: RecoverableSession) -> None:
 
 
 def _lock_session(folder: Path) -> FileLock:
-    lock = FileLock.taken(folder / LOCK) if is_session(folder) else None
+    lock = FileLock.acquire(folder / LOCK) if is_session(folder) else None
     if lock is None:
         raise DataError(folder, "another editor has taken this session", "Look for the document there")
     return lock
@@ -117,7 +117,7 @@ def _lock_session(folder: Path) -> FileLock:
 def _inspect_folder(folder: Path) -> RecoverableSession | None:
     """The session of a folder; None where its editor runs, or nothing would be lost with it."""
     try:
-        lock = FileLock.taken(folder / LOCK)
+        lock = FileLock.acquire(folder / LOCK)
     except OSError:  # removed just now, or somebody else's
         return None
     if lock is None:

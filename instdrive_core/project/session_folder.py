@@ -46,7 +46,7 @@ def make_session_folder(root: Path) -> tuple[Path, FileLock]:
     folder = root / name
     folder.mkdir(parents=True, mode=0o700)
     for _ in range(_ATTEMPTS):
-        lock = FileLock.taken(folder / LOCK)
+        lock = FileLock.acquire(folder / LOCK)
         if lock is not None:
             return folder, lock
         time.sleep(_WAIT)  # an editor that has just started looks whether this one is dead

@@ -41,16 +41,16 @@ class Camera:
         """The matrix K."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
-    def resized(self, width: int, height: int) -> Camera:
+    def resize(self, width: int, height: int) -> Camera:
         """The same view on another raster."""
         sx, sy = width / self.width, height / self.height
         return replace(
             self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
         )
 
-    def scaled(self, factor: float) -> Camera:
+    def scale(self, factor: float) -> Camera:
         """The same view at `factor` times the resolution, rounded to whole pixels."""
-        return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
+        return self.resize(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
     def project(self, points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, " n"]]:
         """Pixel coordinates and depths (z, metres) of world points; points at z ≤ 0 project to meaningless pixels."""

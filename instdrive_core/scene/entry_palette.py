@@ -79,7 +79,7 @@ class EntryPalette(PerSplatArray):
             self.version += 1
         return found
 
-    def add_changed(
+    def add_changes(
         self,
         rows: Int[ndarray, " m"],
         bounds: Int64[ndarray, " p"],

@@ -27,7 +27,7 @@ class RowBuffers:
     def __init__(self) -> None:
         self._buffers: dict[str, ndarray] = {}
 
-    def extended(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
+    def extend(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
         """`array` with the rows of `tail` after it: a view of the same memory where it came from here and has room.
 
         Views taken of a longer array before rows were dropped and others appended see the new rows.

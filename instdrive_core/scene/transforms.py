@@ -47,7 +47,7 @@ class TransformPalette(EntryPalette):
         """[s R | t] of each entry's home, a read-only view."""
         return self.values[:, 12:].reshape(-1, 3, 4)
 
-    def move_of(self, entry: int) -> Similarity:
+    def get_move(self, entry: int) -> Similarity:
         """[s R | t] from an entry's home to where it moves things."""
         matrix, home = self.matrices[entry], self.homes[entry]
         return matrix if np.array_equal(home, np.eye(3, 4)) else compose_transforms(matrix, invert_transform(home))

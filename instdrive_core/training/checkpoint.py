@@ -109,7 +109,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
     )
 
 
-def restore(trainer: Trainer, checkpoint: Checkpoint) -> None:
+def restore_trainer(trainer: Trainer, checkpoint: Checkpoint) -> None:
     """Put a fresh trainer, built on the checkpoint's model, where the saved one stood."""
     trainer.stage, trainer.iteration = checkpoint.stage, checkpoint.iteration
     trainer.seconds_before = checkpoint.seconds

@@ -19,21 +19,21 @@ KEPT_BYTES = 6
 """Per pixel of each photo kept with its masks; all of them are kept within a budget."""
 
 
-def training_bytes(sizes: list[tuple[int, int]]) -> float:
+def estimate_training_bytes(sizes: list[tuple[int, int]]) -> float:
     """What photos of these widths and heights need at least; Gaussians, some 2 kB each, come on top."""
     pixels = [width * height for width, height in sizes]
     return PROGRAM_BYTES + STEP_BYTES * max(pixels, default=0) + min(DEFAULT_BUDGET, KEPT_BYTES * sum(pixels))
 
 
-def check_training_room(clip: Clip) -> None:
+def check_training_memory(clip: Clip) -> None:
     """Raises OptionError where memory is too small for the clip's photos, with a scale or cameras that would do."""
     frames = clip.training_frames()
-    needed, available = training_bytes(_sizes(frames)), measure_available_memory()
+    needed, available = estimate_training_bytes(_sizes(frames)), measure_available_memory()
     if needed <= available:
         return
     width, height = max(_sizes(frames), key=math.prod)
     problem = f"{len(frames)} photos of up to {width}×{height} need at least {format_gigabytes(needed)} to be trained"
-    ways = [way for way in (_smaller(frames, available), _fewer(clip, available)) if way]
+    ways = [way for way in (_suggest_scale(frames, available), _suggest_cameras(clip, available)) if way]
     remedy = " or ".join(ways) or "use a machine with more memory"
     raise OptionError(f"{clip.path}: {problem}, {format_gigabytes(available)} are free; {remedy}")
 
@@ -43,20 +43,20 @@ def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, in
     return [(round(camera.width * factor), round(camera.height * factor)) for camera in cameras]
 
 
-def _smaller(frames: tuple[Frame, ...], available: float) -> str:
+def _suggest_scale(frames: tuple[Frame, ...], available: float) -> str:
     """The largest scale, in hundredths of the photos on disk, that fits."""
     now = frames[0].view.camera.width / read_photo_size(Path(frames[0].view.photo))[0]
     for hundredths in range(math.floor(100 * now), 0, -1):
-        if training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
+        if estimate_training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
             return f"--scale {hundredths / 100:g} would fit"
     return ""
 
 
-def _fewer(clip: Clip, available: float) -> str:
+def _suggest_cameras(clip: Clip, available: float) -> str:
     """The first cameras that fit, as many as do."""
     for count in range(len(clip.camera_names) - 1, 0, -1):
         names = clip.camera_names[:count]
         chosen = tuple(frame for frame in clip.training_frames() if frame.view.name in names)
-        if training_bytes(_sizes(chosen)) <= available:
+        if estimate_training_bytes(_sizes(chosen)) <= available:
             return f"--cameras {','.join(names)} would fit"
     return ""

@@ -21,19 +21,19 @@ from instdrive_core.masks.label_map_folder import MaskFolder
 from instdrive_core.masks.sources import ensure_masks
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.training.backends.backend import Backend
-from instdrive_core.training.backends.device import chosen_backend
-from instdrive_core.training.build_trainer import resumed_trainer, trainer_from_clip, trainer_from_scene
+from instdrive_core.training.backends.device import choose_backend
+from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
-from instdrive_core.training.gaussians.exposures import finished_exposures
-from instdrive_core.training.instances.instance_stage import InstanceLearner, LearnedInstances, learned_codewords
-from instdrive_core.training.instances.scene_export import finished_scene
-from instdrive_core.training.instances.voted_instances import voted_instances
-from instdrive_core.training.memory_check import check_training_room
+from instdrive_core.training.gaussians.exposures import export_exposures
+from instdrive_core.training.instances.instance_learner import InstanceLearner, LearnedInstances, read_codewords
+from instdrive_core.training.instances.scene_export import export_trained_scene
+from instdrive_core.training.instances.voted_instances import vote_instances
+from instdrive_core.training.memory_check import check_training_memory
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.views.view_store import ViewStore, view_store
+from instdrive_core.training.views.view_store import ViewStore, open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
 CHECKPOINT, CONFIG, FACTS, LOG = "checkpoint.safetensors", "config.json", "run.json", "log.jsonl"
@@ -67,13 +67,13 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     out = request.out
     torch.set_num_threads(1)  # the work is in our kernels' threads; torch's would wait for theirs and take their cores
     _check_output(request)
-    backend = chosen_backend(request.device)
+    backend = choose_backend(request.device)
     out.mkdir(parents=True, exist_ok=True)
     on_note(f"reading {request.clip}")
     clip = load_clip(str(request.clip), request.options)
     if not clip.training_frames():
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
-    check_training_room(clip)
+    check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     on_note(
         f"{len(clip.training_frames())} training photos, {len(clip.held_out_frames())} held out; "
@@ -81,17 +81,17 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     )
     for note in clip.notes:
         on_note(note)
-    _say_what_is_missing(clip, request.config, on_note)
-    with view_store(clip, masks) as store:
+    _note_what_is_missing(clip, request.config, on_note)
+    with open_view_store(clip, masks) as store:
         compile_kernels(on_note)
-        trainer = _trainer(request, clip, store, backend, on_note)
+        trainer = _build_trainer(request, clip, store, backend, on_note)
         _write_json(out / CONFIG, _config_facts(request, masks))
         _train(trainer, out, on_event)
-        learned = _learned(request, trainer, on_note) if trainer.has_masks else None
+        learned = _learn_instances(request, trainer, on_note) if trainer.has_masks else None
         on_note("naming instances and writing the scene")
-        scene = finished_scene(trainer.model, clip, request.config, learned, _exposures(trainer))
+        scene = export_trained_scene(trainer.model, clip, request.config, learned, _export_exposures(trainer))
     write_scene_folder(out, scene)
-    _write_json(out / FACTS, _facts(request, masks, trainer, backend.name, len(scene.table)))
+    _write_json(out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)))
     return out
 
 
@@ -105,23 +105,23 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
             on_event(event)
 
 
-def _learned(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
+def _learn_instances(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
     trainer.continue_on_cpu()
     learner = request.learner
     if learner is None and request.config.instances.learned_by == "votes":
-        learner = voted_instances
+        learner = vote_instances
     if learner is None:
-        return learned_codewords(trainer.model.gaussians().features)
+        return read_codewords(trainer.model.gaussians().features)
     return learner(trainer.model, trainer.store, request.config, on_note)
 
 
-def _exposures(trainer: Trainer) -> Exposures | None:
+def _export_exposures(trainer: Trainer) -> Exposures | None:
     if trainer.config.freeze_geometry or not trainer.config.geometry.exposure_lr:
         return None
-    return finished_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+    return export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
 
 
-def _say_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
+def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
     if not clip.tracks:
         on_note("no cuboids: a static scene, moving objects will blur")
     elif not config.init.moving_actors:
@@ -142,7 +142,7 @@ def _check_output(request: RunRequest) -> None:
         raise OptionError("--freeze-geometry needs the scene whose geometry to keep: add --init SCENE.")
 
 
-def _trainer(
+def _build_trainer(
     request: RunRequest, clip: Clip, store: ViewStore, backend: Backend, on_note: Callable[[str], None]
 ) -> Trainer:
     path = request.out / CHECKPOINT
@@ -151,12 +151,12 @@ def _trainer(
     if request.resume and path.exists():
         checkpoint = load_checkpoint(path)
         on_note(f"going on after step {checkpoint.iteration:,} of the {checkpoint.stage} stage")
-        return resumed_trainer(request.config, store, path, checkpoint, backend)
+        return resume_trainer(request.config, store, path, checkpoint, backend)
     if request.resume:
         on_note("the run was interrupted before its first checkpoint: starting again")
     if request.init is not None:
-        return trainer_from_scene(request.config, clip, store, request.init, backend)
-    return trainer_from_clip(request.config, clip, store, backend)
+        return build_trainer_from_scene(request.config, clip, store, request.init, backend)
+    return build_trainer_from_clip(request.config, clip, store, backend)
 
 
 def _config_facts(request: RunRequest, masks: MaskFolder | None) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def _config_facts(request: RunRequest, masks: MaskFolder | None) -> dict[str, An
     }
 
 
-def _facts(
+def _collect_facts(
     request: RunRequest, masks: MaskFolder | None, trainer: Trainer, backend: str, instances: int
 ) -> dict[str, Any]:
     config = request.config

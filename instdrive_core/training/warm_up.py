@@ -22,8 +22,8 @@ from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
 from instdrive_core.training.backends import photometric
-from instdrive_core.training.gaussians.model import model_from_gaussians
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.gaussians.model import build_model
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
@@ -78,7 +78,7 @@ def _small_trainer() -> Trainer:
     nodes = np.repeat(np.array([0, 1], np.uint16), count // 2)
     pose = np.eye(4)[None]
     track = Track("warm-up", "Car", np.array([2.0, 4.0, 2.0]), np.zeros(1), pose, True)
-    model = model_from_gaussians(gaussians, nodes, (track,), np.full((6, 4, 4, 3), 0.5, np.float32), (0.0,))
+    model = build_model(gaussians, nodes, (track,), np.full((6, 4, 4, 3), 0.5, np.float32), (0.0,))
     return Trainer(model, ViewStore.of([_small_view()]), _small_config(), 10.0)
 
 
@@ -103,7 +103,7 @@ def _small_view() -> TrainingView:
 
 
 def _small_config() -> TrainConfig:
-    config = train_config()
+    config = build_train_config()
     return replace(
         config,
         geometry=replace(config.geometry, coarse_iterations=0),

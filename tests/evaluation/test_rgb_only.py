@@ -17,7 +17,7 @@ from instdrive_core.evaluation.tables import list_summary_rows
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.training.run import RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, train_config
+from instdrive_core.training.settings.config import InitConfig, build_train_config
 
 ABOUT_INSTANCES = ("codeword", "per_view", "scene", "lidar", "click")
 
@@ -27,7 +27,7 @@ def run(request, tmp_path_factory):
     """A run of a few steps on a clip without LiDAR, cuboids and masks."""
     root = tmp_path_factory.mktemp("photos")
     clip = request.param(root / "clip", photo_model())
-    config = train_config("instdrive", "demo", seed=1)
+    config = build_train_config("instdrive", "demo", seed=1)
     geometry = replace(config.geometry, iterations=30, coarse_iterations=10, sky_resolution=8)
     init = InitConfig(lidar_points=400, near_points=100, far_points=100)
     request = RunRequest(clip, root / "run", ClipOptions(), replace(config, init=init, geometry=geometry))

@@ -117,12 +117,12 @@ def test_a_scene_folder_clears_what_its_killed_writers_left(tmp_path):
 
 
 def test_a_lock_is_held_once_and_freed_by_release(tmp_path):
-    held = FileLock.taken(tmp_path / "lock")
+    held = FileLock.acquire(tmp_path / "lock")
     assert held is not None
-    assert FileLock.taken(tmp_path / "lock") is None
+    assert FileLock.acquire(tmp_path / "lock") is None
     held.release()
     held.release()
-    again = FileLock.taken(tmp_path / "lock")
+    again = FileLock.acquire(tmp_path / "lock")
     assert again is not None
     again.release()
 

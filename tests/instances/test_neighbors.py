@@ -34,7 +34,7 @@ def test_neighbors_of_other_places(cloud):
     ranks, below = rng.integers(0, 4, len(points)), rng.integers(1, 5, 60)
     forest = build_forest(points, labels)
     for extra in ({}, {"ranks": ranks, "below": below}):
-        distances, found = forest.nearest(queries, asked, 5, reach, **extra)
+        distances, found = forest.find_nearest(queries, asked, 5, reach, **extra)
         for q in range(60):
             counts = ranks < below[q] if extra else None
             expected = compared(points, labels, queries[q], asked[q], 5, reach[q], counts)
@@ -44,7 +44,7 @@ def test_neighbors_of_other_places(cloud):
 
 def test_neighbors_of_each_point(cloud):
     points, labels = cloud
-    distances, found = build_forest(points, labels).nearest_to_each(4, np.full(len(points), 2.0))
+    distances, found = build_forest(points, labels).find_nearest_to_each(4, np.full(len(points), 2.0))
     np.testing.assert_array_equal(found[:, 0], np.arange(len(points)))
     for row in range(0, len(points), max(1, len(points) // 40)):
         expected = compared(points, labels, points[row], labels[row], 4, 2.0)
@@ -54,14 +54,14 @@ def test_neighbors_of_each_point(cloud):
 
 def test_points_in_one_place_and_labels_without_points():
     forest = build_forest(np.zeros((500, 3)), np.full(500, 2))
-    distances, found = forest.nearest(np.zeros((2, 3)), np.array([2, 0]), 3, np.full(2, 1.0))
+    distances, found = forest.find_nearest(np.zeros((2, 3)), np.array([2, 0]), 3, np.full(2, 1.0))
     assert distances[0].tolist() == [0, 0, 0]
     assert len(set(found[0].tolist())) == 3
     assert found[1].tolist() == [-1, -1, -1]
 
 
 def test_nothing_at_all():
-    distances, _ = build_forest(np.zeros((0, 3)), np.zeros(0, np.int64)).nearest_to_each(2, np.zeros(0))
+    distances, _ = build_forest(np.zeros((0, 3)), np.zeros(0, np.int64)).find_nearest_to_each(2, np.zeros(0))
     assert distances.shape == (0, 2)
 
 

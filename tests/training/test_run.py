@@ -15,10 +15,10 @@ from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.formats.ply.inria import write_ply
 from instdrive_core.instances.codebook import quantize_features
-from instdrive_core.training.build_trainer import with_first_features
+from instdrive_core.training.build_trainer import add_first_features
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
-from instdrive_core.training.settings.events import CheckpointDue, Refined
+from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config, freeze_geometry
+from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def street(tmp_path_factory):
 
 
 def short(method="instdrive") -> TrainConfig:
-    config = train_config(method, "demo", seed=1)
+    config = build_train_config(method, "demo", seed=1)
     return replace(
         config,
         init=InitConfig(lidar_points=3_000, near_points=200, far_points=200, actor_points=100),
@@ -114,7 +114,7 @@ def test_votes_are_the_same_after_an_interruption(street, tmp_path):
 
 
 def test_votes_leave_a_scene_trained_elsewhere_as_it_is(street, trained, tmp_path):
-    run = train(street, tmp_path / "run", config=on_frozen_geometry(by_votes()), init=trained)
+    run = train(street, tmp_path / "run", config=freeze_geometry(by_votes()), init=trained)
     before, after = read_scene_folder(trained), read_scene_folder(run)
     for name in ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
@@ -178,7 +178,7 @@ def test_gaussians_grow_up_to_the_cap(street, tmp_path):
     config = replace(config, densify=replace(config.densify, max_gaussians=4_500))
     events = []
     run = train(street, tmp_path / "run", config=config, on_event=events.append)
-    grown = [event for event in events if isinstance(event, Refined)]
+    grown = [event for event in events if isinstance(event, DensifyDone)]
     assert grown[0].cloned + grown[0].split > 0
     assert max(event.gaussians for event in grown) == 4_500
     assert json.loads((run / "run.json").read_text())["n_gaussians"] == grown[-1].gaussians
@@ -195,7 +195,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
         before.origin = before.origin - 5
         start = tmp_path / "elsewhere.ply"
         write_ply(start, before)
-    config = on_frozen_geometry(short(method))
+    config = freeze_geometry(short(method))
     run = train(street, tmp_path / "run", config=config, init=start)
     after = read_scene_folder(run)
     assert len(after) == len(before)
@@ -205,7 +205,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
     assert len(after.actors) == len(before.actors)
     assert bool(before.actors) == (form == "run")
-    first = with_first_features(before.gaussians, config.instances, config.seed).features
+    first = add_first_features(before.gaussians, config.instances, config.seed).features
     assert np.abs(after.gaussians.features - first).max() > 0.01
     lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert {line["stage"] for line in lines} == {"instances"}
@@ -226,9 +226,9 @@ def test_a_scene_from_somewhere_else_is_refused(street, trained, tmp_path):
     scene.gaussians.means += np.float32(10_000)
     write_ply(tmp_path / "far.ply", scene)
     with pytest.raises(DataError, match=r"far.ply.*before a camera.*world coordinates"):
-        train(street, tmp_path / "run", config=on_frozen_geometry(short()), init=tmp_path / "far.ply")
+        train(street, tmp_path / "run", config=freeze_geometry(short()), init=tmp_path / "far.ply")
     with pytest.raises(OptionError, match="--init"):
-        train(street, tmp_path / "other", config=on_frozen_geometry(short()))
+        train(street, tmp_path / "other", config=freeze_geometry(short()))
 
 
 def test_a_static_run_has_no_actors_and_says_so(street, tmp_path):

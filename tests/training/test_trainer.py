@@ -8,10 +8,10 @@ import torch
 from tiny_training import new_trainer, tiny_config
 
 from instdrive_core.instances.codebook import quantize_features
-from instdrive_core.training.checkpoint import load_checkpoint, restore, save_checkpoint
+from instdrive_core.training.checkpoint import load_checkpoint, restore_trainer, save_checkpoint
 from instdrive_core.training.gaussians.view_rendering import GEOMETRY
-from instdrive_core.training.settings.config import TrainConfig, on_frozen_geometry
-from instdrive_core.training.settings.events import CheckpointDue, Refined, StepDone
+from instdrive_core.training.settings.config import TrainConfig, freeze_geometry
+from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, StepDone
 from instdrive_core.training.trainer import Trainer, TrainingDivergedError
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -74,7 +74,7 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
     config = growing(tiny_config(schedule))
     config = replace(config, checkpoint_every=12)
     whole, _ = new_trainer(config)
-    grown = [event for event in whole.run() if isinstance(event, Refined)]
+    grown = [event for event in whole.run() if isinstance(event, DensifyDone)]
     assert sum(event.cloned + event.split for event in grown) > 0
 
     first, _ = new_trainer(config)
@@ -87,7 +87,7 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
                 break
     checkpoint = load_checkpoint(tmp_path / "part.safetensors")
     second = Trainer(checkpoint.model(first.store.times), first.store, config, checkpoint.scene_radius)
-    restore(second, checkpoint)
+    restore_trainer(second, checkpoint)
     for _ in second.run():
         pass
     for name, value in {**whole.model.parameters, **whole.model.shared}.items():
@@ -95,7 +95,7 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
 
 
 def test_frozen_geometry_learns_instances_alone():
-    config = on_frozen_geometry(tiny_config())
+    config = freeze_geometry(tiny_config())
     trainer, which = new_trainer(config)
     before = {name: trainer.model.parameters[name].clone() for name in GEOMETRY}
     stages = {event.stage for event in trainer.run() if isinstance(event, StepDone)}

@@ -14,8 +14,8 @@ from instdrive_core.training.memory_check import (
     KEPT_BYTES,
     PROGRAM_BYTES,
     STEP_BYTES,
-    check_training_room,
-    training_bytes,
+    check_training_memory,
+    estimate_training_bytes,
 )
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
@@ -25,12 +25,12 @@ def test_a_smaller_scale_that_is_proposed_fits_and_a_larger_does_not(tmp_path):
     available = PROGRAM_BYTES + 0.3 * (STEP_BYTES + (COUNT - 1) * KEPT_BYTES) * WIDTH * HEIGHT
     with assume_memory(available):
         with pytest.raises(OptionError, match=f"{COUNT - 1} photos of up to {WIDTH}×{HEIGHT} need at least") as raised:
-            check_training_room(load_clip(root, ClipOptions()))
+            check_training_memory(load_clip(root, ClipOptions()))
         scale = float(re.search(r"--scale (\S+) would fit", str(raised.value))[1])
         assert 0.5 < scale < 0.6
-        check_training_room(load_clip(root, ClipOptions(scale=scale)))
+        check_training_memory(load_clip(root, ClipOptions(scale=scale)))
         with pytest.raises(OptionError):
-            check_training_room(load_clip(root, ClipOptions(scale=scale + 0.05)))
+            check_training_memory(load_clip(root, ClipOptions(scale=scale + 0.05)))
 
 
 def test_fewer_cameras_are_proposed_where_photos_are_many(tmp_path):
@@ -38,14 +38,14 @@ def test_fewer_cameras_are_proposed_where_photos_are_many(tmp_path):
     clip = load_clip(root, ClipOptions(cameras="front_camera,back_camera"))
     sizes = [(frame.view.camera.width, frame.view.camera.height) for frame in clip.training_frames()]
     with (
-        assume_memory(training_bytes(sizes) - 1),
+        assume_memory(estimate_training_bytes(sizes) - 1),
         pytest.raises(OptionError, match="--cameras front_camera would fit"),
     ):
-        check_training_room(clip)
-    with assume_memory(training_bytes(sizes)):
-        check_training_room(clip)
+        check_training_memory(clip)
+    with assume_memory(estimate_training_bytes(sizes)):
+        check_training_memory(clip)
 
 
 def test_kept_photos_stay_within_their_budget():
     sizes = [(1000, 1000)] * 100_000
-    assert training_bytes(sizes) == PROGRAM_BYTES + STEP_BYTES * 1e6 + DEFAULT_BUDGET
+    assert estimate_training_bytes(sizes) == PROGRAM_BYTES + STEP_BYTES * 1e6 + DEFAULT_BUDGET

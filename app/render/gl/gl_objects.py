@@ -22,7 +22,7 @@ _NAMES = 4096
 """Looked at in any case: a driver that reuses names gives away the lowest free one."""
 
 
-def live_objects() -> dict[str, int]:
+def count_live_objects() -> dict[str, int]:
     """Number of GL objects of each kind in the current context.
 
     The driver keeps the program used last, and its shaders, until another is used: compare counts taken after the same
@@ -33,7 +33,7 @@ def live_objects() -> dict[str, int]:
         raise GraphicsError("there is no libGL to ask for live objects; install one (Debian: apt install libgl1)")
     library = ctypes.CDLL(name)
     try:
-        counts = {kind: _count(library, kind, _free_name(library, plural)) for kind, plural in GENERATED.items()}
+        counts = {kind: _count(library, kind, _find_free_name(library, plural)) for kind, plural in GENERATED.items()}
         program = library.glCreateProgram()
         library.glDeleteProgram(program)
         return counts | {kind: _count(library, kind, program) for kind in ("Program", "Shader")}
@@ -47,7 +47,7 @@ def _count(library: ctypes.CDLL, kind: str, free_name: int) -> int:
     return sum(question(name) for name in range(1, max(_NAMES, free_name)))
 
 
-def _free_name(library: ctypes.CDLL, plural: str) -> int:
+def _find_free_name(library: ctypes.CDLL, plural: str) -> int:
     """The name that the next object would get: above all others, where the driver does not reuse names."""
     name = ctypes.c_uint()
     getattr(library, f"glGen{plural}")(1, ctypes.byref(name))

@@ -17,7 +17,7 @@ class GraphicsError(InstDriveError):
 
 
 @contextmanager
-def drawing_into(
+def draw_into(
     ctx: moderngl.Context,
     framebuffer: moderngl.Framebuffer,
     blending: tuple[int, int] | None = None,

@@ -39,7 +39,7 @@ class GpuScene:
         self.codewords = ArrayTexture(ctx, 1, "u4")
         self._poses, self._colors, self._transforms = (ArrayTexture(ctx, 4, "f4", texels=4) for _ in range(3))
         self._ctx, self._shown_sky = ctx, document.scene.sky
-        self.sky = sky_texture(ctx, document.scene.sky)
+        self.sky = upload_sky(ctx, document.scene.sky)
         self._world = WorldMeans(document)
         self._new_rows = document.new_rows.reader()
         self._uploaded = 0
@@ -142,9 +142,9 @@ class GpuScene:
     def _make_room(self) -> None:
         count = len(self)
         for array in (self._geometry, self._harmonics, self._nodes, self._color_entries, self._transform_entries):
-            array.hold(count)
+            array.reserve(count)
         for array in (self.states, self.instance_ids, self.codewords):
-            array.hold(count)
+            array.reserve(count)
         fresh = self._new_rows.take()
         self._uploaded = min(self._uploaded, count if fresh is None else fresh[0])
         self.look_version += 1
@@ -158,8 +158,8 @@ class GpuScene:
             start = self._uploaded
             rows = slice(start, min(start + UPLOADED_AT_ONCE, count))
             gaussians = scene.gaussians.select(rows)
-            self._geometry.write(_geometry_texels(gaussians), start)
-            self._harmonics.write(_harmonic_texels(gaussians, self._harmonic_texels), start)
+            self._geometry.write(_pack_geometry(gaussians), start)
+            self._harmonics.write(_pack_harmonics(gaussians, self._harmonic_texels), start)
             self._nodes.write(scene.nodes[rows], start)
             self.codewords.write(scene.codewords[rows], start)
             self._uploaded = rows.stop
@@ -169,7 +169,7 @@ class GpuScene:
 
     def _update_states(self) -> None:
         flags, dirty = self._document.state.flags, self._dirty_states.take()
-        hidden = _resized(self._hidden, len(flags))
+        hidden = _resize(self._hidden, len(flags))
         if dirty is not None:
             rows = slice(*dirty)
             self.states.write(flags[rows], dirty[0])
@@ -183,20 +183,20 @@ class GpuScene:
         palette, dirty = self._document.colors, self._dirty_colors.take()
         if dirty is not None:
             self._color_entries.write(palette.indices[slice(*dirty)], dirty[0])
-        self._colors.hold(len(palette))
-        self._colors.write(_color_texels(palette), 0)
+        self._colors.reserve(len(palette))
+        self._colors.write(_pack_colors(palette), 0)
         self.look_version += 1
 
     def _update_transforms(self) -> None:
         palette, dirty = self._document.transforms, self._dirty_transforms.take()
         if dirty is not None:
             self._transform_entries.write(palette.indices[slice(*dirty)], dirty[0])
-        self._transforms.hold(len(palette))
-        self._transforms.write(_transform_texels(palette), 0)
+        self._transforms.reserve(len(palette))
+        self._transforms.write(_pack_transforms(palette), 0)
 
     def _update_ids(self) -> None:
         ids = self._document.scene.instance_ids
-        known = _resized(self._ids, len(ids))
+        known = _resize(self._ids, len(ids))
         known[len(self._ids) :] = ~ids[len(self._ids) :]  # rows that are new differ
         changed = np.flatnonzero(ids != known)
         self._ids = known
@@ -212,14 +212,14 @@ class GpuScene:
             self._shown_sky = self._document.scene.sky
             if self.sky is not None:
                 self.sky.release()
-            self.sky = sky_texture(self._ctx, self._shown_sky)
+            self.sky = upload_sky(self._ctx, self._shown_sky)
             self.look_version += 1
 
     def _update_places(self, time: float) -> None:
         moved = self._world.update(time)
-        texels = _pose_texels(self._world)
+        texels = _pack_poses(self._world)
         if not np.array_equal(texels, self._pose_texels):
-            self._poses.hold(len(texels))
+            self._poses.reserve(len(texels))
             self._poses.write(texels, 0)
             self._pose_texels = texels
             self.look_version += 1
@@ -228,7 +228,7 @@ class GpuScene:
             self.pose_version += 1
 
 
-def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray | None:
+def upload_sky(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray | None:
     """The six faces as layers, filtered and clamped as `Sky.colors` does."""
     if sky is None:
         return None
@@ -239,7 +239,7 @@ def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray
     return texture
 
 
-def _geometry_texels(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
+def _pack_geometry(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
     texels = np.zeros((len(gaussians), 3, 4), np.float32)
     texels[:, 0, :3], texels[:, 0, 3] = gaussians.means, gaussians.opacities
     texels[:, 1] = normalize_quaternions(gaussians.quats)
@@ -247,7 +247,7 @@ def _geometry_texels(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
     return texels
 
 
-def _harmonic_texels(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {texels} 4"]:
+def _pack_harmonics(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {texels} 4"]:
     count, width = len(gaussians), 3 * (1 + gaussians.sh_rest.shape[1])
     padded = np.zeros((count, texels * 4), np.float32)
     padded[:, :3] = gaussians.sh_dc
@@ -255,13 +255,13 @@ def _harmonic_texels(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {
     return padded.reshape(count, texels, 4)
 
 
-def _color_texels(palette: ColorPalette) -> Float32[ndarray, "p 4 4"]:
+def _pack_colors(palette: ColorPalette) -> Float32[ndarray, "p 4 4"]:
     texels = np.zeros((len(palette), 4, 4), np.float32)
     texels[:, :3], texels[:, 3, 0] = palette.matrices, palette.alphas
     return texels
 
 
-def _transform_texels(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
+def _pack_transforms(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
     """Rows of [R | t], then s."""
     matrices = palette.matrices
     scales = np.linalg.norm(matrices[:, :, 0], axis=1)
@@ -272,7 +272,7 @@ def _transform_texels(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
     return texels
 
 
-def _pose_texels(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
+def _pack_poses(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
     texels = np.zeros((len(world.poses), 4, 4), np.float32)
     texels[:, :3, :3] = extract_node_rotations(world.poses)
     texels[:, :3, 3] = world.poses[:, :3, 3]
@@ -280,7 +280,7 @@ def _pose_texels(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
     return texels
 
 
-def _resized(array: ndarray, count: int) -> ndarray:
+def _resize(array: ndarray, count: int) -> ndarray:
     """The array itself, or its front, or with zeros behind it."""
     if count <= len(array):
         return array[:count]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.projector import Projector
 from instdrive_app.render.gl.splat_pass import SplatPass
 from instdrive_app.render.gl.targets import Targets
@@ -25,7 +25,7 @@ class IdPass:
     def draw(self, targets: Targets, min_opacity: float) -> None:
         """Write row + 1 into `targets.rows`, 0 where nothing is."""
         targets.clear_rows()
-        with drawing_into(self._ctx, targets.rows_buffer, depth_function="<="):
+        with draw_into(self._ctx, targets.rows_buffer, depth_function="<="):
             self._splats.draw(targets.size, ID_ALPHA_CUT, min_opacity)
 
     def release(self) -> None:

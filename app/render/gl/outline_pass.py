@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl.gl_state import PREMULTIPLIED_OVER, drawing_into
+from instdrive_app.render.gl.gl_state import PREMULTIPLIED_OVER, draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH
@@ -39,7 +39,7 @@ class OutlinePass:
             selected_flag=int(Flag.SELECTED),
             hovered_id=hovered,
         )
-        with drawing_into(self._ctx, targets.mask_buffer):
+        with draw_into(self._ctx, targets.mask_buffer):
             self._mask_triangle.render(moderngl.TRIANGLES, vertices=3)
         targets.mask.use(0)
         set_uniforms(
@@ -50,7 +50,7 @@ class OutlinePass:
             hovered_line=HOVERED_LINE,
             thickness=thickness,
         )
-        with drawing_into(self._ctx, targets.shown_buffer, blending=PREMULTIPLIED_OVER):
+        with draw_into(self._ctx, targets.shown_buffer, blending=PREMULTIPLIED_OVER):
             self._line_triangle.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:

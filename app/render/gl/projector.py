@@ -8,7 +8,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
-from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_core.rasterize.kernels.project import camera_to_row
@@ -59,7 +59,7 @@ class Projector:
         the last order serves until then."""
         axis = camera.camera_from_world[2].astype(np.float32)
         key = (axis.tobytes(), scene.pose_version)
-        sort = self._sorter.now if wait else self._sorter.soon
+        sort = self._sorter.sort_now if wait else self._sorter.sort_soon
         order = sort(key, scene.means, axis, self._settings.near)
         self.current = order.key == key
         if order is not self._uploaded:
@@ -88,7 +88,7 @@ class Projector:
             alpha_cut=self._settings.min_alpha,
             antialiased=scene.antialiased,
         )
-        with drawing_into(self._ctx, self._no_picture):
+        with draw_into(self._ctx, self._no_picture):
             self._vertices.transform(self.records, moderngl.POINTS, vertices=self.count)
 
     def read(self) -> Float32[ndarray, "m 11"]:

@@ -28,7 +28,7 @@ DRAFT_FACTOR = 2
 FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)
 
 
-class Renderer:
+class GlRenderer:
     """Draws a document as snapshots ask for, off screen; `picture` is what the window shows."""
 
     def __init__(self, ctx: moderngl.Context, document: Document) -> None:
@@ -57,7 +57,7 @@ class Renderer:
     def depth_range(self) -> tuple[float, float]:
         """Metres at the near and far end of the depth view's ramp."""
         low, high = self._projector.depth_range
-        return round_figure(low, down=True), round_figure(high, down=False)
+        return round_to_figure(low, down=True), round_to_figure(high, down=False)
 
     @property
     def settled(self) -> bool:
@@ -79,16 +79,16 @@ class Renderer:
 
     def _bring_up_to_date(self, snapshot: FrameSnapshot, wait: bool) -> None:
         self.scene.update(snapshot.time, wait)
-        targets = self._sized(snapshot)
+        targets = self._find_targets(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait)
         if snapshot.view_mode in FLAT_MODES:
             self._draw_rows(targets, snapshot)
         else:
             self._draw_blended(targets, snapshot)
-        marked = snapshot.show_outlines and not snapshot.draft and self._marked(snapshot)
+        marked = snapshot.show_outlines and not snapshot.draft and self._has_marks(snapshot)
         if marked:
             self._draw_rows(targets, snapshot)
-        shown = (snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
+        shown = (make_snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
         shown = (*shown, marked and self._document.state.version)
         if self._keys.get("shown") == shown:
             return
@@ -104,22 +104,22 @@ class Renderer:
             targets.release()
         self._retired.clear()
 
-    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
-        targets = self._exact_rows(snapshot)
+        targets = self._draw_exact_rows(snapshot)
         return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
 
-    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """The instance that the ID view shows at every pixel; 0 = none."""
-        rows = self.rows(snapshot)
+        rows = self.read_rows(snapshot)
         with_none = np.append(np.uint32(0), self._document.scene.instance_ids)
         return with_none[rows]
 
-    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+    def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
         if not (0 <= x < snapshot.camera.width and 0 <= y < snapshot.camera.height):
             return None
-        targets = self._exact_rows(snapshot)
+        targets = self._draw_exact_rows(snapshot)
         pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
         row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
         return row_plus_one - 1 if row_plus_one else None
@@ -144,7 +144,7 @@ class Renderer:
         if self._targets is not None:
             self._targets.release()
 
-    def _sized(self, snapshot: FrameSnapshot) -> Targets:
+    def _find_targets(self, snapshot: FrameSnapshot) -> Targets:
         size = (snapshot.camera.width, snapshot.camera.height)
         factor = DRAFT_FACTOR if snapshot.draft else 1
         blended_size = (max(1, size[0] // factor), max(1, size[1] // factor))
@@ -156,33 +156,33 @@ class Renderer:
             self._keys.clear()
         return targets
 
-    def _marked(self, snapshot: FrameSnapshot) -> bool:
+    def _has_marks(self, snapshot: FrameSnapshot) -> bool:
         return snapshot.hovered != 0 or bool(self._document.state.mask(Flag.SELECTED).any())
 
-    def _exact_rows(self, snapshot: FrameSnapshot) -> Targets:
+    def _draw_exact_rows(self, snapshot: FrameSnapshot) -> Targets:
         self.scene.update(snapshot.time)
-        targets = self._sized(snapshot)
+        targets = self._find_targets(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait=True)
         self._draw_rows(targets, snapshot)
         return targets
 
-    def _look_key(self, camera: Camera) -> tuple:
+    def _make_look_key(self, camera: Camera) -> tuple:
         """Names what the splats look like through a camera, as far as the projector knows."""
-        return camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
+        return make_camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
     def _project(self, camera: Camera) -> None:
-        key = self._look_key(camera)
+        key = self._make_look_key(camera)
         if self._keys.get("records") != key:
             self._projector.project(self.scene, camera)
             self._keys["records"] = key
 
     def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
         show_depth = snapshot.view_mode is ViewMode.DEPTH
-        key = (self._look_key(snapshot.camera), show_depth, snapshot.show_sky)
+        key = (self._make_look_key(snapshot.camera), show_depth, snapshot.show_sky)
         key = (*key, snapshot.show_sky)
         if self._keys.get("blended") == key:
             return
-        camera = snapshot.camera.resized(*targets.blended_size)
+        camera = snapshot.camera.resize(*targets.blended_size)
         self._project(camera)
         if show_depth:
             self._sky.draw(targets.blended_buffer, camera, None, (0.0, 0.0, 0.0))
@@ -193,7 +193,7 @@ class Renderer:
         self.blended_draws += 1
 
     def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot) -> None:
-        key = (self._look_key(snapshot.camera), snapshot.id_opacity)
+        key = (self._make_look_key(snapshot.camera), snapshot.id_opacity)
         if self._keys.get("rows") == key:
             return
         self._project(snapshot.camera)
@@ -201,19 +201,19 @@ class Renderer:
         self._keys["rows"] = key
 
 
-def camera_key(camera: Camera) -> tuple:
+def make_camera_key(camera: Camera) -> tuple:
     """Equal for cameras that see the same."""
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     return (*pinhole, camera.world_from_camera.tobytes())
 
 
-def snapshot_key(snapshot: FrameSnapshot) -> tuple:
+def make_snapshot_key(snapshot: FrameSnapshot) -> tuple:
     """Equal for snapshots that ask for the same frame."""
     rest = [getattr(snapshot, entry.name) for entry in fields(FrameSnapshot) if entry.name != "camera"]
-    return (camera_key(snapshot.camera), *rest)
+    return (make_camera_key(snapshot.camera), *rest)
 
 
-def round_figure(value: float, down: bool) -> float:
+def round_to_figure(value: float, down: bool) -> float:
     """The next 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
     steps = [step * power for step in (1.0, 2.0, 5.0, 10.0)]

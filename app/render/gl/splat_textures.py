@@ -27,9 +27,9 @@ class ArrayTexture:
     def __init__(self, ctx: moderngl.Context, channels: int, dtype: str, texels: int = 1) -> None:
         """`dtype` as moderngl names it: f4, u1, u2, u4."""
         self._ctx, self._channels, self._dtype, self._texels = ctx, channels, dtype, texels
-        self.texture = self._made(1)
+        self.texture = self._create(1)
 
-    def hold(self, count: int) -> None:
+    def reserve(self, count: int) -> None:
         """Make room for `count` entries. Raises GraphicsError where the driver has no texture that large."""
         rows = -(-count * self._texels // WIDTH)
         before = self.texture
@@ -43,27 +43,27 @@ class ArrayTexture:
             )
         # The first texture is only as large as the scene: most scenes never grow.
         spare = rows // SPARE_SHARE if before.height > 1 else 0
-        self.texture = self._made(min(rows + spare, limit))
+        self.texture = self._create(min(rows + spare, limit))
         _copy(self._ctx, before, self.texture)
         before.release()
 
     def write(self, values: ndarray, start: int) -> None:
         """Upload entries from `start` on; `values` is (n, …) with texels × channels numbers each."""
         flat = np.ascontiguousarray(values).reshape(-1, self._channels)
-        for (x, y, width, height), part in _rectangles(start * self._texels, len(flat)):
+        for (x, y, width, height), part in _list_rectangles(start * self._texels, len(flat)):
             self.texture.write(flat[part].data, viewport=(x, y, width, height), alignment=1)
 
     def release(self) -> None:
         """Free the texture."""
         self.texture.release()
 
-    def _made(self, rows: int) -> moderngl.Texture:
+    def _create(self, rows: int) -> moderngl.Texture:
         texture = self._ctx.texture((WIDTH, rows), self._channels, alignment=1, dtype=self._dtype)
         texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         return texture
 
 
-def _rectangles(start: int, count: int) -> Iterator[tuple[tuple[int, int, int, int], slice]]:
+def _list_rectangles(start: int, count: int) -> Iterator[tuple[tuple[int, int, int, int], slice]]:
     """Rectangles (x, y, width, height) that cover `count` texels from `start` on, and which of the texels each holds:
     the rest of a begun row, whole rows, the beginning of a last one."""
     done = 0

@@ -14,10 +14,10 @@ class Targets:
         self.blended = ctx.texture(blended_size, 4, dtype="f4")
         self.blended.repeat_x = self.blended.repeat_y = False
         self.blended_buffer = ctx.framebuffer([self.blended])
-        self.rows = _integer_texture(ctx, size, "u4")
+        self.rows = _create_integer_texture(ctx, size, "u4")
         self.depth = ctx.depth_renderbuffer(size)
         self.rows_buffer = ctx.framebuffer([self.rows], self.depth)
-        self.mask = _integer_texture(ctx, size, "u1")
+        self.mask = _create_integer_texture(ctx, size, "u1")
         self.mask_buffer = ctx.framebuffer([self.mask])
         self.shown = ctx.texture(size, 4, dtype="f1")
         self.shown_buffer = ctx.framebuffer([self.shown])
@@ -36,7 +36,7 @@ class Targets:
             thing.release()
 
 
-def _integer_texture(ctx: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:
+def _create_integer_texture(ctx: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:
     texture = ctx.texture(size, 1, alignment=1, dtype=dtype)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

@@ -10,9 +10,15 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 from numpy import ndarray
 
-from instdrive_app.render.gl.renderer import DRAFT_FACTOR, FLAT_MODES, camera_key, round_figure, snapshot_key
+from instdrive_app.render.gl.renderer import (
+    DRAFT_FACTOR,
+    FLAT_MODES,
+    make_camera_key,
+    make_snapshot_key,
+    round_to_figure,
+)
 from instdrive_app.render.gl.sky_pass import BACKDROP
-from instdrive_app.render.software.picture import add_outlines, color_picture, depth_picture, id_picture
+from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
 from instdrive_app.render.software.thread import Superseded
@@ -43,7 +49,7 @@ class FrameRequest:
 
     def is_for(self, state: SceneState, snapshot: FrameSnapshot) -> bool:
         """Whether it shows just this."""
-        return self.state is state and snapshot_key(self.snapshot) == snapshot_key(snapshot)
+        return self.state is state and make_snapshot_key(self.snapshot) == make_snapshot_key(snapshot)
 
 
 @dataclass(frozen=True)
@@ -75,9 +81,16 @@ class SoftwareDraw:
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:
         """Draw one. Raises Superseded where the picture is wanted sharp and the camera moves already."""
         started, snapshot = time.perf_counter(), request.snapshot
-        placed = self._updated(request)
-        camera = _drawn_camera(snapshot)
-        key = (camera_key(camera), snapshot.id_opacity, snapshot.show_sky, snapshot.draft, placed, placed.look_version)
+        placed = self._update_placed(request)
+        camera = _choose_camera(snapshot)
+        key = (
+            make_camera_key(camera),
+            snapshot.id_opacity,
+            snapshot.show_sky,
+            snapshot.draft,
+            placed,
+            placed.look_version,
+        )
         seconds = None
         if key != self._key:
             self._key = None  # what is kept is written over, and may be given up half-way
@@ -85,10 +98,10 @@ class SoftwareDraw:
             self._key, seconds = key, time.perf_counter() - started
             if snapshot.draft:
                 self._adapt(seconds, len(placed.means))
-        picture = self._composed(request.state, snapshot, camera)
+        picture = self._compose(request.state, snapshot, camera)
         return DrawnFrame(request, picture, self._winner, self._depth_range[1], seconds)
 
-    def _updated(self, request: FrameRequest) -> PlacedSplats:
+    def _update_placed(self, request: FrameRequest) -> PlacedSplats:
         state, moment = request.state, request.snapshot.time
         placed = self._placed
         if placed is None or placed.state.rows_version != state.rows_version:
@@ -106,7 +119,7 @@ class SoftwareDraw:
         shapes = placed.means, placed.quats, placed.log_scales, opacities
         found = project_splats(*shapes, camera, settings, workspace)
         check()
-        write_colors(found, _color_source(placed), placed.means, camera.position)
+        write_colors(found, _build_color_source(placed), placed.means, camera.position)
         check()
         rule = PickRule(min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
         if state.sky is not None and snapshot.show_sky:
@@ -120,36 +133,36 @@ class SoftwareDraw:
         wanted = self._budget * float(np.clip(DRAFT_SECONDS / seconds, 0.7, 1.4))
         self._budget = int(np.clip(wanted, min(FEWEST_SPLATS, count), max(count, 1)))
 
-    def _composed(self, state: SceneState, snapshot: FrameSnapshot, camera: Camera) -> UInt8[ndarray, "h w 4"]:
+    def _compose(self, state: SceneState, snapshot: FrameSnapshot, camera: Camera) -> UInt8[ndarray, "h w 4"]:
         blended, winner = self._blended, self._winner
         assert blended is not None
         if snapshot.view_mode is ViewMode.COLOR:
-            picture = color_picture(blended.color)
+            picture = paint_color(blended.color)
         elif snapshot.view_mode is ViewMode.DEPTH:
-            picture = depth_picture(blended.depth, blended.alpha, self._ends_of_ramp(camera))
+            picture = paint_depth(blended.depth, blended.alpha, self._find_depth_range(camera))
         else:
             flat = state.codewords if snapshot.view_mode is ViewMode.CODEWORD else state.instance_ids
-            picture = id_picture(winner, flat)
-        if snapshot.show_outlines and not snapshot.draft and _any_marked(state, snapshot):
+            picture = paint_ids(winner, flat)
+        if snapshot.show_outlines and not snapshot.draft and _has_marks(state, snapshot):
             tint = snapshot.view_mode not in FLAT_MODES
             add_outlines(picture, winner, state.flags, state.instance_ids, snapshot.hovered, tint)
         return picture
 
-    def _ends_of_ramp(self, camera: Camera) -> tuple[float, float]:
+    def _find_depth_range(self, camera: Camera) -> tuple[float, float]:
         """Depths that hold the middle 94 % of the splats in front of the camera, widened to round figures."""
         placed = self._placed
         assert placed is not None
         key = (camera.world_from_camera.tobytes(), placed, placed.look_version)
         if self._depth_range[0] != key:
-            self._depth_range = (key, _middle_depths(placed.means, camera))
+            self._depth_range = (key, _compute_depth_range(placed.means, camera))
         return self._depth_range[1]
 
 
-def _drawn_camera(snapshot: FrameSnapshot) -> Camera:
+def _choose_camera(snapshot: FrameSnapshot) -> Camera:
     camera = snapshot.camera
     if not snapshot.draft:
         return camera
-    return camera.resized(max(1, camera.width // DRAFT_FACTOR), max(1, camera.height // DRAFT_FACTOR))
+    return camera.resize(max(1, camera.width // DRAFT_FACTOR), max(1, camera.height // DRAFT_FACTOR))
 
 
 def _check(request: FrameRequest, newer: Callable[[], FrameRequest | None]) -> None:
@@ -158,7 +171,7 @@ def _check(request: FrameRequest, newer: Callable[[], FrameRequest | None]) -> N
         raise Superseded
 
 
-def _color_source(placed: PlacedSplats) -> ColorSource:
+def _build_color_source(placed: PlacedSplats) -> ColorSource:
     state, gaussians = placed.state, placed.state.gaussians
     return ColorSource(
         sh_dc=gaussians.sh_dc,
@@ -170,11 +183,11 @@ def _color_source(placed: PlacedSplats) -> ColorSource:
     )
 
 
-def _any_marked(state: SceneState, snapshot: FrameSnapshot) -> bool:
+def _has_marks(state: SceneState, snapshot: FrameSnapshot) -> bool:
     return snapshot.hovered != 0 or bool((state.flags & np.uint8(Flag.SELECTED)).any())
 
 
-def _middle_depths(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[float, float]:
+def _compute_depth_range(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[float, float]:
     axis = camera.camera_from_world[2].astype(np.float32)
     depths = means @ axis[:3] + axis[3]
     depths = depths[depths > DEFAULT_SETTINGS.near]
@@ -183,4 +196,4 @@ def _middle_depths(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[floa
         return 1.0, 100.0
     places = max(count - 1 - int(0.97 * count), 0), count - 1 - int(0.03 * count)
     near, far = np.partition(depths, places)[list(places)]
-    return round_figure(float(near), down=True), round_figure(float(max(far, near * 1.01)), down=False)
+    return round_to_figure(float(near), down=True), round_to_figure(float(max(far, near * 1.01)), down=False)

@@ -22,28 +22,28 @@ _OPAQUE = np.int32(-(1 << 24))
 """255 in the last of four bytes."""
 
 
-def color_picture(color: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
+def paint_color(color: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
     """RGB in [0, 1], clipped."""
     picture = np.empty((*color.shape[:2], 4), np.uint8)
-    _color_bytes(color.reshape(-1), picture.reshape(-1).view(np.int32))
+    _write_color(color.reshape(-1), picture.reshape(-1).view(np.int32))
     return picture
 
 
-def depth_picture(
+def paint_depth(
     depth: Float32[ndarray, "h w"], alpha: Float32[ndarray, "h w"], depth_range: tuple[float, float]
 ) -> UInt8[ndarray, "h w 4"]:
     """Depth through the ramp on a logarithmic scale between two depths (metres); black where hardly anything is."""
     picture = np.empty((*depth.shape, 4), np.uint8)
     ramp, ends = np.array(DEPTH_RAMP, np.float32), np.array(depth_range, np.float32)
-    _depth_bytes(depth, alpha, ramp, ends, picture)
+    _write_depth(depth, alpha, ramp, ends, picture)
     return picture
 
 
-def id_picture(winner: Int32[ndarray, "h w"], ids: UInt32[ndarray, " n"]) -> UInt8[ndarray, "h w 4"]:
+def paint_ids(winner: Int32[ndarray, "h w"], ids: UInt32[ndarray, " n"]) -> UInt8[ndarray, "h w 4"]:
     """The colour of each pixel's ID (instances or codewords), black for none. As on a GPU, IDs above 24 bits share the
     colours of their low 24 bits."""
     picture = np.empty((*winner.shape, 4), np.uint8)
-    _id_bytes(winner, ids, _LOW_COLORS, _HIGH_COLORS, picture)
+    _write_ids(winner, ids, _LOW_COLORS, _HIGH_COLORS, picture)
     return picture
 
 
@@ -63,7 +63,7 @@ def add_outlines(
     _draw_lines(mask, overlays, thickness, picture)
 
 
-def _id_tables() -> tuple[UInt8[ndarray, "65536 3"], UInt8[ndarray, "256 3"]]:
+def _build_id_tables() -> tuple[UInt8[ndarray, "65536 3"], UInt8[ndarray, "256 3"]]:
     """Colours by place on the curve of the colour map, of the low 16 bits and of the 8 above: every bit of a place is
     a bit of the colour, so the two are joined by `or`."""
     low = np.arange(1 << _LOW_BITS, dtype=np.uint64)
@@ -72,28 +72,28 @@ def _id_tables() -> tuple[UInt8[ndarray, "65536 3"], UInt8[ndarray, "256 3"]]:
     return colors_from_ids(ids[0]), colors_from_ids(ids[1])
 
 
-_LOW_COLORS, _HIGH_COLORS = _id_tables()
+_LOW_COLORS, _HIGH_COLORS = _build_id_tables()
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _level(value):
+def _to_byte(value):
     """0 … 255 of a number in [0, 1], clipped."""
     return np.int32(min(max(value, np.float32(0)), np.float32(1)) * np.float32(255) + np.float32(0.5))
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _color_bytes(color, pixels):
+def _write_color(color, pixels):
     """Four bytes at once, so that the loop over flat arrays vectorises."""
     for task in numba.prange((len(pixels) + _PIXELS_PER_TASK - 1) // _PIXELS_PER_TASK):
         end = min(len(pixels), (task + 1) * _PIXELS_PER_TASK)
         for pixel in range(np.uint64(task * _PIXELS_PER_TASK), np.uint64(end)):
             red = pixel * np.uint64(3)
-            levels = _level(color[red]), _level(color[red + np.uint64(1)]), _level(color[red + np.uint64(2)])
+            levels = _to_byte(color[red]), _to_byte(color[red + np.uint64(1)]), _to_byte(color[red + np.uint64(2)])
             pixels[pixel] = levels[0] | levels[1] << np.int32(8) | levels[2] << np.int32(16) | _OPAQUE
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _depth_bytes(depth, alpha, ramp, ends, picture):
+def _write_depth(depth, alpha, ramp, ends, picture):
     last, span = len(ramp) - 1, np.log(ends[1] / ends[0])
     for y in numba.prange(picture.shape[0]):
         for x in range(np.uint64(picture.shape[1])):
@@ -111,7 +111,7 @@ def _depth_bytes(depth, alpha, ramp, ends, picture):
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _id_bytes(winner, ids, low_colors, high_colors, picture):
+def _write_ids(winner, ids, low_colors, high_colors, picture):
     for y in numba.prange(picture.shape[0]):
         for x in range(np.uint64(picture.shape[1])):
             row = winner[y, x]

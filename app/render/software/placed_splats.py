@@ -39,7 +39,7 @@ class PlacedSplats:
         """Rises when the splats would be drawn otherwise: places, colours, what is shown."""
         self._base_opacities = to_kernel_array(sigmoid(gaussians.opacity_logits))
         self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
-        self._table = _frame_table(list(self._frame_of), state, time)
+        self._table = _build_frame_table(list(self._frame_of), state, time)
         self._place(np.arange(len(gaussians)), state)
         moved = np.flatnonzero((state.nodes > 0) | (state.move_entries > 0))
         self._move(moved, state, time)
@@ -83,7 +83,7 @@ class PlacedSplats:
         for pair in np.flatnonzero(names).tolist():
             names[pair] = self._frame_of.setdefault(divmod(pair, width), len(self._frame_of))
         self.frames[renamed] = names[pairs]
-        before, self._table = self._table, _frame_table(list(self._frame_of), state, time)
+        before, self._table = self._table, _build_frame_table(list(self._frame_of), state, time)
         shifted = np.ones(len(self._table), bool)
         shifted[: len(before)] = (self._table[: len(before), :_EXISTS] != before[:, :_EXISTS]).any(axis=1)
         rows = renamed
@@ -106,9 +106,9 @@ class PlacedSplats:
         _fill_opacities(self._base_opacities, entries, exists, alphas, NOT_DRAWN, self.opacities)
 
 
-def _frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
+def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
     """Where pairs of node and move lie; a move that was undone, which nobody names, counts as none."""
-    poses, present = state.poses(time)
+    poses, present = state.compute_poses(time)
     nodes, moves = np.array(pairs).T
     table = np.zeros((len(pairs), _FRAME_FLOATS))
     known = nodes < len(poses)

@@ -11,7 +11,7 @@ from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_app.render.gl.sky_pass import BACKDROP
-from instdrive_app.render.shown_frame import ShownFrame, asked_of
+from instdrive_app.render.shown_frame import ShownFrame, drop_winners
 from instdrive_app.render.software.draw import DrawnFrame, FrameRequest, SoftwareDraw
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_app.render.software.thread import LatestFrame
@@ -59,10 +59,10 @@ class SoftwareRenderer:
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
         """Bring `picture` up to date. Without `wait` it is only asked for, and the newest frame there is is shown."""
-        state, patience = self._watcher.state(), PACE_SECONDS if self._thread.busy else 0.0
+        state, patience = self._watcher.take_state(), PACE_SECONDS if self._thread.busy else 0.0
         asked = self._asked
         if asked is None or not asked.is_for(state, snapshot):
-            self._asked = FrameRequest(state, asked_of(snapshot))
+            self._asked = FrameRequest(state, drop_winners(snapshot))
             self._thread.ask(self._asked)
         drawn = self._thread.wait() if wait else self._thread.take(patience)
         if drawn is not None:
@@ -74,21 +74,21 @@ class SoftwareRenderer:
             texture.release()
         self._retired.clear()
 
-    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that each pixel stands for; 0 = none."""
-        return (self._frame_of(snapshot).winner + 1).astype(np.uint32)
+        return (self._find_frame(snapshot).winner + 1).astype(np.uint32)
 
-    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """The instance that each pixel stands for; 0 = none."""
-        frame = self._frame_of(snapshot)
+        frame = self._find_frame(snapshot)
         with_none = np.append(np.uint32(0), frame.request.state.instance_ids)
         return with_none[frame.winner + 1]
 
-    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+    def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that a pixel stands for; None where none is, or outside."""
         if not (0 <= x < snapshot.camera.width and 0 <= y < snapshot.camera.height):
             return None
-        row = int(self._frame_of(snapshot).winner[y, x])
+        row = int(self._find_frame(snapshot).winner[y, x])
         return row if row >= 0 else None
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
@@ -102,9 +102,9 @@ class SoftwareRenderer:
         self.free_retired()
         self._texture.release()
 
-    def _frame_of(self, snapshot: FrameSnapshot) -> DrawnFrame:
+    def _find_frame(self, snapshot: FrameSnapshot) -> DrawnFrame:
         """The frame of a snapshot and the document's present state: the one shown where it is that."""
-        state, frame = self._watcher.state(), self._frame
+        state, frame = self._watcher.take_state(), self._frame
         if frame is None or not frame.request.is_for(state, snapshot):
             self.render(snapshot)
             frame = self._frame

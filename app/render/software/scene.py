@@ -42,7 +42,7 @@ class SceneState:
     rows_version: int
     """Rises when the rows of the shared arrays are other ones."""
 
-    def poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+    def compute_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
         """As `Scene.at`."""
         poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
         return np.stack(poses), np.array([True, *(actor.covers(time) for actor in self.actors)], np.uint8)
@@ -56,7 +56,7 @@ class SceneWatcher:
         self._state: SceneState | None = None
         self._versions: tuple[int, ...] = ()
 
-    def state(self) -> SceneState:
+    def take_state(self) -> SceneState:
         """The present state: the same object as before where nothing has changed."""
         document = self._document
         versions = (
@@ -64,13 +64,13 @@ class SceneWatcher:
             *(document.colors.version, document.transforms.version, document.track_version),
         )
         if self._state is None or versions[0] != self._versions[0]:
-            self._state = _whole_state(document)
+            self._state = _copy_document(document)
         else:
-            self._state = self._changed(self._state, versions)
+            self._state = self._update_parts(self._state, versions)
         self._versions = versions
         return self._state
 
-    def _changed(self, state: SceneState, versions: tuple[int, ...]) -> SceneState:
+    def _update_parts(self, state: SceneState, versions: tuple[int, ...]) -> SceneState:
         document, parts = self._document, {}
         _, table, flags, colors, moves, tracks = (
             now != before for now, before in zip(versions, self._versions, strict=True)
@@ -80,9 +80,9 @@ class SceneWatcher:
         if flags:
             parts |= {"flags": document.state.flags.copy()}
         if colors:
-            parts |= _colors(document)
+            parts |= _copy_colors(document)
         if moves:
-            parts |= _moves(document)
+            parts |= _copy_moves(document)
         if tracks:
             parts |= {"actors": document.scene.actors, "nodes": document.scene.nodes.copy()}
         if document.scene.sky is not state.sky:  # turned with the scene
@@ -90,7 +90,7 @@ class SceneWatcher:
         return replace(state, **parts) if parts else state
 
 
-def _whole_state(document: Document) -> SceneState:
+def _copy_document(document: Document) -> SceneState:
     scene = document.scene
     return SceneState(
         gaussians=Gaussians(**scene.gaussians.arrays()),
@@ -102,14 +102,14 @@ def _whole_state(document: Document) -> SceneState:
         sky=scene.sky,
         antialiased=scene.antialiased,
         rows_version=document.rows_version,
-        **_colors(document),
-        **_moves(document),
+        **_copy_colors(document),
+        **_copy_moves(document),
     )
 
 
-def _colors(document: Document) -> dict[str, ndarray]:
+def _copy_colors(document: Document) -> dict[str, ndarray]:
     return {"color_entries": document.colors.indices.copy(), "color_values": document.colors.values.copy()}
 
 
-def _moves(document: Document) -> dict[str, ndarray]:
+def _copy_moves(document: Document) -> dict[str, ndarray]:
     return {"move_entries": document.transforms.indices.copy(), "move_matrices": document.transforms.matrices.copy()}

@@ -19,7 +19,7 @@ _SIDE = 16
 """Pixels."""
 
 
-def warm_up_beside() -> threading.Thread:
+def start_warm_up() -> threading.Thread:
     """Warm up on a thread of its own, which is returned; it need not be waited for."""
     thread = threading.Thread(target=warm_up_software, name="software-warm-up", daemon=True)
     thread.start()
@@ -30,7 +30,7 @@ def warm_up_software() -> None:
     """Draw nothing in every way that there is."""
     scene = scene_from_gaussians(create_empty_gaussians())
     scene.sky = Sky(np.zeros((6, 2, 2, 3), np.float32))
-    state, draw = SceneWatcher(Document(scene)).state(), SoftwareDraw()
+    state, draw = SceneWatcher(Document(scene)).take_state(), SoftwareDraw()
     sharp = resolve(EditorState(hovered=1), _SIDE, _SIDE)
     ways = [replace(sharp, view_mode=mode) for mode in ViewMode]
     for snapshot in (*ways, replace(sharp, show_sky=False), replace(sharp, draft=True)):

@@ -231,7 +231,7 @@ def _frames_of(
     camera: _CameraFiles, origin: Float64[ndarray, "3"], times: list[float], scale: float, has_ego: bool
 ) -> list[Frame]:
     full_size = (camera.camera.width, camera.camera.height)
-    scaled = camera.camera.scaled(scale)
+    scaled = camera.camera.scale(scale)
     valid = _ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
     frames = []
     for index, photo in sorted(camera.photos.items()):

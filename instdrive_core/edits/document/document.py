@@ -212,11 +212,11 @@ class Document:
         scene, count = self.scene, len(added)
         for name, array in scene.gaussians.arrays().items():
             tail = getattr(added.gaussians, name)
-            setattr(scene.gaussians, name, self._buffers.extended(name, array, tail))
+            setattr(scene.gaussians, name, self._buffers.extend(name, array, tail))
         for name in ("instance_ids", "codewords", "nodes"):
-            setattr(scene, name, self._buffers.extended(name, getattr(scene, name), getattr(added, name)))
+            setattr(scene, name, self._buffers.extend(name, getattr(scene, name), getattr(added, name)))
         for name, column in scene.extra.items():
-            scene.extra[name] = self._buffers.extended(f"extra {name}", column, added.extra[name])
+            scene.extra[name] = self._buffers.extend(f"extra {name}", column, added.extra[name])
         for part in (self.state, self.colors, self.transforms):
             part.append(count)
         self.new_rows.touch(len(scene) - count, len(scene))

@@ -26,7 +26,7 @@ def add_changed_entries(
     """
     size = len(palette)
     try:
-        found = [palette.add_changed(parts.rows, parts.bounds, _change_each_once(change)) for parts, change in changes]
+        found = [palette.add_changes(parts.rows, parts.bounds, _change_each_once(change)) for parts, change in changes]
     except PaletteFullError as error:
         palette.truncate(size)
         raise _palette_full_error(error) from error
@@ -50,7 +50,7 @@ def add_part_entries(palette: EntryPalette, parts: RowParts, change: PartsChange
     Raises EditError, with nothing added, where they do not all fit.
     """
     try:
-        return palette.add_changed(parts.rows, parts.bounds, change)
+        return palette.add_changes(parts.rows, parts.bounds, change)
     except PaletteFullError as error:
         raise _palette_full_error(error) from error
 

@@ -45,9 +45,9 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
         half: store all but positions and IDs as float16, the sky as 8 bits: for a small sample scene.
     """
     folder = Path(folder)
-    arrays = {name: np.ascontiguousarray(array) for name, array in _arrays_of(scene).items()}
+    arrays = {name: np.ascontiguousarray(array) for name, array in _collect_arrays(scene).items()}
     if half:
-        arrays = {name: _halved(name, array) for name, array in arrays.items()}
+        arrays = {name: _halve_precision(name, array) for name, array in arrays.items()}
     name = f"scene.{digest_arrays(arrays)}.safetensors"
     is_new = not (folder / name).exists()
     try:
@@ -58,7 +58,7 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
         raise DataError(folder / name, problem, "Free some space or choose another place") from error
     manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **build_manifest(scene)}
     for view in manifest["views"]:
-        view["photo"] = _stored_photo(view["photo"], folder)
+        view["photo"] = _relativize_photo(view["photo"], folder)
     try:
         write_bytes(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
     except DataError:
@@ -85,7 +85,7 @@ def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options
             view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
         scene = assemble_scene(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise _damaged(folder / manifest_name, error) from error
+        raise _create_damage_error(folder / manifest_name, error) from error
     if options.keep_every > 1:
         _count_again(scene)
     return scene
@@ -103,7 +103,7 @@ def list_scene_folder_files(folder: Path) -> tuple[Path, ...]:
     return folder / MANIFEST, folder / _read_manifest(folder / MANIFEST)["arrays"]
 
 
-def _arrays_of(scene: Scene) -> dict[str, ndarray]:
+def _collect_arrays(scene: Scene) -> dict[str, ndarray]:
     arrays = scene.gaussians.arrays()
     arrays |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
     arrays |= {f"{EXTRA}{name}": column for name, column in scene.extra.items()}
@@ -119,7 +119,7 @@ def _arrays_of(scene: Scene) -> dict[str, ndarray]:
     return arrays
 
 
-def _halved(name: str, array: ndarray) -> ndarray:
+def _halve_precision(name: str, array: ndarray) -> ndarray:
     if name == "sky":
         return np.round(np.clip(array, 0, 1) * 255).astype(np.uint8)
     if array.dtype == np.float64:
@@ -127,7 +127,7 @@ def _halved(name: str, array: ndarray) -> ndarray:
     return array.astype(np.float16) if array.dtype == np.float32 and name not in _EXACT else array
 
 
-def _stored_photo(photo: str, folder: Path) -> str:
+def _relativize_photo(photo: str, folder: Path) -> str:
     """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
     if not photo:
         return ""
@@ -140,7 +140,7 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     try:
         manifest = parse_json(require_plain_file(path).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
-        raise _damaged(path, error) from error
+        raise _create_damage_error(path, error) from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:
         raise DataError(path, f"'format' is not {FORMAT_NAME!r}", "Check that the folder was written by InstDrive")
     if manifest.get("version") != FORMAT_VERSION:
@@ -163,13 +163,13 @@ def _read_parts(
             return manifest, *read_arrays(require_plain_file(path), folder, options)
         except FileNotFoundError as error:
             if attempt == _ATTEMPTS - 1:
-                raise _damaged(path, error) from error
+                raise _create_damage_error(path, error) from error
         except (SafetensorError, OSError) as error:
-            raise _damaged(path, error) from error
+            raise _create_damage_error(path, error) from error
     raise AssertionError("the last attempt returns or raises")
 
 
-def _damaged(path: Path, error: Exception) -> DataError:
+def _create_damage_error(path: Path, error: Exception) -> DataError:
     return DataError(
         path, f"the file is damaged ({type(error).__name__}: {error})", "Restore it or save the scene again"
     )

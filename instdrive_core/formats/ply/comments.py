@@ -41,23 +41,23 @@ def build_comments(scene: Scene) -> list[str]:
     """Comment lines; none for a plain scene without instances, codewords or origin, so that it stays a plain .ply."""
     lines = [_ANTIALIASED] if scene.antialiased else []
     if scene.code_bits or len(scene.table) or scene.origin.any():
-        lines.append(_SCENE + _line({"code_bits": scene.code_bits, "origin": scene.origin.tolist()}))
+        lines.append(_SCENE + _encode_line({"code_bits": scene.code_bits, "origin": scene.origin.tolist()}))
     for instance in scene.table:
         entry = {"id": instance.id, "name": instance.name, "class": instance.class_name}
         if instance.name != make_default_name(instance.id) or instance.class_name:
-            lines.append(_INSTANCE + _line(entry))
+            lines.append(_INSTANCE + _encode_line(entry))
     return lines
 
 
 def parse_comments(comments: tuple[str, ...], path: Path) -> Annotations:
     """Read the lines written by `build_comments`; others are passed over. Raises DataError where one is damaged."""
     annotations = Annotations()
-    known = {_normal(text): antialiased for text, antialiased in _DRAWN_AS.items()}
+    known = {_normalize_comment(text): antialiased for text, antialiased in _DRAWN_AS.items()}
     for comment in comments:
-        annotations.antialiased = known.get(_normal(comment), annotations.antialiased)
+        annotations.antialiased = known.get(_normalize_comment(comment), annotations.antialiased)
         try:
             if comment.startswith(_SCENE):
-                _read_scene(parse_json(comment.removeprefix(_SCENE)), annotations)
+                _parse_scene(parse_json(comment.removeprefix(_SCENE)), annotations)
             elif comment.startswith(_INSTANCE):
                 entry = parse_json(comment.removeprefix(_INSTANCE))
                 instance_id = int(entry["id"])
@@ -69,17 +69,17 @@ def parse_comments(comments: tuple[str, ...], path: Path) -> Annotations:
     return annotations
 
 
-def _read_scene(entry: dict, annotations: Annotations) -> None:
+def _parse_scene(entry: dict, annotations: Annotations) -> None:
     bits, origin = int(entry["code_bits"]), np.array(entry["origin"], np.float64)
     if not 0 <= bits <= MAX_BITS or origin.shape != (3,) or not np.isfinite(origin).all():
         raise ValueError(f"code_bits {bits} or origin {entry['origin']} out of range")
     annotations.code_bits, annotations.origin = bits, origin
 
 
-def _normal(comment: str) -> str:
+def _normalize_comment(comment: str) -> str:
     """Without differences in case, spaces and the colon, which programs do not agree in."""
     return " ".join(comment.replace(":", " ").lower().split())
 
 
-def _line(entry: dict) -> str:
+def _encode_line(entry: dict) -> str:
     return json.dumps(entry, ensure_ascii=True, separators=(",", ":"))

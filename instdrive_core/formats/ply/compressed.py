@@ -73,14 +73,14 @@ def read_compressed_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene
         layout = read_compressed_layout(file, path, path.stat().st_size)
         count, rest = layout.vertices.count, layout.sh_count
         gaussians = allocate_gaussians(path, count, rest, 0, options)
-        bounds = _bounds_in(file, layout, path)
-        for rows, vertices in _blocks(file, layout.vertices, path):
-            source, target = options.places(rows.start, rows.stop)
+        bounds = _read_bounds(file, layout, path)
+        for rows, vertices in _read_blocks(file, layout.vertices, path):
+            source, target = options.locate_rows(rows.start, rows.stop)
             chunks = np.arange(rows.start, rows.stop)[source] // CHUNK
             _decode(vertices[source], bounds[chunks], target, gaussians)
         if layout.sh is not None:
-            for rows, stored in _blocks(file, layout.sh, path):
-                source, target = options.places(rows.start, rows.stop)
+            for rows, stored in _read_blocks(file, layout.sh, path):
+                source, target = options.locate_rows(rows.start, rows.stop)
                 for index in range(3 * rest):
                     gaussians.sh_rest[target, index % rest, index // rest] = decode_sh_bytes(
                         stored[f"f_rest_{index}"][source]
@@ -101,13 +101,13 @@ def write_compressed_ply(path: str | Path, scene: Scene) -> None:
     order = sort_spatially(gaussians.means, CHUNK)
     blocks = [order[start : start + BLOCK_ROWS] for start in range(0, len(order), BLOCK_ROWS)]
     none = np.empty((0, len(BOUNDS)), np.float32)
-    bounds = np.concatenate([none, *(_bounds_of(_quantities(gaussians, rows)) for rows in blocks)])
+    bounds = np.concatenate([none, *(_compute_bounds(_collect_quantities(gaussians, rows)) for rows in blocks)])
     with open_atomically(path) as file:
-        file.write(_header(scene))
+        file.write(_build_header(scene))
         file.write(bounds.astype("<f4").tobytes())
         for number, rows in enumerate(blocks):
             first = number * BLOCK_ROWS // CHUNK
-            file.write(_encoded(gaussians, rows, bounds[first : first + BLOCK_ROWS // CHUNK]).data)
+            file.write(_encode(gaussians, rows, bounds[first : first + BLOCK_ROWS // CHUNK]).data)
             report(number / len(blocks))
         if gaussians.sh_degree:
             for rows in blocks:
@@ -115,18 +115,18 @@ def write_compressed_ply(path: str | Path, scene: Scene) -> None:
                 file.write(encode_sh_bytes(gaussians.sh_rest[rows].transpose(0, 2, 1).astype(np.float64)).tobytes())
 
 
-def _bounds_in(file: BinaryIO, layout: CompressedLayout, path: Path) -> ndarray:
+def _read_bounds(file: BinaryIO, layout: CompressedLayout, path: Path) -> ndarray:
     """(chunks, 18) float64 in the order of BOUNDS."""
     bounds = np.empty((layout.chunks.count, len(BOUNDS)))
     bounds[:, BOUNDS.index(COLOR_BOUNDS[0]) :] = (0, 0, 0, 1, 1, 1)
-    for rows, chunks in _blocks(file, layout.chunks, path):
+    for rows, chunks in _read_blocks(file, layout.chunks, path):
         for column, name in enumerate(BOUNDS):
             if name in (chunks.dtype.names or ()):
                 bounds[rows, column] = chunks[name]
     return bounds
 
 
-def _blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, ndarray]]:
+def _read_blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, ndarray]]:
     file.seek(table.offset)
     for start in range(0, table.count, BLOCK_ROWS):
         wanted = min(BLOCK_ROWS, table.count - start)
@@ -167,25 +167,25 @@ def _check(path: str | Path, part: Gaussians, start: int) -> None:
     check_numbers(path, "an SH coefficient", part.sh_rest, rows, allow_infinite=True)
 
 
-def _quantities(gaussians: Gaussians, rows: ndarray) -> ndarray:
+def _collect_quantities(gaussians: Gaussians, rows: ndarray) -> ndarray:
     """(m, 3, 3) float64: position, log scale and colour of `rows`, what the chunks' bounds are for."""
     parts = (gaussians.means, gaussians.log_scales, gaussians.sh_dc)
     means, log_scales, sh_dc = (part[rows].astype(np.float64) for part in parts)
     return np.stack([means, np.clip(log_scales, -LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), color_from_dc(sh_dc)], axis=1)
 
 
-def _bounds_of(quantities: ndarray) -> ndarray:
+def _compute_bounds(quantities: ndarray) -> ndarray:
     """(chunks, 18) float32 in the order of BOUNDS."""
     starts = np.arange(0, len(quantities), CHUNK)
     ends = [ufunc.reduceat(quantities, starts) for ufunc in (np.minimum, np.maximum)]
     return np.stack(ends, axis=2).reshape(len(starts), len(BOUNDS)).astype(np.float32)
 
 
-def _encoded(gaussians: Gaussians, rows: ndarray, bounds: ndarray) -> ndarray:
+def _encode(gaussians: Gaussians, rows: ndarray, bounds: ndarray) -> ndarray:
     """(m, 4) uint32: the words of `rows`, which begin a chunk."""
     mine = bounds[np.arange(len(rows)) // CHUNK].reshape(-1, 3, 2, 3).astype(np.float64)
     low, extent = mine[:, :, 0], mine[:, :, 1] - mine[:, :, 0]
-    units = (_quantities(gaussians, rows) - low) / np.where(extent > 0, extent, 1)
+    units = (_collect_quantities(gaussians, rows) - low) / np.where(extent > 0, extent, 1)
     opacity = sigmoid(gaussians.opacity_logits[rows].astype(np.float64))
     words = np.empty((len(rows), len(PACKED)), "<u4")
     words[:, 0] = pack_units(units[:, 0], VECTOR_BITS)
@@ -195,7 +195,7 @@ def _encoded(gaussians: Gaussians, rows: ndarray, bounds: ndarray) -> ndarray:
     return words
 
 
-def _header(scene: Scene) -> bytes:
+def _build_header(scene: Scene) -> bytes:
     lines = ["ply", "format binary_little_endian 1.0"]
     without_instances = replace(scene, table=InstanceTable(), code_bits=0)
     lines += [f"comment {comment}" for comment in build_comments(without_instances)]

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.ply_header import REMEDY, PlyElement, PlyLayout, read_layout
+from instdrive_core.files.ply_header import REMEDY, PlyElement, PlyLayout, read_ply_layout
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 
 CHUNK = 256
@@ -47,7 +47,7 @@ class CompressedLayout:
 
 def read_compressed_layout(file: BinaryIO, path: Path, file_size: int) -> CompressedLayout:
     """Parse and check the header. Elements and properties that are not known are passed over. Raises DataError."""
-    layout = read_layout(file, path)
+    layout = read_ply_layout(file, path)
     if layout.order == "=":
         raise DataError(path, "a compressed .ply cannot be ASCII", REMEDY)
     tables = _tables(layout, path, file_size)

@@ -16,7 +16,7 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import open_atomically
-from instdrive_core.files.ply_header import REMEDY, PlyHeader, read_header
+from instdrive_core.files.ply_header import REMEDY, PlyHeader, read_ply_header
 from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
 from instdrive_core.formats.export_checks import check_static
 from instdrive_core.formats.ply.columns import (
@@ -47,12 +47,12 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .ply of 3D Gaussians: ASCII, binary or packed. Raises DataError where anything about it is wrong."""
     path = Path(path)
     with path.open("rb") as file:
-        header = read_header(file, path, path.stat().st_size)
+        header = read_ply_header(file, path, path.stat().st_size)
         names = header.dtype.names or ()
         if set(PACKED) <= set(names):
             return read_compressed_ply(path, options)
         rest, features = check_columns(names, path)
-        extra_bytes = sum(header.dtype[name].itemsize for name in _unknown(names, rest, features))
+        extra_bytes = sum(header.dtype[name].itemsize for name in _find_unknown_columns(names, rest, features))
         gaussians = allocate_gaussians(path, header.count, rest, features, options, extra=extra_bytes)
         count = len(gaussians)
         ids = {name: np.zeros(count, np.uint32) for name in ID_LIMITS}
@@ -61,14 +61,14 @@ def read_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
         targets = known | extra
         start = 0
         for chunk in read_chunks(file, header, path):
-            source, target = options.places(start, start + len(chunk))
+            source, target = options.locate_rows(start, start + len(chunk))
             for name in names:
                 if name in ids:
                     check_whole_numbers(chunk[name], name, path)
                 targets[name][target] = chunk[name][source]
             start += len(chunk)
             report(start / header.count)
-    return _scene(gaussians, ids, extra, header, path)
+    return _assemble_scene(gaussians, ids, extra, header, path)
 
 
 def write_ply(path: str | Path, scene: Scene) -> None:
@@ -80,7 +80,7 @@ def write_ply(path: str | Path, scene: Scene) -> None:
     columns = collect_columns(scene)
     dtype = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns.items()])
     with open_atomically(path) as file:
-        file.write(_header(scene, dtype))
+        file.write(_build_header(scene, dtype))
         for start in range(0, len(scene), CHUNK_ROWS):
             chunk = np.empty(min(CHUNK_ROWS, len(scene) - start), dtype)
             for name, column in columns.items():
@@ -100,7 +100,7 @@ def collect_columns(scene: Scene) -> dict[str, ndarray]:
     return columns | view_features(scene.gaussians) | scene.extra
 
 
-def _header(scene: Scene, dtype: np.dtype) -> bytes:
+def _build_header(scene: Scene, dtype: np.dtype) -> bytes:
     assert dtype.fields is not None
     lines = ["ply", "format binary_little_endian 1.0"]
     lines += [f"comment {comment}" for comment in build_comments(scene)]
@@ -109,7 +109,7 @@ def _header(scene: Scene, dtype: np.dtype) -> bytes:
     return "\n".join([*lines, "end_header", ""]).encode()
 
 
-def _unknown(names: tuple[str, ...], rest: int, features: int) -> set[str]:
+def _find_unknown_columns(names: tuple[str, ...], rest: int, features: int) -> set[str]:
     """Columns that are kept as they are."""
     one = create_empty_gaussians(rest, features)
     return set(names) - view_columns(one).keys() - view_features(one).keys() - ID_LIMITS.keys()
@@ -118,7 +118,7 @@ def _unknown(names: tuple[str, ...], rest: int, features: int) -> set[str]:
 def read_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
     """The vertices as structured arrays of up to `CHUNK_ROWS` rows. Raises DataError where the file ends too early."""
     if header.is_ascii:
-        yield from _ascii_chunks(file, header, path)
+        yield from _read_ascii_chunks(file, header, path)
         return
     file.seek(header.body_offset)
     for start in range(0, header.count, CHUNK_ROWS):
@@ -129,9 +129,9 @@ def read_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarr
         yield chunk
 
 
-def _ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
+def _read_ascii_chunks(file: BinaryIO, header: PlyHeader, path: Path) -> Iterator[ndarray]:
     _skip_lines(file, header.skipped_lines)
-    lines = _lines(file, LONGEST_VALUE * len(header.dtype.names or ()) + LONGEST_VALUE, path)
+    lines = _read_lines(file, LONGEST_VALUE * len(header.dtype.names or ()) + LONGEST_VALUE, path)
     for start in range(0, header.count, CHUNK_ROWS):
         part = list(islice(lines, min(CHUNK_ROWS, header.count - start)))
         if start + len(part) < min(start + CHUNK_ROWS, header.count):
@@ -166,7 +166,7 @@ def _skip_lines(file: BinaryIO, count: int) -> None:
         count -= not is_blank
 
 
-def _lines(file: BinaryIO, longest: int, path: Path) -> Iterator[bytes]:
+def _read_lines(file: BinaryIO, longest: int, path: Path) -> Iterator[bytes]:
     """Lines that are not blank. Raises DataError for one too long for its values, before memory is taken for it."""
     while line := file.readline(longest):
         if len(line) == longest and not line.endswith(b"\n"):
@@ -185,7 +185,7 @@ def _check_integers(values: ndarray, name: str, dtype: np.dtype, path: Path) -> 
         raise DataError(path, problem, REMEDY)
 
 
-def _scene(
+def _assemble_scene(
     gaussians: Gaussians, ids: dict[str, ndarray], extra: dict[str, ndarray], header: PlyHeader, path: Path
 ) -> Scene:
     # INRIA writes zero normals that nobody reads; only real ones are worth their memory.

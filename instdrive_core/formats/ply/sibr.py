@@ -43,10 +43,10 @@ def write_sibr_ply(path: str | Path, scene: Scene) -> None:
     with open_atomically(path) as file:
         file.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
         for start in range(0, len(scene), CHUNK_ROWS):
-            file.write(_records(scene.gaussians, slice(start, start + CHUNK_ROWS)).data)
+            file.write(_build_records(scene.gaussians, slice(start, start + CHUNK_ROWS)).data)
 
 
-def _records(gaussians: Gaussians, rows: slice) -> Float32[ndarray, "m 62"]:
+def _build_records(gaussians: Gaussians, rows: slice) -> Float32[ndarray, "m 62"]:
     means = gaussians.means[rows]
     coefficients = gaussians.sh_rest.shape[1]
     records = np.zeros((len(means), len(COLUMNS)), "<f4")

@@ -69,8 +69,8 @@ def parse_sog_meta(content: dict[str, Any], path: Path) -> SogMeta:
     else:
         shape = means.get("shape")
         count = _whole(shape[0] if isinstance(shape, list) and shape else None, "means.shape[0]", path)
-        colors = _spread(sh0, "sh0", 4, path)
-        tables, opacity_logits = (_spread(scales, "scales", 3, path), colors[:3]), colors[3]
+        colors = _spread_values(sh0, "sh0", 4, path)
+        tables, opacity_logits = (_spread_values(scales, "scales", 3, path), colors[:3]), colors[3]
     lowest, highest = _range(means, "means", 3, path)
     if max(np.abs(lowest).max(), np.abs(highest).max()) > 80:
         raise DataError(path, f"'means' reach from {lowest} to {highest}, exponents beyond ±80", REMEDY)
@@ -111,7 +111,7 @@ def _codebook(entry: dict[str, Any], name: str, path: Path) -> Float32[ndarray, 
     return _numbers(entry.get("codebook"), f"{name}.codebook", 256, path).astype(np.float32)
 
 
-def _spread(entry: dict[str, Any], name: str, channels: int, path: Path) -> Float32[ndarray, "channels 256"]:
+def _spread_values(entry: dict[str, Any], name: str, channels: int, path: Path) -> Float32[ndarray, "channels 256"]:
     low, high = _range(entry, name, channels, path)
     return (low[:, None] + (high - low)[:, None] * (np.arange(256) / 255)).astype(np.float32)
 

@@ -66,7 +66,7 @@ class Store(ABC):
         """A lossless image as RGBA. Raises DataError where it has fewer than `least` or more than `most` pixels."""
         data = self.read(name, 5 * most + 4096)
         try:
-            _check_pixels(_webp_size(data), least, most)
+            _check_pixels(_read_webp_size(data), least, most)
             with Image.open(BytesIO(data), formats=("WEBP", "PNG")) as image:
                 _check_pixels(image.size, least, most)
                 return np.asarray(image.convert("RGBA"))
@@ -147,7 +147,7 @@ def _check_pixels(size: tuple[int, int] | None, least: int, most: int) -> None:
         raise ValueError(f"it has {size[0]} × {size[1]} pixels, expected {least} to {most} in all")
 
 
-def _webp_size(data: bytes) -> tuple[int, int] | None:
+def _read_webp_size(data: bytes) -> tuple[int, int] | None:
     """Width and height that a WebP header promises, before the decoder takes memory by it; None for other files.
 
     Raises ValueError where the image is compressed with losses, which would change every value.

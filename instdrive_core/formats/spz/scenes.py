@@ -74,7 +74,7 @@ def read_spz(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
                 system = parse_axes(data.tobytes(), path)
                 continue
             for rows in _row_blocks(header.count):
-                source, target = options.places(rows.start, rows.stop)
+                source, target = options.locate_rows(rows.start, rows.stop)
                 _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
     find_flips(system).apply(gaussians)
     return replace(scene_from_gaussians(gaussians), antialiased=bool(header.flags & ANTIALIASED))

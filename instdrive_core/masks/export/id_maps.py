@@ -57,4 +57,4 @@ def render_id_maps(scene: Scene, views: Sequence[CameraView], scale: float = 1.0
             f"the scale is {scale:g}; pictures of {largest} pixels can be scaled by up to {MAX_SIDE / largest:g}"
         )
     for view in views:
-        yield IdMap(view, build_instance_map(scene, view_scene(scene, view.camera.scaled(scale), view.time)))
+        yield IdMap(view, build_instance_map(scene, view_scene(scene, view.camera.scale(scale), view.time)))

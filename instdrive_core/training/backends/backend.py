@@ -49,7 +49,7 @@ class Backend(Protocol):
         """
         ...
 
-    def sh_colors(
+    def evaluate_harmonics(
         self,
         means: Float[Tensor, "v 3"],
         sh_dc: Float[Tensor, "v 3"],
@@ -61,7 +61,7 @@ class Backend(Protocol):
         """Colours seen from a camera; actors' harmonics turn with their node. No gradient into the means."""
         ...
 
-    def place(
+    def place_gaussians(
         self,
         means: Float[Tensor, "v 3"],
         quats: Float[Tensor, "v 4"],
@@ -75,7 +75,7 @@ class Backend(Protocol):
         """
         ...
 
-    def over_sky(
+    def composite_over_sky(
         self,
         image: Float[Tensor, "h w 3"],
         alpha: Float[Tensor, "h w"],
@@ -85,7 +85,7 @@ class Backend(Protocol):
         """image + (1 - alpha) · sky(direction)."""
         ...
 
-    def exposed(self, image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
+    def expose(self, image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
         """exposure[:, :3] · colour + exposure[:, 3] at every pixel."""
         ...
 

@@ -14,7 +14,7 @@ from instdrive_core.rasterize.kernels.layout import to_kernel_array
 _FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
 
 
-def exposed(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
+def expose(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
     """exposure[:, :3] · colour + exposure[:, 3] at every pixel, with gradients to both."""
     return _Exposed.apply(image, exposure)
 

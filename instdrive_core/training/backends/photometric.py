@@ -72,7 +72,7 @@ def photometric_loss(
 class _Photometric(torch.autograd.Function):
     @staticmethod
     def forward(ctx, image, target, valid, ssim_weight):
-        compared, sums = _compared(image.detach().numpy(), target, valid)
+        compared, sums = _compare(image.detach().numpy(), target, valid)
         absolute, squared, dissimilar = sums
         loss = ((1 - ssim_weight) * absolute + ssim_weight * dissimilar) / image.numel()
         ctx.compared, ctx.weight, ctx.shape = compared, ssim_weight, tuple(image.shape)
@@ -91,7 +91,7 @@ class _Photometric(torch.autograd.Function):
         return torch.from_numpy(gradient), None, None, None
 
 
-def _compared(image: ndarray, target: ndarray, valid: ndarray | None) -> tuple[_Comparison, Float64[ndarray, "3"]]:
+def _compare(image: ndarray, target: ndarray, valid: ndarray | None) -> tuple[_Comparison, Float64[ndarray, "3"]]:
     """The forward pass, and the image's sums of absolute errors, squared errors and 1 - SSIM."""
     height, width, _ = image.shape
     padded = (height + 2 * _RADIUS, 3 * width)

@@ -56,7 +56,7 @@ class _Place(torch.autograd.Function):
         ctx.matrices, ctx.starts = rotations.detach().numpy().astype(np.float64), starts
         ctx.turns = quaternion_from_matrix(ctx.matrices)
         poses = to_kernel_array(ctx.matrices), _array(shifts), to_kernel_array(ctx.turns)
-        placed_means, placed_quats = _moved(_array(means), _array(quats), poses, starts)
+        placed_means, placed_quats = _move_gaussians(_array(means), _array(quats), poses, starts)
         return torch.from_numpy(placed_means), torch.from_numpy(placed_quats)
 
     @staticmethod
@@ -66,7 +66,7 @@ class _Place(torch.autograd.Function):
         inputs, grads, starts = (_array(means), _array(quats)), (_array(grad_means), _array(grad_quats)), ctx.starts
         no_shifts = np.zeros((len(starts) - 1, 3), np.float32)
         inverse = to_kernel_array(ctx.matrices.transpose(0, 2, 1)), no_shifts, to_kernel_array(ctx.turns) * _CONJUGATE
-        own_means, own_quats = _moved(*grads, inverse, starts)
+        own_means, own_quats = _move_gaussians(*grads, inverse, starts)
         by_rotations = by_shifts = None
         if any(ctx.needs_input_grad[2:4]):
             sums = np.zeros((len(starts) - 1, 16), np.float64)
@@ -87,7 +87,7 @@ def _through_turns(
     return 0.5 * matrices @ crossed
 
 
-def _moved(
+def _move_gaussians(
     means: Float32[ndarray, "v 3"],
     quats: Float32[ndarray, "v 4"],
     poses: tuple[Float32[ndarray, "m 3 3"], Float32[ndarray, "m 3"], Float32[ndarray, "m 4"]],

@@ -12,7 +12,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.sky import Sky
 
 
-def over_sky(
+def composite_over_sky(
     image: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], faces: Float[Tensor, "6 r r 3"], camera: Camera
 ) -> Float[Tensor, "h w 3"]:
     """Composite the cube map (see `scene/sky.py`) behind a rendered image."""

@@ -43,7 +43,7 @@ class _Between:
     fraction: Float[Tensor, "p 1"]
     """How far the time is from `before` to `after`."""
 
-    def of(self, values: Float[Tensor, "k 6"]) -> Float[Tensor, "p 6"]:
+    def interpolate(self, values: Float[Tensor, "k 6"]) -> Float[Tensor, "p 6"]:
         """Corrections at the times, in float64."""
         start, end = values.index_select(0, self.before).double(), values.index_select(0, self.after).double()
         return torch.lerp(start, end, self.fraction)
@@ -86,7 +86,7 @@ class ActorPoses:
         counts = [len(track.times) for track in tracks]
         self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
         """Row of each track's first key; at the end K."""
-        self._learned = [_learned_keys(track, photo_times) for track in tracks]
+        self._learned = [_find_learned_keys(track, photo_times) for track in tracks]
         """Of each track, the keys with a correction of their own."""
         self._moments: dict[float, _Moment] = {}
 
@@ -104,7 +104,7 @@ class ActorPoses:
         moment = self._moment(time)
         if corrections is None:
             return moment.plain
-        rotations, shifts = _corrected(moment.rotations, moment.shifts, moment.between.of(_on_cpu(corrections)))
+        rotations, shifts = _correct(moment.rotations, moment.shifts, moment.between.interpolate(_on_cpu(corrections)))
         device, count = corrections["track_shifts"].device, len(self.tracks) + 1
         matrices = moment.plain.matrices.copy()
         nodes = moment.nodes.numpy()
@@ -117,7 +117,7 @@ class ActorPoses:
             matrices=matrices,
         )
 
-    def refined_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
+    def correct_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
         """The tracks with corrected keys.
 
         `Track.pose_at` gives the pose of `at` at key times; between them it interpolates corrected poses instead of
@@ -127,8 +127,8 @@ class ActorPoses:
             return ()
         poses = np.concatenate([track.world_from_box for track in self.tracks])
         rotations, shifts = torch.from_numpy(poses[:, :3, :3].copy()), torch.from_numpy(poses[:, :3, 3].copy())
-        between = _joined([self._between(node, track.times) for node, track in enumerate(self.tracks, start=1)])
-        rotations, shifts = _corrected(rotations, shifts, between.of(_on_cpu(corrections).detach()))
+        between = _join_places([self._between(node, track.times) for node, track in enumerate(self.tracks, start=1)])
+        rotations, shifts = _correct(rotations, shifts, between.interpolate(_on_cpu(corrections).detach()))
         poses[:, :3, :3], poses[:, :3, 3] = rotations.numpy(), shifts.numpy()
         parts = np.split(poses, self._starts[1:-1])
         return tuple(replace(track, world_from_box=part) for track, part in zip(self.tracks, parts, strict=True))
@@ -151,7 +151,7 @@ class ActorPoses:
             nodes=index,
             rotations=rotations[index],
             shifts=shifts[index],
-            between=_joined([self._between(node, np.array([time])) for node in nodes.tolist()]),
+            between=_join_places([self._between(node, np.array([time])) for node in nodes.tolist()]),
         )
 
     def _between(self, node: int, times: Float64[ndarray, " p"]) -> tuple[ndarray, ndarray, ndarray]:
@@ -176,7 +176,7 @@ def rotations_from_vectors(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 
     return (1 - cosine * squares) * torch.eye(3) + sine * (vectors @ _SKEW).view(-1, 3, 3) + cosine * outer
 
 
-def _corrected(
+def _correct(
     rotations: Float[Tensor, "n 3 3"], places: Float[Tensor, "n 3"], values: Float[Tensor, "n 6"]
 ) -> tuple[Float[Tensor, "n 3 3"], Float[Tensor, "n 3"]]:
     shifts, turns = values[:, :3], values[:, 3:]
@@ -188,13 +188,13 @@ def _on_cpu(corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, "k
     return torch.cat([corrections["track_shifts"], corrections["track_turns"]], dim=1).cpu()
 
 
-def _joined(parts: list[tuple[ndarray, ndarray, ndarray]]) -> _Between:
+def _join_places(parts: list[tuple[ndarray, ndarray, ndarray]]) -> _Between:
     empty = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
     before, after, fractions = (np.concatenate(column) for column in zip(empty, *parts, strict=True))
     return _Between(torch.from_numpy(before), torch.from_numpy(after), torch.from_numpy(fractions)[:, None])
 
 
-def _learned_keys(track: Track, photo_times: Sequence[float] | None) -> Int[ndarray, " l"]:
+def _find_learned_keys(track: Track, photo_times: Sequence[float] | None) -> Int[ndarray, " l"]:
     """Indices of the keys that are nearest to a photo taken while the track exists; all of them if there is none."""
     times = np.unique([time for time in photo_times or () if track.covers(time)])
     if not len(times):

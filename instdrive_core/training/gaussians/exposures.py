@@ -13,7 +13,7 @@ from torch import Tensor
 from instdrive_core.scene.exposure import Exposures
 
 
-class Photo(Protocol):
+class TimedPhoto(Protocol):
     """What names a photo; a training view is one."""
 
     @property
@@ -27,7 +27,7 @@ class Photo(Protocol):
         ...
 
 
-def initial_exposures(count: int) -> Float[Tensor, "v 3 4"]:
+def make_initial_exposures(count: int) -> Float[Tensor, "v 3 4"]:
     """The identity for each of `count` photos."""
     return torch.eye(3, 4).repeat(count, 1, 1)
 
@@ -45,7 +45,7 @@ def exposure_penalty(exposures: Float[Tensor, "v 3 4"], photo: int) -> Float[Ten
     return (exposures[photo] - identity + mean).square().mean()
 
 
-def finished_exposures(exposures: Float[Tensor, "v 3 4"], photos: Sequence[Photo]) -> Exposures:
+def export_exposures(exposures: Float[Tensor, "v 3 4"], photos: Sequence[TimedPhoto]) -> Exposures:
     """What the scene carries; `photos` are those of the rows."""
     keys, times = tuple(photo.key for photo in photos), np.array([photo.time for photo in photos], np.float64)
     return Exposures(keys, times, exposures.detach().cpu().numpy().astype(np.float32))

@@ -28,7 +28,7 @@ _LENGTH = 12
 """A node's row: camera_from_node (3 × 4), then the length that its rounding errors grow with."""
 
 
-def rows_in_view(
+def find_rows_in_view(
     means: Float[ndarray, "n 3"],
     log_scales: Float[ndarray, "n 3"],
     opacity_logits: Float[ndarray, " n"],

@@ -115,7 +115,7 @@ class VisibleAdam:
             self.first[name][places], self.second[name][places] = first, second
             self.parameters[name][places] -= move
 
-    def restructured(
+    def rearrange(
         self,
         parents: Int64[Tensor, " m"] | Int64[ndarray, " m"],
         fresh: Bool[Tensor, " m"] | Bool[ndarray, " m"],

@@ -19,10 +19,10 @@ from instdrive_core.rasterize.kernels.blend_weights import (
     transpose_weights,
 )
 from instdrive_core.scene.scene import place_in_world
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.gaussians.rows_in_view import rows_in_view
-from instdrive_core.training.instances.instance_losses import Segments, segments_of
+from instdrive_core.training.gaussians.rows_in_view import find_rows_in_view
+from instdrive_core.training.instances.instance_losses import Segments, segments_from_labels
 from instdrive_core.training.views.training_view import TrainingView
 
 
@@ -43,12 +43,12 @@ class CachedView:
     segments: Segments
 
 
-def cached_view(
+def cache_view(
     model: SceneModel, view: TrainingView, number: int, pixels: Int[ndarray, " p"], min_alpha: float
 ) -> CachedView:
     """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
     assert view.labels is not None
-    rows, weights = weights_of_view(model, view, pixels)
+    rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
     weights, kept = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
     used, weights = compact_weights(weights, len(rows))
@@ -58,29 +58,31 @@ def cached_view(
         torch.from_numpy(rows[used]),
         weights,
         transpose_weights(weights, len(used)),
-        segments_of(view.labels.ravel()[kept]),
+        segments_from_labels(view.labels.ravel()[kept]),
     )
 
 
-def weights_of_view(
+def compute_view_weights(
     model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
     """The Gaussians that the view may show, and their weights."""
-    rows, placed_gaussians = gaussians_in_view(model, view)
+    rows, placed_gaussians = place_gaussians_in_view(model, view)
     return rows, compute_blend_weights(*placed_gaussians, view.camera, pixels)
 
 
-def gaussians_in_view(
+def place_gaussians_in_view(
     model: SceneModel, view: TrainingView
 ) -> tuple[Int64[ndarray, " v"], tuple[ndarray, ndarray, ndarray, ndarray]]:
     """The Gaussians that the view may show: rows, then means and quaternions in the world, log scales, opacities."""
     poses = model.actor_poses.at(view.time, model.corrections)
     p = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "opacity_logits")}
-    rows = rows_in_view(
+    rows = find_rows_in_view(
         p["means"], p["log_scales"], p["opacity_logits"], model.nodes, poses.matrices, poses.present, view.camera
     )
     chosen = torch.from_numpy(rows)
-    means, quats, log_scales = (gathered(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales"))
+    means, quats, log_scales = (
+        gather_rows(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales")
+    )
     means, quats = place_in_world(means, quats, model.nodes[rows], poses.matrices)
     return rows, (means, quats, log_scales, sigmoid(p["opacity_logits"][rows]))
 
@@ -96,6 +98,6 @@ class _WeightedFeatures(torch.autograd.Function):
         return torch.from_numpy(apply_weights(ctx.transposed, grad.numpy())), None
 
 
-def weighted_features(features: Float[Tensor, "v d"], view: CachedView) -> Float[Tensor, "p d"]:
+def blend_features(features: Float[Tensor, "v d"], view: CachedView) -> Float[Tensor, "p d"]:
     """W F of the features of `view.rows` and, backwards, its transpose."""
     return _WeightedFeatures.apply(features, view)

@@ -26,13 +26,13 @@ class Segments:
         return len(self.sizes)
 
 
-def segments_of(labels: Int[ndarray, " p"]) -> Segments:
+def segments_from_labels(labels: Int[ndarray, " p"]) -> Segments:
     """Masks present among the pixels, renumbered from 0. Labels are > 0."""
     _, segment, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     return Segments(torch.from_numpy(segment.astype(np.int64)), torch.from_numpy(sizes.astype(np.float32)))
 
 
-def segment_means(values: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, "m d"]:
+def average_segments(values: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, "m d"]:
     """Prototypes: the mean over each segment."""
     sums = torch.zeros(segments.count, values.shape[1], dtype=values.dtype).index_add(0, segments.segment, values)
     return sums / segments.sizes[:, None]
@@ -42,7 +42,7 @@ def contrastive_loss(
     features: Float[Tensor, "p d"], segments: Segments, repulsion_offset: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
     """Pull and push: mean squared distance to the own prototype, mean 1 / (distance² + offset) between prototypes."""
-    prototypes = segment_means(features, segments)
+    prototypes = average_segments(features, segments)
     squared = (features - prototypes[segments.segment]).square().sum(dim=1)
     weights = 1.0 / (segments.sizes[segments.segment] * segments.count)
     pull = (squared * weights).sum()
@@ -55,7 +55,7 @@ def contrastive_loss(
     return pull, push
 
 
-def voted_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
+def vote_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
     """The most frequent codeword inside each mask (ties: the smaller number)."""
     codes = quantize_features(features).astype(np.int64)
     keys = segments.segment.numpy() * (1 << 32) + codes
@@ -69,12 +69,12 @@ def voted_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[
 def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, ""]:
     """Mean squared distance to the codeword that wins the vote inside each pixel's mask; the target has no gradient."""
     values = features.detach().numpy()
-    winners = voted_codewords(values, segments)
+    winners = vote_codewords(values, segments)
     targets = torch.from_numpy(decode_codewords(winners.astype(np.uint32), values.shape[1]))
     return (features - targets[segments.segment]).square().sum(dim=1).mean()
 
 
-def stratified_pixels(
+def sample_stratified_pixels(
     labels: Int[ndarray, "h w"], budget: int, rng: np.random.Generator, min_per_mask: int = 8
 ) -> Int[ndarray, " p"]:
     """About `budget` flat pixel indices, the same number from every mask (label > 0), without repetition, sorted."""

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compact_weights, transpose_weights
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.feature_weights import weights_of_view
+from instdrive_core.training.instances.feature_weights import compute_view_weights
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -33,16 +33,16 @@ class MaskWeights:
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1
 
-    def of_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
+    def select_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
         """Some Gaussians only."""
         return MaskWeights(self.weights[rows], self.view_of_mask)
 
-    def seen(self) -> Float32[ndarray, " n"]:
+    def sum_weights(self) -> Float32[ndarray, " n"]:
         """The weight of each Gaussian in all masks together."""
         return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
 
 
-def mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
+def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
     """Look at every view that has masks; pixels with less than `min_alpha` opacity are left out.
 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
@@ -67,7 +67,7 @@ def _weights_in_masks(
     """Gaussians, masks counted from 0 and weights of one view, sorted by Gaussian, then mask; the number of masks."""
     assert view.labels is not None
     pixels = _grid_pixels(view.labels, number)
-    rows, weights = weights_of_view(model, view, pixels)
+    rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
     weights, pixels = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
     used, weights = compact_weights(weights, len(rows))

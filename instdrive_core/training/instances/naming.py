@@ -21,7 +21,7 @@ _BOX_MARGINS = 0.2, -0.1
 """Metres by which a parked object's box is grown, and its lower face: a negative one cuts the road off."""
 
 
-def instance_classes(
+def find_instance_classes(
     clip: Clip,
     instance_ids: UInt32[ndarray, " n"],
     means: Float32[ndarray, "n 3"],
@@ -42,7 +42,7 @@ def instance_classes(
     return classes
 
 
-def display_names(instance_ids: UInt32[ndarray, " n"], classes: dict[int, str]) -> dict[int, str]:
+def make_display_names(instance_ids: UInt32[ndarray, " n"], classes: dict[int, str]) -> dict[int, str]:
     """A name for each ID: its class, or `instance`, with the ID."""
     ids = np.unique(instance_ids)
     return {i: f"{classes.get(i, 'instance')} {i}" for i in ids[ids > 0].tolist()}
@@ -53,12 +53,12 @@ def _classes_by_lidar(
 ) -> dict[int, str]:
     """The class of most LiDAR points that are nearest to one of the ID's Gaussians; the lowest of equals."""
     background = np.flatnonzero((nodes == 0) & np.isfinite(means).all(axis=1))
-    points, labels = _labelled_points(clip)
+    points, labels = _load_labelled_points(clip)
     if not len(background) or not len(points):
         return {}
     forest = build_forest(means[background], np.zeros(len(background), np.int64))
     one_tree, reach = np.zeros(len(points), np.int64), np.full(len(points), _MAX_DISTANCE)
-    nearest = forest.nearest(points, one_tree, 1, reach)[1][:, 0]
+    nearest = forest.find_nearest(points, one_tree, 1, reach)[1][:, 0]
     near = nearest >= 0
     ids = instance_ids[background[nearest[near]]].astype(np.int64)
     pairs, counts = np.unique((ids << 8) | labels[near], return_counts=True)
@@ -70,16 +70,16 @@ def _classes_by_lidar(
     return {instance_id: name for instance_id, (count, name) in winners.items() if count >= _MIN_VOTES}
 
 
-def _labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
+def _load_labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
     """Some points of each training sweep that has classes, and those."""
     with ThreadPoolExecutor(max_workers=numba.get_num_threads()) as readers:
-        parts = [part for part in readers.map(_thinned, clip.training_sweeps()) if part is not None]
+        parts = [part for part in readers.map(_load_thinned_sweep, clip.training_sweeps()) if part is not None]
     if not parts:
         return np.zeros((0, 3), np.float32), np.zeros(0, np.uint8)
     return np.concatenate([points for points, _ in parts]), np.concatenate([labels for _, labels in parts])
 
 
-def _thinned(sweep: Sweep) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]] | None:
+def _load_thinned_sweep(sweep: Sweep) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]] | None:
     loaded = sweep.load()
     if loaded.classes is None:
         return None

@@ -17,12 +17,12 @@ from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.instance_stage import LearnedInstances
-from instdrive_core.training.instances.naming import display_names, instance_classes
+from instdrive_core.training.instances.instance_learner import LearnedInstances
+from instdrive_core.training.instances.naming import find_instance_classes, make_display_names
 from instdrive_core.training.settings.config import TrainConfig
 
 
-def finished_scene(
+def export_trained_scene(
     model: SceneModel, clip: Clip, config: TrainConfig, learned: LearnedInstances | None, exposures: Exposures | None
 ) -> Scene:
     """The editable scene. Without masks nothing was learned about instances: every ID is 0."""
@@ -33,8 +33,8 @@ def finished_scene(
     if learned is not None:
         gaussians, codewords = replace(gaussians, features=learned.features), learned.codewords
         ids = _instance_ids(gaussians, model.nodes, learned, config)
-        classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
-    names = display_names(ids, classes)
+        classes = find_instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
+    names = make_display_names(ids, classes)
     return Scene(
         gaussians=gaussians,
         instance_ids=ids,
@@ -57,11 +57,11 @@ def _instance_ids(
         return number_by_size(learned.codewords.astype(np.int64))
     kinds = learned.codewords
     if config.instances.whole_actors:
-        kinds = unified_actor_codewords(kinds, nodes, gaussians.opacities)
+        kinds = unify_actor_codewords(kinds, nodes, gaussians.opacities)
     return split_components(gaussians.means, gaussians.scales, nodes, kinds, gaussians.opacities)
 
 
-def unified_actor_codewords(
+def unify_actor_codewords(
     codewords: UInt32[ndarray, " n"], nodes: UInt16[ndarray, " n"], opacities: Float32[ndarray, " n"]
 ) -> UInt32[ndarray, " n"]:
     """Each moving object's Gaussians take the codeword with the largest summed opacity among them."""

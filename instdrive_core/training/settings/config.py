@@ -209,7 +209,7 @@ class TrainConfig:
         )
 
 
-def printed_form(instances: InstanceConfig) -> InstanceConfig:
+def use_printed_losses(instances: InstanceConfig) -> InstanceConfig:
     """The paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term."""
     return replace(
         instances,
@@ -227,7 +227,7 @@ def printed_form(instances: InstanceConfig) -> InstanceConfig:
     )
 
 
-def printed_rates(geometry: GeometryConfig) -> GeometryConfig:
+def use_printed_rates(geometry: GeometryConfig) -> GeometryConfig:
     """Learning rates as 3DGS prints them, for runs as long as its own."""
     return replace(
         geometry,
@@ -240,7 +240,7 @@ def printed_rates(geometry: GeometryConfig) -> GeometryConfig:
     )
 
 
-def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: int = 0) -> TrainConfig:
+def build_train_config(method: Method = "instdrive", preset: Preset = "quick", seed: int = 0) -> TrainConfig:
     """The configuration behind `--method` and `--preset`."""
     config = TrainConfig(method=method, preset=preset, seed=seed)
     if preset == "demo":
@@ -255,16 +255,16 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
         config = replace(
             config,
             init=InitConfig(lidar_points=800_000, near_points=100_000, far_points=100_000, actor_points=5_000),
-            geometry=printed_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
+            geometry=use_printed_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
             densify=replace(config.densify, max_gaussians=1_500_000),
             instances=replace(config.instances, iterations=10_000),
         )
     if method == "paper":
-        config = replace(config, instances=printed_form(config.instances))
+        config = replace(config, instances=use_printed_losses(config.instances))
     return config
 
 
-def on_frozen_geometry(config: TrainConfig) -> TrainConfig:
+def freeze_geometry(config: TrainConfig) -> TrainConfig:
     """Instances alone. The `joint` schedule keeps its losses and its number of steps, on cached blending weights."""
     instances = config.instances
     if instances.schedule == "joint":

@@ -45,7 +45,7 @@ class CheckpointDue:
 
 
 @dataclass(frozen=True)
-class Refined:
+class DensifyDone:
     """Gaussians were added and removed."""
 
     iteration: int
@@ -56,4 +56,4 @@ class Refined:
     pruned: int
 
 
-Event = StepDone | StageStarted | CheckpointDue | Refined
+Event = StepDone | StageStarted | CheckpointDue | DensifyDone

@@ -12,7 +12,7 @@ FINAL_MEANS_LR = 0.01
 """The means' learning rate falls to this share of its start."""
 
 
-def means_lr(config: GeometryConfig, iteration: int, scene_radius: float) -> float:
+def compute_means_lr(config: GeometryConfig, iteration: int, scene_radius: float) -> float:
     """Log-linear decay over the stage (3DGS)."""
     progress = min(iteration / max(config.iterations - 1, 1), 1.0)
     return config.means_lr * scene_radius * FINAL_MEANS_LR**progress
@@ -23,7 +23,7 @@ def is_coarse(config: GeometryConfig, iteration: int) -> bool:
     return iteration < config.coarse_iterations
 
 
-def view_of_step(seed: int, stage: int, iteration: int, views: int) -> int:
+def choose_view(seed: int, stage: int, iteration: int, views: int) -> int:
     """Each epoch visits every view once in its own order: a function of the iteration, so that runs can resume."""
     epoch, position = divmod(iteration, views)
     order: Int[ndarray, " v"] = np.random.default_rng((seed, 1, stage, epoch)).permutation(views)
@@ -35,7 +35,7 @@ def step_rng(seed: int, stage: int, iteration: int) -> np.random.Generator:
     return np.random.default_rng((seed, 2, stage, iteration))
 
 
-def pseudo_is_on(config: TrainConfig, iteration: int) -> bool:
+def is_pseudo_supervised(config: TrainConfig, iteration: int) -> bool:
     """Pseudo supervision begins after its share of the stage that carries the instance losses."""
     instances = config.instances
     total = instances.iterations if instances.schedule == "after" else config.geometry.iterations

@@ -11,7 +11,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.masks.label_map_folder import FrameMasks
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.views.lidar_depth import Depths, nearest_per_pixel
+from instdrive_core.training.views.lidar_depth import Depths, find_nearest_per_pixel
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class TrainingView:
         depth.ravel()[self.depth_pixels] = self.depth_values
         return depth
 
-    def halved(self) -> TrainingView:
+    def halve(self) -> TrainingView:
         """The same view at half the resolution, for the coarse part of training."""
         height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
-        image = _halved_image(self.image[: height * 2, : width * 2])
+        image = _halve_image(self.image[: height * 2, : width * 2])
         rows, columns = np.divmod(self.depth_pixels, self.image.shape[1])
         inside = (rows < height * 2) & (columns < width * 2)
         pixels = (rows[inside] // 2) * width + columns[inside] // 2
-        pixels, depths = nearest_per_pixel(pixels, self.depth_values[inside])
+        pixels, depths = find_nearest_per_pixel(pixels, self.depth_values[inside])
         camera = Camera(
             self.camera.fx / 2,
             self.camera.fy / 2,
@@ -72,7 +72,7 @@ class TrainingView:
         )
 
 
-def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
+def _halve_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
     """The mean of each block of 2×2 pixels, rounded half up."""
     total = image[::2, ::2].astype(np.uint16)
     for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
@@ -82,7 +82,7 @@ def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]
     return total.astype(np.uint8)
 
 
-def joined_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
+def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
     """Read a frame's photo and join it with its masks (void on the ego car) and its LiDAR depths.
 
     Raises DataError where the photo is damaged.

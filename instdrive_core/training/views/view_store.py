@@ -12,8 +12,8 @@ from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.views.lidar_depth import depths_of_frames
-from instdrive_core.training.views.training_view import TrainingView, joined_view
+from instdrive_core.training.views.lidar_depth import load_frame_depths
+from instdrive_core.training.views.training_view import TrainingView, build_training_view
 
 DEFAULT_BUDGET = 2**30
 """Bytes of photos and masks kept in memory."""
@@ -159,7 +159,7 @@ class ViewStore:
 
     def _read_ahead(self) -> None:
         """The worker: ends when nothing is wanted any more, so that no thread outlives its use."""
-        while (key := self._next_wanted()) is not None:
+        while (key := self._take_next_wanted()) is not None:
             try:
                 self._read_and_keep(key)
             except Exception as error:  # raised where the view is asked for
@@ -168,7 +168,7 @@ class ViewStore:
             finally:
                 self._finish(key)
 
-    def _next_wanted(self) -> Key | None:
+    def _take_next_wanted(self) -> Key | None:
         """The next view for the worker, entered into `_reading`; None ends the worker."""
         with self._changed:
             while self._wanted:
@@ -184,9 +184,9 @@ class ViewStore:
         with self._changed:
             kept = self._kept.get((number, False))
         full = self._read(number) if kept is None else kept[0]
-        view = full.halved() if coarse else full
+        view = full.halve() if coarse else full
         with self._changed:
-            if coarse and self._kept_bytes + _bytes_of(full, False) <= self._budget // 2:
+            if coarse and self._kept_bytes + _count_bytes(full, False) <= self._budget // 2:
                 self._keep((number, False), full)  # spares reading it again, but must not cost other views their place
             self._keep(key, view)
         return view
@@ -199,7 +199,7 @@ class ViewStore:
     # With the lock held:
 
     def _keep(self, key: Key, view: TrainingView) -> None:
-        size = _bytes_of(view, key[1])
+        size = _count_bytes(view, key[1])
         if size > self._budget or key in self._kept or self._closed:
             return
         while self._kept_bytes + size > self._budget:
@@ -227,7 +227,7 @@ class ViewStore:
         return key in self._kept or key in self._reading or key in self._failed
 
 
-def view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
     """The training photos of a clip with the LiDAR depth of their time steps and their masks.
 
     LiDAR is read here, from sweeps that may train, and its depths stay in memory (some 0.1 MB per photo); photos and
@@ -238,11 +238,11 @@ def view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT
     frames = clip.training_frames()
     if masks is not None:
         _check_masks(masks, frames)
-    depths = depths_of_frames(clip, frames)
+    depths = load_frame_depths(clip, frames)
 
     def read(number: int) -> TrainingView:
         frame = frames[number]
-        return joined_view(frame, masks.load(frame) if masks else None, depths[number])
+        return build_training_view(frame, masks.load(frame) if masks else None, depths[number])
 
     facts = [
         ViewFacts(frame.key, frame.view.camera, frame.view.time, masks is not None and masks.counts[frame.key] > 0)
@@ -259,7 +259,7 @@ def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:
         raise DataError(masks.path / SIDECAR, problem, "Write the masks again with `instdrive masks`")
 
 
-def _bytes_of(view: TrainingView, coarse: bool) -> int:
+def _count_bytes(view: TrainingView, coarse: bool) -> int:
     """What keeping a view costs: its own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
     arrays = [view.image, view.labels, view.sky]
     if coarse:

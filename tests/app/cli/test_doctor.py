@@ -68,14 +68,14 @@ def test_a_machine_without_opengl_is_told_so_and_the_rest_still_checked(no_torch
 
 
 def test_one_missing_splat_is_noticed(no_torch, working_gl, monkeypatch, capsys):
-    whole = offscreen.drawn_blend
+    whole = offscreen.draw_blended
 
     def careless(context, document, snapshot):
         fewer = scene_from_gaussians(document.scene.gaussians.select(slice(1, None)))
         fewer.sky = document.scene.sky
         return whole(context, Document(fewer), snapshot)
 
-    monkeypatch.setattr(offscreen, "drawn_blend", careless)
+    monkeypatch.setattr(offscreen, "draw_blended", careless)
     assert main(["doctor"]) == 2
     assert "differs from the CPU's" in capsys.readouterr().out
 

@@ -5,7 +5,7 @@ import pytest
 from clicks import clicks_that_miss
 
 from instdrive_app import camera
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.software.renderer import SoftwareRenderer
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.rasterize.scene_view import view_scene
@@ -28,7 +28,7 @@ def snapshot_of(document):
 
 def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):
     snapshot = snapshot_of(marked)
-    by_gl, by_cpu = Renderer(gl, marked), SoftwareRenderer(gl, marked)
+    by_gl, by_cpu = GlRenderer(gl, marked), SoftwareRenderer(gl, marked)
     by_gl.render(snapshot)
     by_cpu.render(snapshot)
     difference = np.abs(by_gl.read_picture().astype(int) - by_cpu.read_picture())

@@ -10,7 +10,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, float32_gaus
 
 from instdrive_app import camera
 from instdrive_app.pointer import Click
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import EditorState, resolve
@@ -72,8 +72,8 @@ def test_clicks_find_the_winner_of_the_cpu_frame(street, index):
 
 
 def test_clicks_agree_with_the_gl_id_view_wherever_no_floater_is_in_front(gl, street):
-    snapshot, picker, renderer = snapshot_of(street), Picker(), Renderer(gl, street)
-    shown = renderer.instance_ids(snapshot)
+    snapshot, picker, renderer = snapshot_of(street), Picker(), GlRenderer(gl, street)
+    shown = renderer.read_instance_ids(snapshot)
     renderer.release()
     ids = np.append(street.scene.instance_ids, np.uint32(0))
     frames = [
@@ -86,7 +86,7 @@ def test_clicks_agree_with_the_gl_id_view_wherever_no_floater_is_in_front(gl, st
     places = rng.permutation(np.argwhere(undisputed))[:500]
     agreed = 0
     for y, x in places.tolist():
-        below = picker.instances_at(street, snapshot, x + 0.5, y + 0.5)
+        below = picker.find_instances_at(street, snapshot, x + 0.5, y + 0.5)
         agreed += (below[0] if below else 0) == shown[y, x]
     assert agreed >= 498  # a fragment whose alpha is 0.2 to the last bit may fall on either side
 
@@ -95,33 +95,33 @@ def test_a_floater_before_a_car_does_not_win_yet_is_shown_by_the_id_view(gl):
     document, where = with_floater(opacity=0.42, size=0.12)
     snapshot, renderer = snapshot_of(document), None
     x, y = pixel_of(document, where)
-    renderer = Renderer(gl, document)
-    assert renderer.instance_ids(snapshot)[int(y), int(x)] == FLOATER
+    renderer = GlRenderer(gl, document)
+    assert renderer.read_instance_ids(snapshot)[int(y), int(x)] == FLOATER
     renderer.release()
-    assert Picker().instances_at(document, snapshot, x, y)[0] == BLUE_CAR
+    assert Picker().find_instances_at(document, snapshot, x, y)[0] == BLUE_CAR
 
 
 def test_a_solid_thing_before_a_car_wins_and_the_car_is_behind_it():
     document, where = with_floater(opacity=0.97, size=0.12)
-    below = Picker().instances_at(document, snapshot_of(document), *pixel_of(document, where))
+    below = Picker().find_instances_at(document, snapshot_of(document), *pixel_of(document, where))
     assert below[:2] == (FLOATER, BLUE_CAR)
 
 
 def test_hidden_and_deleted_splats_cannot_be_clicked(street):
     place, picker, snapshot = pixel_of(street, (3.4, 5.8, 0.8)), Picker(), snapshot_of(street)
-    assert picker.instances_at(street, snapshot, *place)[0] == BLUE_CAR
+    assert picker.find_instances_at(street, snapshot, *place)[0] == BLUE_CAR
     street.apply(HideInstances((BLUE_CAR,)))
-    assert BLUE_CAR not in picker.instances_at(street, snapshot, *place)
+    assert BLUE_CAR not in picker.find_instances_at(street, snapshot, *place)
     street.undo()
-    assert picker.instances_at(street, snapshot, *place)[0] == BLUE_CAR
+    assert picker.find_instances_at(street, snapshot, *place)[0] == BLUE_CAR
     street.apply(DeleteInstances((BLUE_CAR,)))
-    assert BLUE_CAR not in picker.instances_at(street, snapshot, *place)
+    assert BLUE_CAR not in picker.find_instances_at(street, snapshot, *place)
 
 
 def test_sky_and_places_outside_the_picture_hold_nothing(street):
     picker, snapshot = Picker(), snapshot_of(street)
     for place in ((240.0, 10.0), (-1.0, 5.0), (5.0, 270.0), (480.0, 100.0)):
-        assert picker.instances_at(street, snapshot, *place) == ()
+        assert picker.find_instances_at(street, snapshot, *place) == ()
 
 
 EDITS = [
@@ -141,7 +141,7 @@ def test_clicks_follow_every_edit_as_if_asked_for_the_first_time_and_as_baked(st
     places = np.stack([rng.integers(0, SIZE[0], 60), rng.integers(SIZE[1] // 3, SIZE[1], 60)], axis=1).tolist()
 
     def answers(of, document):
-        return [of.instances_at(document, resolve(state, *SIZE), x, y) for x, y in places]
+        return [of.find_instances_at(document, resolve(state, *SIZE), x, y) for x, y in places]
 
     seen = [answers(picker, street)]
     for edit in deepcopy(EDITS):
@@ -160,15 +160,15 @@ def test_clicks_follow_every_edit_as_if_asked_for_the_first_time_and_as_baked(st
 
 
 def test_two_pickers_and_a_view_follow_one_document(gl, street):
-    renderer, first, second = Renderer(gl, street), Picker(), Picker()
+    renderer, first, second = GlRenderer(gl, street), Picker(), Picker()
     snapshot, place = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
     for _ in range(2):
-        assert first.instances_at(street, snapshot, *place)[0] == BLUE_CAR
-        assert renderer.instance_ids(snapshot)[int(place[1]), int(place[0])] == BLUE_CAR
+        assert first.find_instances_at(street, snapshot, *place)[0] == BLUE_CAR
+        assert renderer.read_instance_ids(snapshot)[int(place[1]), int(place[0])] == BLUE_CAR
         street.apply(DeleteInstances((BLUE_CAR,)))
-        assert BLUE_CAR not in renderer.instance_ids(snapshot)
-        assert BLUE_CAR not in first.instances_at(street, snapshot, *place)
-        assert BLUE_CAR not in second.instances_at(street, snapshot, *place)
+        assert BLUE_CAR not in renderer.read_instance_ids(snapshot)
+        assert BLUE_CAR not in first.find_instances_at(street, snapshot, *place)
+        assert BLUE_CAR not in second.find_instances_at(street, snapshot, *place)
         street.undo()
     renderer.release()
 
@@ -184,7 +184,7 @@ def tool(street):
 def test_clicking_again_takes_the_one_behind_and_comes_around(tool, street):
     tool, session = tool
     snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
-    below = Picker().instances_at(street, snapshot, x, y)
+    below = Picker().find_instances_at(street, snapshot, x, y)
     assert below[0] == BLUE_CAR
     assert len(below) >= 2
     for turn in range(len(below) + 1):
@@ -200,21 +200,23 @@ def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
     snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
     street.scene.gaussians.opacity_logits[street.find_rows((BLUE_CAR,))] = 8.0  # nothing shines through
     street.scene.gaussians.log_scales[street.find_rows((BLUE_CAR,))] += 0.7
-    below = Picker().below(street, snapshot, x, y)
+    below = Picker().find_below(street, snapshot, x, y)
     assert below.seen == (BLUE_CAR,)
     assert below.hidden
     assert tool.click(Click(x, y), snapshot) == BLUE_CAR
     assert tool.click(Click(x, y), snapshot) == below.hidden[0]
     alone = Document(bake_document(street, 0.0))
     alone.apply(HideInstances((BLUE_CAR,)))
-    assert below.hidden[0] == Picker().instances_at(alone, snapshot, x, y)[0], "the one that would be seen without it"
+    assert below.hidden[0] == Picker().find_instances_at(alone, snapshot, x, y)[0], (
+        "the one that would be seen without it"
+    )
     session.lock((BLUE_CAR,))
     tool.hover(x, y, snapshot)
     assert session.state.hovered == 0, "a locked thing hides what is behind it: a click takes nothing unseen"
 
 
 def street_at(document, index, x, y):
-    return Picker().instances_at(document, snapshot_of(document, index), x, y)[0]
+    return Picker().find_instances_at(document, snapshot_of(document, index), x, y)[0]
 
 
 def test_modifiers(tool, street):
@@ -255,7 +257,7 @@ def test_hovering_names_the_instance_without_selecting_it(tool, street):
 def test_what_is_locked_is_clicked_through(tool, street):
     tool, session = tool
     snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
-    behind = Picker().instances_at(street, snapshot, x, y)[1]
+    behind = Picker().find_instances_at(street, snapshot, x, y)[1]
     session.lock((BLUE_CAR,))
     tool.hover(x, y, snapshot)
     assert session.state.hovered == behind

@@ -6,7 +6,7 @@ from ply_painter import painted
 from plyfile import PlyData
 from procedural_street import FIRST_CAR, procedural_street
 
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import EditorState, Intrinsics, Viewpoint, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
@@ -53,10 +53,10 @@ def frame_from(place):
 
 
 def editor_picture(gl, document, snapshot):
-    renderer = Renderer(gl, document)
+    renderer = GlRenderer(gl, document)
     renderer.render(snapshot)
     blended = renderer.read_blended()
-    car = renderer.instance_ids(snapshot) == FIRST_CAR
+    car = renderer.read_instance_ids(snapshot) == FIRST_CAR
     renderer.release()
     return blended[..., :3], car
 

@@ -138,11 +138,11 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
 
 def test_the_render_thread_gets_the_turned_sky(session):
     watcher = SceneWatcher(session.document)
-    before = watcher.state().sky
+    before = watcher.take_state().sky
     session.turning.turn(DOWN)
-    assert watcher.state().sky is session.document.scene.sky
+    assert watcher.take_state().sky is session.document.scene.sky
     session.undo()
-    assert watcher.state().sky is before
+    assert watcher.take_state().sky is before
 
 
 def test_copies_of_the_turned_lie_as_the_turned(session):

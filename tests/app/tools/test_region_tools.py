@@ -9,10 +9,10 @@ from procedural_street import FIRST_CAR, ROAD, procedural_street
 from instdrive_app.actions import register_actions
 from instdrive_app.panels.overlays.region_outline import DASH, compute_dashes
 from instdrive_app.pointer import Click
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import resolve
-from instdrive_app.tools.registry import TOOLS, created_tools
+from instdrive_app.tools.registry import TOOLS, create_tools
 from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.reassign import ReassignSelected
@@ -54,7 +54,7 @@ def tools(session, snapshot):
         assert not asked.draft, "a draft has fewer pixels"
         return winners
 
-    return created_tools(session, winners_of)
+    return create_tools(session, winners_of)
 
 
 def selected_rows(session):
@@ -191,7 +191,7 @@ def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
 
 def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
     rows = orphaned(session)
-    renderer = Renderer(gl, session.document)
+    renderer = GlRenderer(gl, session.document)
     asked = replace(snapshot, draft=False)
     try:
         renderer.render(asked)

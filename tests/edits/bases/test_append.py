@@ -128,15 +128,15 @@ def test_a_bare_file_becomes_one_instance_that_can_be_moved():
 def test_buffers_grow_in_place_and_never_write_into_foreign_memory():
     buffers, foreign = RowBuffers(), np.arange(20.0)
     view = foreign[:8]
-    first = buffers.extended("x", view, np.array([1.0]))
+    first = buffers.extend("x", view, np.array([1.0]))
     np.testing.assert_array_equal(foreign, np.arange(20.0))
-    second = buffers.extended("x", first, np.array([2.0]))
+    second = buffers.extend("x", first, np.array([2.0]))
     assert np.shares_memory(first, second)
     np.testing.assert_array_equal(second, [*range(8), 1, 2])
-    third = buffers.extended("x", second, np.arange(50.0))
+    third = buffers.extend("x", second, np.arange(50.0))
     assert not np.shares_memory(second, third)
     np.testing.assert_array_equal(third[8:12], [1, 2, 0, 1])
-    other = buffers.extended("x", third[:3].copy(), np.array([7.0]))
+    other = buffers.extend("x", third[:3].copy(), np.array([7.0]))
     np.testing.assert_array_equal(other, [0, 1, 2, 7])
 
 

@@ -36,7 +36,7 @@ def scene():
 
 
 def truth(scene, view, scale=1.0):
-    return build_instance_map(scene, view_scene(scene, view.camera.scaled(scale), view.time))
+    return build_instance_map(scene, view_scene(scene, view.camera.scale(scale), view.time))
 
 
 def picture(path):

@@ -54,7 +54,7 @@ def compile_kernels():
     One at a time, as tests' workers begin together: the second finds compiled what the first needed.
     """
     path = Path(tempfile.gettempdir(), f"instdrive-tests-{os.getuid()}.lock")
-    while (lock := FileLock.taken(path)) is None:
+    while (lock := FileLock.acquire(path)) is None:
         time.sleep(0.05)
     try:
         subprocess.run([sys.executable, "-c", KERNELS], check=True)

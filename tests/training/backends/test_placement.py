@@ -43,7 +43,9 @@ def test_values_are_those_of_the_scene() -> None:
     (means, quats), (rotations, shifts) = some_splats(), some_poses()
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotations, shifts
-    found_means, found_quats = (t.detach().numpy() for t in place_gaussians(means, quats, NODES, *tensors(rotations, shifts)))
+    found_means, found_quats = (
+        t.detach().numpy() for t in place_gaussians(means, quats, NODES, *tensors(rotations, shifts))
+    )
     expected_means, expected_quats = place_in_world(means.detach().numpy(), quats.detach().numpy(), NODES, poses)
     np.testing.assert_allclose(found_means, expected_means, atol=1e-5)
     np.testing.assert_allclose(normalize_quaternions(found_quats), normalize_quaternions(expected_quats), atol=1e-5)

@@ -97,7 +97,7 @@ def test_keys_far_from_the_time_and_absent_actors_get_no_gradient(tracks):
 def test_refined_tracks_are_the_corrected_poses(tracks):
     poses = ActorPoses(tracks)
     corrections = random_corrections(poses, 0.05)
-    refined = poses.refined_tracks(corrections)
+    refined = poses.correct_tracks(corrections)
     assert [(track.id, track.label, track.moving) for track in refined] == [
         (track.id, track.label, track.moving) for track in tracks
     ]
@@ -106,7 +106,7 @@ def test_refined_tracks_are_the_corrected_poses(tracks):
             np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=1e-6)
         for time in track.times[:-1] + 0.03:
             np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=5e-3)
-    plain = poses.refined_tracks(poses.initial_corrections())
+    plain = poses.correct_tracks(poses.initial_corrections())
     np.testing.assert_array_equal(plain[0].world_from_box, tracks[0].world_from_box)
 
 
@@ -163,7 +163,7 @@ def test_a_misplaced_track_is_pulled_back_by_what_is_seen_of_it(tracks):
     wrong = misplaced(truth, np.random.default_rng(3), 0.3, 3.0)
     poses = ActorPoses((wrong,))
     corrections = fitted(poses, truth, np.linspace(0.0, 0.4, 9))
-    before, after = errors(wrong, truth), errors(poses.refined_tracks(corrections)[0], truth)
+    before, after = errors(wrong, truth), errors(poses.correct_tracks(corrections)[0], truth)
     np.testing.assert_allclose(before[0], 0.3, atol=1e-6)
     np.testing.assert_allclose(before[1], 3.0, atol=1e-6)
     assert after[0].max() < 0.02
@@ -177,10 +177,10 @@ def test_a_key_that_no_photo_sees_is_corrected_as_its_neighbours(tracks):
     seen = truth.times[[0, 1, 3]]
     for times in (seen, seen + 0.004):
         poses = ActorPoses((wrong,), times.tolist())
-        metres, _ = errors(poses.refined_tracks(fitted(poses, truth, times))[0], truth)
+        metres, _ = errors(poses.correct_tracks(fitted(poses, truth, times))[0], truth)
         assert metres.max() < 0.05, "the key between and the one behind too"
     jumping = ActorPoses((wrong,))
-    metres, _ = errors(jumping.refined_tracks(fitted(jumping, truth, seen))[0], truth)
+    metres, _ = errors(jumping.correct_tracks(fitted(jumping, truth, seen))[0], truth)
     assert metres[2] > 0.1, "what it would be without knowing the photos"
 
 
@@ -191,7 +191,7 @@ def test_keys_without_photos_are_passed_over(tracks):
     (found.rotations.sum() + found.shifts.sum()).backward()
     touched = torch.nonzero(corrections["track_shifts"].grad.any(dim=1))[:, 0].tolist()
     assert touched == [1, 3, 6]
-    refined = poses.refined_tracks(corrections)
+    refined = poses.correct_tracks(corrections)
     for node, track in enumerate(refined, start=1):
         for time in track.times:
             np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=1e-6)
@@ -202,5 +202,5 @@ def test_keys_without_photos_are_passed_over(tracks):
 
 def test_a_scene_without_actors_has_no_corrections():
     nobody = ActorPoses(())
-    assert nobody.refined_tracks(nobody.initial_corrections()) == ()
+    assert nobody.correct_tracks(nobody.initial_corrections()) == ()
     assert nobody.at(0.0, nobody.initial_corrections()).matrices.shape == (1, 4, 4)

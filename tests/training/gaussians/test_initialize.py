@@ -10,21 +10,25 @@ from drive import SIZE, drive
 from instdrive_core.errors import DataError
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.track import find_points_inside
-from instdrive_core.training.gaussians.initialize import initial_scene, mean_sky_color, scene_radius
-from instdrive_core.training.instances.naming import display_names, instance_classes
+from instdrive_core.training.gaussians.first_gaussians import (
+    build_initial_scene,
+    compute_mean_sky_color,
+    compute_scene_radius,
+)
+from instdrive_core.training.instances.naming import find_instance_classes, make_display_names
 from instdrive_core.training.settings.config import InitConfig
-from instdrive_core.training.views.view_store import ViewStore, view_store
+from instdrive_core.training.views.view_store import ViewStore, open_view_store
 
 CONFIG = InitConfig(lidar_points=2000, near_points=50, far_points=50, actor_points=300)
 
 
 def views_of(clip):
-    return view_store(clip, None)
+    return open_view_store(clip, None)
 
 
 def test_moving_objects_leave_the_background_and_gather_in_their_box():
     clip = drive()
-    start = initial_scene(clip, views_of(clip), CONFIG, sh_degree=1, seed=0)
+    start = build_initial_scene(clip, views_of(clip), CONFIG, sh_degree=1, seed=0)
     assert [actor.id for actor in start.actors] == ["moving"]
     assert np.all(np.diff(start.nodes.astype(int)) >= 0)
     local = start.gaussians.means[start.nodes == 1]
@@ -40,9 +44,9 @@ def test_moving_objects_leave_the_background_and_gather_in_their_box():
 
 def test_thinning_respects_the_limit_and_is_deterministic():
     clip = drive()
-    first = initial_scene(clip, views_of(clip), CONFIG, 0, seed=1)
-    again = initial_scene(clip, views_of(clip), CONFIG, 0, seed=1)
-    other = initial_scene(clip, views_of(clip), CONFIG, 0, seed=2)
+    first = build_initial_scene(clip, views_of(clip), CONFIG, 0, seed=1)
+    again = build_initial_scene(clip, views_of(clip), CONFIG, 0, seed=1)
+    other = build_initial_scene(clip, views_of(clip), CONFIG, 0, seed=2)
     assert (first.nodes == 0).sum() <= CONFIG.lidar_points + CONFIG.near_points + CONFIG.far_points + 10
     np.testing.assert_array_equal(first.gaussians.means, again.gaussians.means)
     assert first.gaussians.means.shape != other.gaussians.means.shape or not np.array_equal(
@@ -53,7 +57,7 @@ def test_thinning_respects_the_limit_and_is_deterministic():
 def test_held_out_sweeps_place_nothing():
     clip = drive()
     held_out = next(sweep for sweep in clip.sweeps if sweep.index == 4).load().points
-    start = initial_scene(clip, views_of(clip), replace(CONFIG, lidar_points=10**6), 0, 0)
+    start = build_initial_scene(clip, views_of(clip), replace(CONFIG, lidar_points=10**6), 0, 0)
     background = start.gaussians.means[start.nodes == 0]
     assert not np.isin(held_out[:3000, 0], background[:, 0]).any()
 
@@ -65,35 +69,35 @@ def test_a_clip_whose_lidar_no_camera_sees_is_refused():
         for sweep in clip.sweeps
     )
     with pytest.raises(DataError, match="no camera sees a LiDAR point"):
-        initial_scene(replace(clip, sweeps=away), views_of(clip), CONFIG, 0, 0)
+        build_initial_scene(replace(clip, sweeps=away), views_of(clip), CONFIG, 0, 0)
 
 
 def test_no_views_and_no_sweeps_are_told_apart():
     clip = drive()
     with pytest.raises(DataError, match="no photo of a training time step"):
-        initial_scene(clip, ViewStore.of([]), CONFIG, 0, 0)
+        build_initial_scene(clip, ViewStore.of([]), CONFIG, 0, 0)
     only_held_out = tuple(sweep for sweep in clip.sweeps if sweep.index == 4)
     with pytest.raises(DataError, match=r"no LiDAR sweep of a training time step \(lidar/"):
-        initial_scene(replace(clip, sweeps=only_held_out), views_of(clip), CONFIG, 0, 0)
+        build_initial_scene(replace(clip, sweeps=only_held_out), views_of(clip), CONFIG, 0, 0)
 
 
 def test_without_moving_actors_their_points_stay_in_the_background():
     clip = drive()
     many = replace(CONFIG, lidar_points=10**6)
-    static = initial_scene(clip, views_of(clip), many, 0, 0, moving_actors=False)
+    static = build_initial_scene(clip, views_of(clip), many, 0, 0, moving_actors=False)
     assert static.actors == ()
     assert not static.nodes.any()
     moving, step = clip.tracks[0], clip.training_sweeps()[1]
     inside = find_points_inside(static.gaussians.means, moving.pose_at(step.time), SIZE, bottom=-0.1)
     assert inside.sum() > 200
-    with_actors = initial_scene(clip, views_of(clip), many, 0, 0)
+    with_actors = build_initial_scene(clip, views_of(clip), many, 0, 0)
     assert (with_actors.nodes == 0).sum() < len(static.nodes)
 
 
 def test_a_clip_without_cuboids_is_static():
     clip = drive()
-    bare = initial_scene(replace(clip, tracks=()), views_of(clip), CONFIG, 0, 0)
-    static = initial_scene(clip, views_of(clip), CONFIG, 0, 0, moving_actors=False)
+    bare = build_initial_scene(replace(clip, tracks=()), views_of(clip), CONFIG, 0, 0)
+    static = build_initial_scene(clip, views_of(clip), CONFIG, 0, 0, moving_actors=False)
     assert bare.actors == ()
     np.testing.assert_array_equal(bare.gaussians.means, static.gaussians.means)
 
@@ -106,11 +110,11 @@ def test_one_time_step_is_enough():
         sweeps=clip.sweeps[:1],
         tracks=tuple(replace(t, moving=False) for t in clip.tracks),
     )
-    start = initial_scene(one, views_of(one), CONFIG, 3, 0)
+    start = build_initial_scene(one, views_of(one), CONFIG, 3, 0)
     assert len(start.gaussians.means) > 500
     assert start.gaussians.sh_rest.shape[1:] == (15, 3)
     assert np.isfinite(start.gaussians.log_scales).all()
-    assert scene_radius(views_of(one)) == 10.0
+    assert compute_scene_radius(views_of(one)) == 10.0
 
 
 def test_an_object_hit_by_few_points_stays_out():
@@ -118,7 +122,7 @@ def test_an_object_hit_by_few_points_stays_out():
     poses = clip.tracks[0].world_from_box.copy()
     poses[:, 0, 3] -= 4.9
     far = replace(clip.tracks[0], world_from_box=poses)
-    assert initial_scene(replace(clip, tracks=(far,)), views_of(clip), CONFIG, 0, 0).actors == ()
+    assert build_initial_scene(replace(clip, tracks=(far,)), views_of(clip), CONFIG, 0, 0).actors == ()
 
 
 def test_colours_are_those_of_the_photos():
@@ -126,7 +130,7 @@ def test_colours_are_those_of_the_photos():
     half = np.zeros((80, 120, 3), np.uint8)
     half[:, 60:] = 255
     clip = replace(clip, frames=tuple(replace(frame, load_image=lambda: half) for frame in clip.frames), tracks=())
-    start = initial_scene(clip, views_of(clip), replace(CONFIG, near_points=0, far_points=0), 0, 0)
+    start = build_initial_scene(clip, views_of(clip), replace(CONFIG, near_points=0, far_points=0), 0, 0)
     colors = color_from_dc(start.gaussians.sh_dc)
     right = start.gaussians.means[:, 0] > 0.2
     np.testing.assert_allclose(colors[right], 1, atol=1e-5)
@@ -139,7 +143,9 @@ def test_what_no_camera_sees_is_not_in_the_background():
     valid = np.zeros((80, 120), bool)
     valid[:, :60] = True
     frames = tuple(replace(frame, valid=valid) for frame in clip.frames)
-    start = initial_scene(replace(clip, frames=frames, tracks=()), views_of(replace(clip, frames=frames)), CONFIG, 0, 0)
+    start = build_initial_scene(
+        replace(clip, frames=frames, tracks=()), views_of(replace(clip, frames=frames)), CONFIG, 0, 0
+    )
     assert start.gaussians.means[:, 0].max() < 0.1
 
 
@@ -149,7 +155,7 @@ def test_points_beyond_lidar_keep_off_sky_and_lie_as_deep_as_asked():
     sky[:20] = True
     views = [replace(views_of(clip).get(number), sky=sky) for number in range(3)]
     config = replace(CONFIG, lidar_points=1, near_points=3_000, far_points=3_000)
-    means = initial_scene(replace(clip, tracks=()), ViewStore.of(views), config, 0, 0).gaussians.means[1:]
+    means = build_initial_scene(replace(clip, tracks=()), ViewStore.of(views), config, 0, 0).gaussians.means[1:]
     near, far = means[: len(means) // 2], means[len(means) // 2 :]
     assert len(near) == len(far) > 1_000
     camera = views[0].camera
@@ -163,7 +169,7 @@ def test_points_beyond_lidar_keep_off_sky_and_lie_as_deep_as_asked():
 def test_the_budget_of_the_store_changes_nothing():
     clip = drive()
     views = [views_of(clip).get(number) for number in range(3)]
-    starts = [initial_scene(clip, ViewStore.of(views, budget), CONFIG, 1, seed=4) for budget in (0, 10**9)]
+    starts = [build_initial_scene(clip, ViewStore.of(views, budget), CONFIG, 1, seed=4) for budget in (0, 10**9)]
     np.testing.assert_array_equal(starts[0].gaussians.means, starts[1].gaussians.means)
     np.testing.assert_array_equal(starts[0].nodes, starts[1].nodes)
 
@@ -172,10 +178,10 @@ def test_the_number_of_threads_changes_nothing():
     clip, threads = drive(), numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        alone = initial_scene(clip, views_of(clip), CONFIG, 1, seed=4)
+        alone = build_initial_scene(clip, views_of(clip), CONFIG, 1, seed=4)
     finally:
         numba.set_num_threads(threads)
-    together = initial_scene(clip, views_of(clip), CONFIG, 1, seed=4)
+    together = build_initial_scene(clip, views_of(clip), CONFIG, 1, seed=4)
     np.testing.assert_array_equal(alone.gaussians.means, together.gaussians.means)
     np.testing.assert_array_equal(alone.gaussians.log_scales, together.gaussians.log_scales)
     np.testing.assert_array_equal(alone.gaussians.sh_dc, together.gaussians.sh_dc)
@@ -184,8 +190,8 @@ def test_the_number_of_threads_changes_nothing():
 def test_a_sweep_without_photos_still_shapes_moving_objects():
     clip = drive()
     dark = replace(clip, frames=tuple(frame for frame in clip.frames if frame.view.index != 5))
-    start = initial_scene(dark, views_of(dark), replace(CONFIG, actor_points=10**5), 0, 0)
-    everywhere = initial_scene(clip, views_of(clip), replace(CONFIG, actor_points=10**5), 0, 0)
+    start = build_initial_scene(dark, views_of(dark), replace(CONFIG, actor_points=10**5), 0, 0)
+    everywhere = build_initial_scene(clip, views_of(clip), replace(CONFIG, actor_points=10**5), 0, 0)
     assert (start.nodes == 1).sum() == (everywhere.nodes == 1).sum()
     grey = np.all(start.gaussians.sh_dc[start.nodes == 1] == 0, axis=1)
     assert 0.2 < grey.mean() < 0.5
@@ -199,23 +205,23 @@ def test_each_photo_is_read_once():
         read.append(number)
         return views.get(number)
 
-    initial_scene(clip, ViewStore(views.facts, watched, budget_bytes=0), CONFIG, 0, 0)
+    build_initial_scene(clip, ViewStore(views.facts, watched, budget_bytes=0), CONFIG, 0, 0)
     assert sorted(read) == [0, 1, 2]
 
 
 def test_large_photos_are_looked_at_in_blocks():
     """Half as many pixels along each side, the same points in the world, up to a block."""
     clip = drive()
-    camera = clip.frames[0].view.camera.scaled(10.0)
+    camera = clip.frames[0].view.camera.scale(10.0)
     frames = tuple(
         replace(frame, view=replace(frame.view, camera=camera), load_image=lambda: np.full((800, 1200, 3), 9, np.uint8))
         for frame in clip.frames
     )
     config = replace(CONFIG, lidar_points=1, near_points=900, far_points=0)
-    large = initial_scene(
+    large = build_initial_scene(
         replace(clip, frames=frames, tracks=()), views_of(replace(clip, frames=frames)), config, 0, 0
     ).gaussians.means[1:]
-    small = initial_scene(replace(clip, tracks=()), views_of(clip), config, 0, 0).gaussians.means[1:]
+    small = build_initial_scene(replace(clip, tracks=()), views_of(clip), config, 0, 0).gaussians.means[1:]
     assert len(large) == 900
     pixels, _ = camera.project(large)
     np.testing.assert_allclose(pixels % 2, 1.5, atol=0.05)
@@ -230,8 +236,8 @@ def test_the_scenes_radius_spans_the_cameras():
         pose[0, 3] = x
         return replace(view, camera=replace(view.camera, world_from_camera=pose))
 
-    assert scene_radius(ViewStore.of([at(0.0), at(60.0)])) == pytest.approx(30)
-    assert scene_radius(ViewStore.of([at(0.0), at(1.0)])) == 10
+    assert compute_scene_radius(ViewStore.of([at(0.0), at(60.0)])) == pytest.approx(30)
+    assert compute_scene_radius(ViewStore.of([at(0.0), at(1.0)])) == 10
 
 
 def test_the_skys_colour_is_the_mean_over_its_masks():
@@ -241,16 +247,16 @@ def test_the_skys_colour_is_the_mean_over_its_masks():
     sky = np.zeros((80, 120), bool)
     sky[:40] = True
     views = [replace(view, image=image, sky=sky)] * 70 + [view]
-    np.testing.assert_allclose(mean_sky_color(ViewStore.of(views)), [0.2, 0.4, 0.8], atol=1e-6)
-    np.testing.assert_allclose(mean_sky_color(ViewStore.of([view])), [0.6] * 3, atol=1e-6)
+    np.testing.assert_allclose(compute_mean_sky_color(ViewStore.of(views)), [0.2, 0.4, 0.8], atol=1e-6)
+    np.testing.assert_allclose(compute_mean_sky_color(ViewStore.of([view])), [0.6] * 3, atol=1e-6)
 
 
 def test_instances_are_named_by_track_parked_box_and_lidar():
     clip = drive()
-    start = initial_scene(clip, views_of(clip), CONFIG, 0, 0)
+    start = build_initial_scene(clip, views_of(clip), CONFIG, 0, 0)
     means, nodes = start.gaussians.means, start.nodes
     parked = find_points_inside(means, clip.tracks[1].world_from_box[0], SIZE, 0.05, bottom=-0.02) & (nodes == 0)
     ids = np.where(nodes == 1, 3, np.where(parked, 2, 1)).astype(np.uint32)
-    classes = instance_classes(clip, ids, means, nodes, ["Pickup Truck"])
+    classes = find_instance_classes(clip, ids, means, nodes, ["Pickup Truck"])
     assert classes == {1: "Road", 2: "Car", 3: "Pickup Truck"}
-    assert display_names(ids, {1: "Road"}) == {1: "Road 1", 2: "instance 2", 3: "instance 3"}
+    assert make_display_names(ids, {1: "Road"}) == {1: "Road 1", 2: "instance 2", 3: "instance 3"}

@@ -47,7 +47,7 @@ class RigCamera:
         full = Camera(
             self.fx, self.fy, self.cx, self.cy, REFERENCE_WIDTH, REFERENCE_HEIGHT, world_from_ego @ ego_from_camera
         )
-        return full.resized(width, height)
+        return full.resize(width, height)
 
 
 # fmt: off

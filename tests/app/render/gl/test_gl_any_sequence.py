@@ -7,8 +7,8 @@ from random_scene import random_scene
 
 from instdrive_app import camera
 from instdrive_app.render.gl import gpu_scene
-from instdrive_app.render.gl.gl_objects import live_objects
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.gl_objects import count_live_objects
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.edits.bases.adjustments import RANGES
@@ -71,7 +71,7 @@ def step(rng, document, state):
 def shown_and_gone(gl):
     """The driver keeps the program used last until the next one: make it the same one each time."""
     document = Document(procedural_street(spacing=0.6))
-    renderer = Renderer(gl, document)
+    renderer = GlRenderer(gl, document)
     renderer.render(resolve(EditorState(viewpoint=camera.view_from_camera(document.scene.views[0])), *SIZE))
     renderer.release()
 
@@ -84,8 +84,8 @@ def test_following_is_as_good_as_starting_afresh(gl, monkeypatch, seed):
     document.open_scene = lambda path: random_scene(count=60, degree=1, seed=3)
     state = EditorState(viewpoint=camera.view_from_camera(document.scene.views[0]))
     shown_and_gone(gl)
-    alive = live_objects()
-    renderer, picker = Renderer(gl, document), Picker()
+    alive = count_live_objects()
+    renderer, picker = GlRenderer(gl, document), Picker()
     for number in range(120):
         step(rng, document, state)
         snapshot = resolve(state, *SIZE)
@@ -93,16 +93,18 @@ def test_following_is_as_good_as_starting_afresh(gl, monkeypatch, seed):
             renderer.render(snapshot, wait=bool(rng.random() < 0.3))
         if number % 12 != 11:
             continue
-        fresh, places = Renderer(gl, document), rng.integers(0, SIZE, (5, 2)).tolist()
+        fresh, places = GlRenderer(gl, document), rng.integers(0, SIZE, (5, 2)).tolist()
         for one in (renderer, fresh):
             one.render(snapshot)
         np.testing.assert_array_equal(renderer.read_blended(), fresh.read_blended())
-        np.testing.assert_array_equal(renderer.instance_ids(snapshot), fresh.instance_ids(snapshot))
+        np.testing.assert_array_equal(renderer.read_instance_ids(snapshot), fresh.read_instance_ids(snapshot))
         fresh.release()
         for x, y in places:
-            assert picker.instances_at(document, snapshot, x, y) == Picker().instances_at(document, snapshot, x, y)
+            assert picker.find_instances_at(document, snapshot, x, y) == Picker().find_instances_at(
+                document, snapshot, x, y
+            )
     assert document.rows_version > 5
     renderer.release()
     assert gl.error == "GL_NO_ERROR"
     shown_and_gone(gl)
-    assert live_objects() == alive
+    assert count_live_objects() == alive

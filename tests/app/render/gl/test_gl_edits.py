@@ -8,7 +8,7 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_s
 from random_scene import random_scene
 
 from instdrive_app import camera
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.gl.splat_textures import WIDTH
 from instdrive_app.state import EditorState, ViewMode, Viewpoint, resolve
 from instdrive_core.edits.bases.adjustments import RANGES
@@ -88,7 +88,7 @@ def street(street):
 
 @pytest.fixture
 def renderer(gl, street):
-    made = Renderer(gl, street)
+    made = GlRenderer(gl, street)
     yield made
     made.release()
     assert gl.error == "GL_NO_ERROR"
@@ -101,11 +101,11 @@ def state_at(document, index, **changes):
 
 def look(renderer, snapshot):
     renderer.render(snapshot)
-    return renderer.read_blended(), renderer.instance_ids(snapshot)
+    return renderer.read_blended(), renderer.read_instance_ids(snapshot)
 
 
 def drawn_afresh(gl, document, snapshot):
-    renderer = Renderer(gl, document)
+    renderer = GlRenderer(gl, document)
     pictures = look(renderer, snapshot)
     renderer.release()
     return pictures
@@ -176,7 +176,7 @@ def test_a_moved_car_seen_from_the_same_side_looks_the_same(renderer, street, sc
 def test_rows_beyond_the_first_texture_row_and_beyond_its_spare_are_kept(gl):
     """Many copies, each seen; the textures grow several times."""
     document = Document(procedural_street(spacing=0.5))
-    renderer = Renderer(gl, document)
+    renderer = GlRenderer(gl, document)
     snapshot = resolve(state_at(document, 0), *SIZE)
     look(renderer, snapshot)
     for step in range(12):
@@ -201,7 +201,7 @@ def test_flat_views_follow_copies(gl, renderer, street, mode):
     street.apply(DuplicateInstances((BLUE_CAR,), (-2.5, 1.0, 0.0)))
     street.apply(MergeInstances((FIRST_CAR,), ROAD))
     renderer.render(snapshot)
-    fresh = Renderer(gl, street)
+    fresh = GlRenderer(gl, street)
     fresh.render(snapshot)
     np.testing.assert_array_equal(renderer.read_picture(), fresh.read_picture())
     assert (renderer.read_picture() != before).any()
@@ -217,11 +217,11 @@ def test_a_scene_that_had_nothing_shows_what_is_inserted(gl, street):
     )
     document = Document(empty)
     document.open_scene = lambda path: street_scene
-    renderer, snapshot = Renderer(gl, document), resolve(state_at(document, 0), *SIZE)
+    renderer, snapshot = GlRenderer(gl, document), resolve(state_at(document, 0), *SIZE)
     renderer.render(snapshot)
-    assert not renderer.instance_ids(snapshot).any()
+    assert not renderer.read_instance_ids(snapshot).any()
     document.apply(InsertScene("street.ply"))
-    assert len(np.unique(renderer.instance_ids(snapshot))) > 8
+    assert len(np.unique(renderer.read_instance_ids(snapshot))) > 8
     document.undo()
-    assert not renderer.instance_ids(snapshot).any()
+    assert not renderer.read_instance_ids(snapshot).any()
     renderer.release()

@@ -7,7 +7,7 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
 
 from instdrive_app import camera
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.picking import Picker
 from instdrive_app.render.software.renderer import SoftwareRenderer
 from instdrive_app.render.software.scene import SceneWatcher
@@ -29,7 +29,7 @@ QUARTER_TURN = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 @pytest.fixture
 def pair(gl, street):
     """The document drawn by OpenGL and by the CPU."""
-    renderers = Renderer(gl, street), SoftwareRenderer(gl, street)
+    renderers = GlRenderer(gl, street), SoftwareRenderer(gl, street)
     yield renderers
     for renderer in renderers:
         renderer.release()
@@ -124,7 +124,7 @@ def test_flat_views_decode_to_the_ids_that_clicks_find(software, street, mode):
     snapshot = snapshot_of(street, 1, view_mode=mode)
     software.render(snapshot)
     ids = street.scene.instance_ids if mode is ViewMode.INSTANCE else street.scene.codewords
-    expected = np.append(np.uint32(0), ids)[software.rows(snapshot)]
+    expected = np.append(np.uint32(0), ids)[software.read_rows(snapshot)]
     np.testing.assert_array_equal(ids_from_colors(software.read_picture()), expected)
     assert len(np.unique(expected)) >= 8
 
@@ -135,24 +135,24 @@ def test_the_picked_instance_is_that_of_the_id_view_at_500_pixels(software, stre
     shown, picker = ids_from_colors(software.read_picture()), Picker()
     rng = np.random.default_rng(6)
     for x, y in zip(rng.integers(0, SIZE[0], 500), rng.integers(0, SIZE[1], 500), strict=True):
-        row = software.shown.row_at(x, y)
+        row = software.shown.read_row_at(x, y)
         picked = int(street.scene.instance_ids[row]) if row >= 0 else 0
-        below = picker.instances_at(street, snapshot, float(x), float(y))
+        below = picker.find_instances_at(street, snapshot, float(x), float(y))
         assert picked == shown[y, x] == (below[0] if below else 0), (x, y)
 
 
 def test_flat_views_follow_merged_instances_and_the_opacity_asked_for(software, street):
     snapshot = snapshot_of(street, view_mode=ViewMode.INSTANCE)
-    assert (software.instance_ids(snapshot) == FIRST_CAR).any()
+    assert (software.read_instance_ids(snapshot) == FIRST_CAR).any()
     street.apply(MergeInstances((FIRST_CAR,), BLUE_CAR))
-    assert not (software.instance_ids(snapshot) == FIRST_CAR).any()
+    assert not (software.read_instance_ids(snapshot) == FIRST_CAR).any()
     strict = snapshot_of(street, view_mode=ViewMode.INSTANCE, id_opacity=0.95)
-    assert (software.rows(strict) != software.rows(snapshot)).any()
+    assert (software.read_rows(strict) != software.read_rows(snapshot)).any()
 
 
 def test_outlines_follow_selection_and_hovering_without_blending_anew(software, street):
     software.render(snapshot_of(street))
-    plain, winner = software.read_picture(), software.instance_ids(snapshot_of(street))
+    plain, winner = software.read_picture(), software.read_instance_ids(snapshot_of(street))
     blended = software.frame_seconds
     software.render(snapshot_of(street, hovered=BLUE_CAR))
     hovered = software.read_picture()
@@ -176,30 +176,30 @@ def test_a_draft_is_smaller_and_nearly_the_same_and_cannot_be_clicked(software, 
     assert software.picture.size == (SIZE[0] // 2, SIZE[1] // 2)
     small = full.reshape(SIZE[1] // 2, 2, SIZE[0] // 2, 2, 3).mean(axis=(1, 3))
     assert np.abs(small - software.read_picture()).mean() < 4
-    assert software.shown.row_at(10, 10) is None
+    assert software.shown.read_row_at(10, 10) is None
 
 
 def test_a_frame_shown_can_be_asked_for_and_one_of_other_rows_cannot_be_clicked(software, street):
     software.render(snapshot_of(street))
-    assert software.shown.row_at(150, 150) >= 0
-    assert software.row_at(software.shown, 150, 150) == software.shown.row_at(150, 150), "asked for once more"
+    assert software.shown.read_row_at(150, 150) >= 0
+    assert software.read_row_at(software.shown, 150, 150) == software.shown.read_row_at(150, 150), "asked for once more"
     street.apply(DuplicateInstances((BLUE_CAR,), (-3.0, 2.0, 0.0)))
-    assert software.shown.row_at(150, 150) is None
+    assert software.shown.read_row_at(150, 150) is None
 
 
 def test_states_handed_over_are_never_written_again(street):
     document, watcher = street, SceneWatcher(street)
-    first = watcher.state()
-    assert watcher.state() is first
+    first = watcher.take_state()
+    assert watcher.take_state() is first
     kept = {name: np.array(value) for name, value in vars(first).items() if isinstance(value, np.ndarray)}
     for change in CHANGES.values():
         change(document)
-        assert watcher.state() is not first
+        assert watcher.take_state() is not first
         while document.undo():
-            watcher.state()
+            watcher.take_state()
     document.apply(MergeInstances((FIRST_CAR,), BLUE_CAR))
     document.apply(HideInstances((ROAD,)))
-    later = watcher.state()
+    later = watcher.take_state()
     for name, value in kept.items():
         np.testing.assert_array_equal(getattr(first, name), value, err_msg=name)
     np.testing.assert_array_equal(later.instance_ids, document.scene.instance_ids)

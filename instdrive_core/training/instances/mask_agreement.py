@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from instdrive_core.training.instances.mask_weights import MaskWeights
 
 
-def summed_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: int) -> MaskWeights:
+def sum_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: int) -> MaskWeights:
     """The weights of `count` groups of rows; a group of -1 is none."""
     chosen = np.flatnonzero(groups >= 0)
     entries = (np.ones(len(chosen), np.float32), (groups[chosen], chosen))
@@ -20,7 +20,7 @@ def summed_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: in
     return MaskWeights(summed, observed.view_of_mask)
 
 
-def agreement(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
+def compute_agreements(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
     """Of each pair of rows, how much they are in the same masks, from 0 to 1; -1 where no photo shows both.
 
     Of one photo it is Σ_m min(p_m, q_m), with p and q the shares of either's weight that lie in mask m. Photos are
@@ -35,7 +35,7 @@ def agreement(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Float32[ndar
 
 
 @numba.njit(cache=True, error_model="numpy")
-def end_of_view(masks, view_of_mask, entry, end):
+def find_end_of_view(masks, view_of_mask, entry, end):
     """The first of a row's entries after `entry` that lies in another view; compiled."""
     view = view_of_mask[masks[entry]]
     while entry < end and view_of_mask[masks[entry]] == view:
@@ -69,9 +69,9 @@ def _agree(starts, masks, values, view_of_mask, pairs, result):
             view_a, view_b = view_of_mask[masks[a]], view_of_mask[masks[b]]
             next_a, next_b = a, b
             if view_a <= view_b:
-                next_a = end_of_view(masks, view_of_mask, a, a_end)
+                next_a = find_end_of_view(masks, view_of_mask, a, a_end)
             if view_b <= view_a:
-                next_b = end_of_view(masks, view_of_mask, b, b_end)
+                next_b = find_end_of_view(masks, view_of_mask, b, b_end)
             if view_a == view_b:
                 shared, smaller = _overlap(masks, values, a, next_a, b, next_b)
                 agreed += smaller * shared

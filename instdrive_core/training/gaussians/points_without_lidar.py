@@ -11,12 +11,12 @@ from instdrive_core.errors import DataError
 from instdrive_core.training.gaussians.first_points import (
     ColoredPoints,
     FirstPoints,
-    joined,
-    points_beyond_lidar,
-    points_on_rays,
+    concatenate_points,
+    place_on_rays,
+    sample_beyond_lidar,
 )
 from instdrive_core.training.settings.config import InitConfig
-from instdrive_core.training.views.lidar_depth import pixels_of_points, projected_depths
+from instdrive_core.training.views.lidar_depth import find_pixels_of_points, project_depths
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -28,7 +28,7 @@ _LEAST_DISTANCE = 10.0
 """Metres that random points reach out at least, where the cameras hardly move."""
 
 
-def points_without_lidar(clip: Clip, views: ViewStore, config: InitConfig, seed: int) -> FirstPoints:
+def gather_points_without_lidar(clip: Clip, views: ViewStore, config: InitConfig, seed: int) -> FirstPoints:
     """The clip's own points that a training photo sees, near and far ones where they are silent.
 
     Without any point, as many random ones as `config` wants LiDAR points, near ones and far ones: uniform in inverse
@@ -47,16 +47,16 @@ def points_without_lidar(clip: Clip, views: ViewStore, config: InitConfig, seed:
             near.append(_random_points(view, config.lidar_points + config.near_points, len(views), _NEAR, reach, rng))
             far.append(_random_points(view, config.far_points, len(views), _FAR, reach, rng))
             continue
-        seen |= pixels_of_points(given.points, view.camera)[0] >= 0
-        pixels, depths = projected_depths(given.points, view.camera)
-        beyond = points_beyond_lidar(replace(view, depth_pixels=pixels, depth_values=depths), config, len(views), rng)
+        seen |= find_pixels_of_points(given.points, view.camera)[0] >= 0
+        pixels, depths = project_depths(given.points, view.camera)
+        beyond = sample_beyond_lidar(replace(view, depth_pixels=pixels, depth_values=depths), config, len(views), rng)
         near.append(beyond[0])
         far.append(beyond[1])
     if not is_random and not seen.any():
         problem = f"no training photo sees one of its {len(seen):,} points"
         raise DataError(clip.path, problem, "Check that poses and points belong together, or leave the points out")
     own = ColoredPoints(given.points[seen], given.colors[seen] / np.float32(255))
-    return FirstPoints(own, joined(near), joined(far), {})
+    return FirstPoints(own, concatenate_points(near), concatenate_points(far), {})
 
 
 def _typical_distance(views: ViewStore) -> float:
@@ -80,7 +80,7 @@ def _random_points(
             usable &= mask
     pixels = np.flatnonzero(usable)
     if not len(pixels):
-        return joined([])
+        return concatenate_points([])
     chosen = rng.choice(pixels, -(-count // view_count))
     inverse = rng.uniform(1 / depths[1], 1 / depths[0], len(chosen))
-    return points_on_rays(view, chosen, reach / inverse)
+    return place_on_rays(view, chosen, reach / inverse)

@@ -9,10 +9,10 @@ import numpy as np
 
 from instdrive_core.instances.table import build_instance_table
 from instdrive_core.scene.scene import Scene
-from instdrive_core.training.instances.naming import display_names
+from instdrive_core.training.instances.naming import make_display_names
 
 
-def as_published(scene: Scene) -> Scene:
+def assign_instances_by_codeword(scene: Scene) -> Scene:
     """The same Gaussians with one instance per codeword, over all actors and the background, however far apart.
 
     IDs count from 1 in the order of the codewords. A code's class is that of most of its classified Gaussians.
@@ -26,6 +26,6 @@ def as_published(scene: Scene) -> Scene:
             votes.setdefault(new, Counter())[scene.table[old].class_name] += count
     classes = {new: counter.most_common(1)[0][0] for new, counter in votes.items()}
     table = build_instance_table(
-        ids, scene.gaussians.means, scene.codewords, scene.nodes, display_names(ids, classes), classes
+        ids, scene.gaussians.means, scene.codewords, scene.nodes, make_display_names(ids, classes), classes
     )
     return replace(scene, instance_ids=ids, table=table)

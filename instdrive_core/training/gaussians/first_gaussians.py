@@ -17,9 +17,14 @@ from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS, dc_from_color
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.track import Track
-from instdrive_core.training.gaussians.first_points import ColoredPoints, first_points, joined, some
-from instdrive_core.training.gaussians.sparse_start import points_without_lidar
-from instdrive_core.training.gaussians.voxel_thinning import thinned_rows
+from instdrive_core.training.gaussians.first_points import (
+    ColoredPoints,
+    concatenate_points,
+    gather_first_points,
+    subsample,
+)
+from instdrive_core.training.gaussians.points_without_lidar import gather_points_without_lidar
+from instdrive_core.training.gaussians.voxel_thinning import thin_by_voxels
 from instdrive_core.training.settings.config import InitConfig
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -40,7 +45,7 @@ class InitialScene:
     actors: tuple[Track, ...]
 
 
-def initial_scene(
+def build_initial_scene(
     clip: Clip,
     views: ViewStore,
     config: InitConfig,
@@ -67,36 +72,36 @@ def initial_scene(
     rng = np.random.default_rng((seed, 0))
     centers = np.stack([facts.camera.position for facts in views.facts]).astype(np.float32)
     if clip.training_sweeps():
-        points = first_points(clip, views, config, seed, moving_actors)
+        points = gather_first_points(clip, views, config, seed, moving_actors)
         if not len(points.lidar):
             problem = "no camera sees a LiDAR point of the training time steps"
             raise DataError(clip.path, problem, "Check that poses and sweeps belong together, or choose other cameras")
     else:
-        points = points_without_lidar(clip, views, config, seed)
+        points = gather_points_without_lidar(clip, views, config, seed)
     seen = points.lidar
     if len(seen):
-        seen = seen.take(thinned_rows(seen.positions, centers, config.lidar_points, rng))
-    background = joined([seen, points.near, points.far])
+        seen = seen.take(thin_by_voxels(seen.positions, centers, config.lidar_points, rng))
+    background = concatenate_points([seen, points.near, points.far])
     parts = [_gaussians_from_points(background, centers, config.opacity, sh_degree)]
     nodes, actors = [np.zeros(len(background), np.uint16)], []
     for track in clip.tracks:
         on_track = points.actors.get(track.id)
         if on_track is None or len(on_track) < _MIN_ACTOR_POINTS:
             continue
-        on_track = some(on_track, config.actor_points, rng)
+        on_track = subsample(on_track, config.actor_points, rng)
         actors.append(track)
         parts.append(_gaussians_from_points(on_track, None, config.opacity, sh_degree))
         nodes.append(np.full(len(on_track), len(actors), np.uint16))
     return InitialScene(concatenate_gaussians(parts), np.concatenate(nodes), tuple(actors))
 
 
-def scene_radius(views: ViewStore) -> float:
+def compute_scene_radius(views: ViewStore) -> float:
     """Largest distance of a camera from the cameras' mean position, at least 10 m."""
     centers = np.stack([facts.camera.position for facts in views.facts])
     return max(_MIN_SCENE_RADIUS, float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()))
 
 
-def mean_sky_color(views: ViewStore) -> Float32[ndarray, "3"]:
+def compute_mean_sky_color(views: ViewStore) -> Float32[ndarray, "3"]:
     """What the sky looks like where no photo shows it: the mean over sky masks of photos spread over the clip, light
     grey without any. [0, 1]."""
     chosen = np.unique(np.linspace(0, len(views) - 1, min(len(views), _SKY_VIEWS)).astype(int)).tolist()

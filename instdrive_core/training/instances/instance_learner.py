@@ -11,8 +11,8 @@ from numpy import ndarray
 
 from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.feature_weights import CachedView, cached_view
-from instdrive_core.training.instances.instance_losses import stratified_pixels
+from instdrive_core.training.instances.feature_weights import CachedView, cache_view
+from instdrive_core.training.instances.instance_losses import sample_stratified_pixels
 from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.schedule import step_rng
 from instdrive_core.training.views.view_store import ViewStore
@@ -50,12 +50,12 @@ class InstanceLearner(Protocol):
         ...
 
 
-def learned_codewords(features: Float32[ndarray, "n d"]) -> LearnedInstances:
+def read_codewords(features: Float32[ndarray, "n d"]) -> LearnedInstances:
     """The paper's reading of trained features: the nearest codeword of each Gaussian."""
     return LearnedInstances(quantize_features(features), features, features.shape[1])
 
 
-def cached_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> list[CachedView]:
+def cache_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> list[CachedView]:
     """Blending weights of sampled masked pixels of each view that has any; the model is on the CPU.
 
     The sample is the same for every method (stratified over masks, seeded by `config.seed` and the view's number).
@@ -67,7 +67,7 @@ def cached_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> li
         if view.labels is None or not view.labels.any():
             continue
         rng = step_rng(config.seed, _SAMPLING, number)
-        pixels = stratified_pixels(view.labels, instances.pixels_per_view, rng)
-        cached.append(cached_view(model, view, number, pixels, instances.min_alpha))
+        pixels = sample_stratified_pixels(view.labels, instances.pixels_per_view, rng)
+        cached.append(cache_view(model, view, number, pixels, instances.min_alpha))
     store.release()
     return cached
