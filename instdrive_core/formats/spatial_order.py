@@ -20,13 +20,13 @@ def sort_spatially(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, "
     as_they_are = np.arange(count)
     if count <= run:
         return as_they_are
-    by_code = np.argsort(_codes(means), kind="stable")
-    if _box_size(means, as_they_are, run) <= WORTH_KEEPING * _box_size(means, by_code, run):
+    by_code = np.argsort(_compute_codes(means), kind="stable")
+    if _measure_boxes(means, as_they_are, run) <= WORTH_KEEPING * _measure_boxes(means, by_code, run):
         return as_they_are
     return by_code
 
 
-def _codes(means: ndarray) -> ndarray:
+def _compute_codes(means: ndarray) -> ndarray:
     low, high = means.min(axis=0), means.max(axis=0)
     codes = np.empty(len(means), np.uint64)
     for start in range(0, len(means), BLOCK_ROWS):
@@ -35,7 +35,7 @@ def _codes(means: ndarray) -> ndarray:
     return codes
 
 
-def _box_size(means: ndarray, order: ndarray, run: int) -> float:
+def _measure_boxes(means: ndarray, order: ndarray, run: int) -> float:
     """The median over the boxes of their edge lengths' sum; a few far splats must not decide."""
     sizes = []
     step = run * max(BLOCK_ROWS // run, 1)

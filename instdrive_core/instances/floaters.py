@@ -36,7 +36,7 @@ class FloaterConfig:
 DEFAULT_CONFIG = FloaterConfig()
 
 
-def floaters_of_body(
+def find_floaters(
     body: CompactObject,
     means: Float[ndarray, "n 3"],
     colors: Float[ndarray, "n 3"],
@@ -58,11 +58,11 @@ def floaters_of_body(
     close = body.holds(local, config.growth, config.margin) & above & ~owned & ~inside
     asked = np.flatnonzero(close)
     if len(asked) and owned.any():
-        inside[asked] = _resembles(local, colors, owned, asked, config)
+        inside[asked] = _find_resembling(local, colors, owned, asked, config)
     return inside
 
 
-def _resembles(
+def _find_resembling(
     local: Float64[ndarray, "n 3"],
     colors: Float[ndarray, "n 3"],
     owned: Bool[ndarray, " n"],

@@ -25,8 +25,8 @@ def find_rows_near(
     Points that are not finite are near nothing.
     """
     # Only what lies in both sets' bounds can be near the other: one car of a million splats is a small problem.
-    asked = _in_box(points, asked, *_grown_bounds(points, others, distance))
-    others = _in_box(points, others, *_grown_bounds(points, asked, distance))
+    asked = _in_box(points, asked, *_compute_reach(points, others, distance))
+    others = _in_box(points, others, *_compute_reach(points, asked, distance))
     if not len(asked) or not len(others):
         return np.zeros(0, np.int64)
     forest = build_forest(points[others], np.zeros(len(others), np.int64))
@@ -53,13 +53,13 @@ def estimate_spacing(points: Float32[ndarray, "n 3"]) -> float:
     return float(np.median(distances[:, _RING]) / np.sqrt(step))
 
 
-def _grown_bounds(points: ndarray, rows: ndarray, distance: float) -> tuple[ndarray, ndarray]:
-    low, high = _bounds(points, rows)
+def _compute_reach(points: ndarray, rows: ndarray, distance: float) -> tuple[ndarray, ndarray]:
+    low, high = _compute_bounds(points, rows)
     return low - distance, high + distance
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _bounds(
+def _compute_bounds(
     points: Float32[ndarray, "n 3"], rows: Int64[ndarray, " m"]
 ) -> tuple[Float[ndarray, "3"], Float[ndarray, "3"]]:
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -166,7 +166,7 @@ class FillHole(AppendEdit):
         if not grid.contains(inside).all():
             raise EditError(f"the hole is longer than {2 * HALF_LENGTH:g} m or wider than {2 * HALF_WIDTH:g} m")
         hole[tuple(inside.T)] = True
-        place = grid.on_ground(grid.compute_centers((middle - start)[None]))[0]
+        place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
         near = find_neighborhood(document, place)
         ground, known = find_known_ground(document, grid, near)
         if self.lit:

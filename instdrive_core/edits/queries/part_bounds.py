@@ -17,7 +17,7 @@ _FEW = 32
 
 
 def compute_part_bounds(document: Document, parts: RowParts) -> Float32[ndarray, "p 2 3"]:
-    """`compute_middle_bounds` of the present means of each part, which has at least one row; metres, in the rows' nodes."""
+    """`compute_middle_bounds` of each part's present means, metres, in the rows' nodes; each has at least one row."""
     palette, last = document.transforms, parts.sizes - 1
     # As "nearest" of np.quantile: halves go to the even one.
     ranks = np.stack([np.rint(last * share) for share in SHARES], axis=1).astype(np.int64)

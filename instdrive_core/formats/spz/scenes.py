@@ -100,12 +100,12 @@ def write_spz(
             part, numbers = getattr(gaussians, field)[rows], np.arange(rows.start, rows.stop)
             check_numbers(path, attribute, part, numbers, allow_infinite)
     flags = ANTIALIASED if scene.antialiased else 0
-    header = SpzHeader(version, len(scene), gaussians.sh_degree, _fractional_bits(path, gaussians, version), flags)
+    header = SpzHeader(version, len(scene), gaussians.sh_degree, _choose_fractional_bits(path, gaussians, version), flags)
     with open_atomically(path) as file:
         write_container(
             file,
             header,
-            lambda name: (_encoded(name, gaussians, rows, header, harmonics_bits) for rows in _row_blocks(len(scene))),
+            lambda name: (_encode(name, gaussians, rows, header, harmonics_bits) for rows in _row_blocks(len(scene))),
         )
         file.seek(0, 2)
         # What this reader would not believe is not written either.
@@ -116,7 +116,7 @@ def _row_blocks(count: int) -> Iterator[slice]:
     return (slice(start, min(start + BLOCK_ROWS, count)) for start in range(0, count, BLOCK_ROWS))
 
 
-def _fractional_bits(path: str | Path, gaussians: Gaussians, version: int) -> int:
+def _choose_fractional_bits(path: str | Path, gaussians: Gaussians, version: int) -> int:
     extent = float(np.abs(gaussians.means).max(initial=0))
     bits = values.choose_fractional_bits(extent)
     if bits is None or (version == 1 and extent > 65504):
@@ -146,7 +146,7 @@ def _decode(name: str, data: UInt8[ndarray, "n w"], gaussians: Gaussians, rows: 
             values.decode_harmonics(data, gaussians.sh_rest[rows])
 
 
-def _encoded(
+def _encode(
     name: str, gaussians: Gaussians, rows: slice, header: SpzHeader, bits: tuple[int, int]
 ) -> UInt8[ndarray, "m w"]:
     flips = find_flips(RUB)

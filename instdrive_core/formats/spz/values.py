@@ -62,7 +62,7 @@ def decode_first_three(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 4"]:
 def encode_first_three(quats: Float[ndarray, "n 4"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_first_three` for quaternions wxyz of any length above 0."""
     units = normalize_quaternions(quats.astype(np.float64))
-    return _bytes(127.5 * np.where(units[:, :1] < 0, -1, 1) * units[:, 1:] + 127.5)
+    return _round_to_bytes(127.5 * np.where(units[:, :1] < 0, -1, 1) * units[:, 1:] + 127.5)
 
 
 def decode_smallest_three(data: UInt8[ndarray, "n 4"]) -> Float[ndarray, "n 4"]:
@@ -97,7 +97,7 @@ def decode_log_scales(data: UInt8[ndarray, "n 3"]) -> Float32[ndarray, "n 3"]:
 
 def encode_log_scales(log_scales: Float[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_log_scales`, cut off at `LOG_SCALE_LIMITS`."""
-    return _bytes((log_scales + 10.0) * 16.0)
+    return _round_to_bytes((log_scales + 10.0) * 16.0)
 
 
 def decode_colors(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
@@ -107,12 +107,12 @@ def decode_colors(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
 
 def encode_colors(sh_dc: Float[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_colors`, cut off at ±`COLOR_LIMIT`."""
-    return _bytes(255.0 * (COLOR_SCALE * sh_dc + 0.5))
+    return _round_to_bytes(255.0 * (COLOR_SCALE * sh_dc + 0.5))
 
 
 def encode_opacities(opacities: Float[ndarray, " n"]) -> UInt8[ndarray, "n 1"]:
     """Opacity of 0 … 1 in steps of 1/255."""
-    return _bytes(255.0 * opacities)[:, None]
+    return _round_to_bytes(255.0 * opacities)[:, None]
 
 
 def encode_harmonics(sh_rest: Float[ndarray, "n k 3"], bits: tuple[int, int]) -> UInt8[ndarray, "n w"]:
@@ -120,7 +120,7 @@ def encode_harmonics(sh_rest: Float[ndarray, "n k 3"], bits: tuple[int, int]) ->
     steps = np.array([1 << 8 - bits[0]] * 3 + [1 << 8 - bits[1]] * max(sh_rest.shape[1] - 3, 0))
     buckets = steps[: sh_rest.shape[1], None]
     values = np.rint(128.0 * np.clip(sh_rest, -1, 1))
-    return _bytes(np.floor((values + 128 + buckets // 2) / buckets) * buckets).reshape(len(sh_rest), -1)
+    return _round_to_bytes(np.floor((values + 128 + buckets // 2) / buckets) * buckets).reshape(len(sh_rest), -1)
 
 
 def decode_harmonics(data: UInt8[ndarray, "n w"], sh_rest: Float32[ndarray, "n k 3"]) -> None:
@@ -130,5 +130,5 @@ def decode_harmonics(data: UInt8[ndarray, "n w"], sh_rest: Float32[ndarray, "n k
     sh_rest *= np.float32(1 / 128)
 
 
-def _bytes(values: ndarray) -> UInt8[ndarray, "..."]:
+def _round_to_bytes(values: ndarray) -> UInt8[ndarray, "..."]:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
