@@ -17,7 +17,7 @@ from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
 
-__all__ = ["GraphicsError", "drawn_blend", "driver_facts", "open_offscreen_context"]
+__all__ = ["GraphicsError", "describe_driver", "draw_blended", "open_offscreen_context"]
 
 
 @contextmanager

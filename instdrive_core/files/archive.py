@@ -38,7 +38,9 @@ class Archive:
         """A whole member of at most `limit` bytes; its checksum is compared."""
         info = self._member(name)
         if info.file_size > limit:
-            raise DataError(self.path, f"{name!r} holds {info.file_size} bytes, at most {limit} are expected", ARCHIVE_REMEDY)
+            raise DataError(
+                self.path, f"{name!r} holds {info.file_size} bytes, at most {limit} are expected", ARCHIVE_REMEDY
+            )
         with self._damage(name), self._archive.open(info) as member:
             data = member.read(limit + 1)
             if len(data) != info.file_size:
@@ -62,7 +64,9 @@ class Archive:
 
     def _checked(self, members: list[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
         if len(members) > MAX_MEMBERS:
-            raise DataError(self.path, f"the archive has {len(members)} members, more than {MAX_MEMBERS}", ARCHIVE_REMEDY)
+            raise DataError(
+                self.path, f"the archive has {len(members)} members, more than {MAX_MEMBERS}", ARCHIVE_REMEDY
+            )
         twice = [name for name, count in Counter(info.filename for info in members).items() if count > 1]
         if twice:
             raise UntrustedDataError(self.path, f"the archive holds {twice[0][:200]!r} twice", ARCHIVE_REMEDY)

@@ -50,7 +50,9 @@ def gather_cells(
     # A second grid, half a cell aside, joins what a border of the first cuts: clones in one place, above all.
     firsts = _sum_values(means, cell_of)
     firsts /= np.bincount(cell_of)[:, None]
-    second_of, _ = _number_keys(_compute_cell_keys(firsts, _find_shared(groups, cell_of, len(firsts)), center, size, 0.5))
+    second_of, _ = _number_keys(
+        _compute_cell_keys(firsts, _find_shared(groups, cell_of, len(firsts)), center, size, 0.5)
+    )
     cell_of = second_of[cell_of]
     counts = np.bincount(cell_of)
     group_of_cell: Int64[ndarray, " m"] = _find_shared(groups, cell_of, len(counts))

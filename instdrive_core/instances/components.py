@@ -111,7 +111,9 @@ def _connect_cells(
     distances, targets = by_group.find_nearest_to_each(neighbors, reach)
     rank = min(config.spacing_neighbor, neighbors - 1)
     spacing = np.clip(distances[:, rank], config.cell_size, gaps)
-    parents = _join_near_pairs(distances, targets, spacing, gaps, cells.extents, config.spacing_factor, config.extent_factor)
+    parents = _join_near_pairs(
+        distances, targets, spacing, gaps, cells.extents, config.spacing_factor, config.extent_factor
+    )
     whole = np.where(cells.nodes > 0, cells.groups, -1)
     return _number_components(parents, whole, cells.groups)
 

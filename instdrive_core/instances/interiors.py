@@ -102,12 +102,12 @@ def fill_compact_objects(
         local = (means[near] - body.center) @ body.axes
         inside = body.holds(local) & (local[:, 2] > body.floor)
         close = body.holds(local, config.growth, config.margin)
-        shown = close & _has_share(shares_of_group, body.instance, near, config.min_share)
+        shown = close & _find_with_share(shares_of_group, body.instance, near, config.min_share)
         filled[near[inside | shown]] = body.instance
     return filled
 
 
-def _has_share(shares: csc_array, group: int, rows: Int64[ndarray, " k"], minimum: float) -> Bool[ndarray, " k"]:
+def _find_with_share(shares: csc_array, group: int, rows: Int64[ndarray, " k"], minimum: float) -> Bool[ndarray, " k"]:
     entries = slice(int(shares.indptr[group]), int(shares.indptr[group + 1]))
     enough = shares.indices[entries][shares.data[entries] >= minimum]
     return np.isin(rows, enough)

@@ -25,8 +25,8 @@ def find_rows_near(
     Points that are not finite are near nothing.
     """
     # Only what lies in both sets' bounds can be near the other: one car of a million splats is a small problem.
-    asked = _in_box(points, asked, *_compute_reach(points, others, distance))
-    others = _in_box(points, others, *_compute_reach(points, asked, distance))
+    asked = _select_in_box(points, asked, *_compute_reach(points, others, distance))
+    others = _select_in_box(points, others, *_compute_reach(points, asked, distance))
     if not len(asked) or not len(others):
         return np.zeros(0, np.int64)
     forest = build_forest(points[others], np.zeros(len(others), np.int64))
@@ -73,7 +73,7 @@ def _compute_bounds(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _in_box(
+def _select_in_box(
     points: Float32[ndarray, "n 3"], rows: Int64[ndarray, " m"], low: Float[ndarray, "3"], high: Float[ndarray, "3"]
 ) -> Int64[ndarray, " k"]:
     inside, count = np.empty(len(rows), np.int64), 0

@@ -36,11 +36,11 @@ def generate_separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"],
     for check in range(check_bits):
         codes |= ((syndrome >> np.uint32(check)) & np.uint32(1)) << np.uint32((1 << check) - 1)
     bits = data_bits + check_bits + 1
-    codes |= _parity(codes) << np.uint32(bits - 1)
+    codes |= _compute_parity(codes) << np.uint32(bits - 1)
     return codes, bits
 
 
-def _parity(codes: UInt32[ndarray, " n"]) -> UInt32[ndarray, " n"]:
+def _compute_parity(codes: UInt32[ndarray, " n"]) -> UInt32[ndarray, " n"]:
     folded = codes.copy()
     for shift in (16, 8, 4, 2, 1):
         folded ^= folded >> np.uint32(shift)

@@ -85,7 +85,7 @@ def build_instance_table(
     narrow = np.min_scalar_type(int(instance_ids.max(initial=0)))  # two bytes are sorted by digits, ten times as fast
     order = np.argsort(instance_ids.astype(narrow), kind="stable")
     ids, starts, counts = np.unique(instance_ids[order], return_index=True, return_counts=True)
-    common = _most_frequent(instance_ids, codewords) if codewords is not None else {}
+    common = _find_most_frequent(instance_ids, codewords) if codewords is not None else {}
     node_of = find_main_nodes(instance_ids, nodes) if nodes is not None else {}
     table = InstanceTable()
     for instance_id, start, count in zip(ids.tolist(), starts.tolist(), counts.tolist(), strict=True):
@@ -114,10 +114,10 @@ def compute_middle_bounds(means: Float[ndarray, "n 3"]) -> Bounds:
 
 def find_main_nodes(instance_ids: UInt32[ndarray, "n"], nodes: UInt16[ndarray, "n"]) -> dict[int, int]:
     """By ID, 0 included, the node that most of its Gaussians belong to, the lowest of equals."""
-    return _most_frequent(instance_ids, nodes.astype(np.uint32))
+    return _find_most_frequent(instance_ids, nodes.astype(np.uint32))
 
 
-def _most_frequent(instance_ids: UInt32[ndarray, "n"], values: UInt32[ndarray, "n"]) -> dict[int, int]:
+def _find_most_frequent(instance_ids: UInt32[ndarray, "n"], values: UInt32[ndarray, "n"]) -> dict[int, int]:
     """The value that most Gaussians of each ID have."""
     packed = (instance_ids.astype(np.uint64) << np.uint64(32)) | values
     pairs, counts = np.unique(packed, return_counts=True)

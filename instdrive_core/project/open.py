@@ -151,7 +151,9 @@ def _read_entries(archive: Archive, manifest: Manifest, document: Document, spla
                     raise ValueError(f"it has more than {_MAX_LINE} bytes")
                 entry = parse_bounded_json(line)
             except ValueError as error:
-                raise DataError(archive.path, f"line {number} of {EDITS} is damaged: {error}", ARCHIVE_REMEDY) from error
+                raise DataError(
+                    archive.path, f"line {number} of {EDITS} is damaged: {error}", ARCHIVE_REMEDY
+                ) from error
             yield unpack_lists(entry, numbers)
     if number != manifest.edits:
         raise DataError(archive.path, f"{EDITS} holds {number} edits, not {manifest.edits}", ARCHIVE_REMEDY)

@@ -26,11 +26,11 @@ def find_box_of_points(
         lower[:, 2] = -half[:, 2] - bottom
     poses = np.asarray(world_from_boxes, np.float64).reshape(-1, 4, 4)
     reach = np.linalg.norm(np.maximum(np.abs(lower), np.abs(upper)), axis=1)
-    return _last_box(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(poses), lower, upper, reach)
+    return _find_last_box(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(poses), lower, upper, reach)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _last_box(
+def _find_last_box(
     points: Float32[ndarray, "n 3"],
     poses: Float64[ndarray, "b 4 4"],
     lower: Float64[ndarray, "b 3"],

@@ -35,7 +35,7 @@ def estimate_travel_direction(
     distances = np.linalg.norm(middles[kept] - np.asarray(near)[:2], axis=1)
     # Relative to the nearest step, so that a place far from the drive has a lane, too.
     weights = np.exp((distances.min() ** 2 - distances**2) / (2 * NEAR**2))
-    return _main_axis(steps, weights / lengths, weights @ steps)
+    return _find_main_axis(steps, weights / lengths, weights @ steps)
 
 
 def estimate_street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
@@ -45,10 +45,10 @@ def estimate_street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray
     if len(close) < 2:
         return None
     close -= close.mean(axis=0)
-    return _main_axis(close, np.ones(len(close)), np.array([1.0, 1.0]))
+    return _find_main_axis(close, np.ones(len(close)), np.array([1.0, 1.0]))
 
 
-def _main_axis(
+def _find_main_axis(
     vectors: Float64[ndarray, "n 2"], weights: Float64[ndarray, " n"], towards: Float64[ndarray, "2"]
 ) -> Float64[ndarray, "3"]:
     axis = np.linalg.eigh((vectors * weights[:, None]).T @ vectors)[1][:, 1]

@@ -19,7 +19,7 @@ from benchmarks.cells import (
     plan,
 )
 from instdrive_core.errors import OptionError
-from instdrive_core.training.settings.config import freeze_geometry, build_train_config
+from instdrive_core.training.settings.config import build_train_config, freeze_geometry
 
 CELLS = plan()
 BY_NAME = {cell.name: cell for cell in CELLS}

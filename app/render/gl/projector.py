@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import moderngl
 import numpy as np
-from jaxtyping import Float32
-from numpy import ndarray
 
 from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
 from instdrive_app.render.gl.gl_state import draw_into
@@ -90,10 +88,6 @@ class Projector:
         )
         with draw_into(self._ctx, self._no_picture):
             self._vertices.transform(self.records, moderngl.POINTS, vertices=self.count)
-
-    def read(self) -> Float32[ndarray, "m 11"]:
-        """The records in blending order, for tests."""
-        return np.frombuffer(self.records.read(self.count * RECORD_FLOATS * 4), np.float32).reshape(-1, RECORD_FLOATS)
 
     def release(self) -> None:
         """Free program and buffers, and end the sorting thread."""

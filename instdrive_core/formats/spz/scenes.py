@@ -100,7 +100,9 @@ def write_spz(
             part, numbers = getattr(gaussians, field)[rows], np.arange(rows.start, rows.stop)
             check_numbers(path, attribute, part, numbers, allow_infinite)
     flags = ANTIALIASED if scene.antialiased else 0
-    header = SpzHeader(version, len(scene), gaussians.sh_degree, _choose_fractional_bits(path, gaussians, version), flags)
+    header = SpzHeader(
+        version, len(scene), gaussians.sh_degree, _choose_fractional_bits(path, gaussians, version), flags
+    )
     with open_atomically(path) as file:
         write_container(
             file,
