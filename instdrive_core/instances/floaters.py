@@ -36,7 +36,7 @@ class FloaterConfig:
 DEFAULT_CONFIG = FloaterConfig()
 
 
-def find_floaters(
+def match_floaters(
     body: CompactObject,
     means: Float[ndarray, "n 3"],
     colors: Float[ndarray, "n 3"],

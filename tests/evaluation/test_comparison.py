@@ -30,7 +30,7 @@ def runs(tmp_path, monkeypatch, figures):
     drive = toy_drive()
     for module in (protocol, html_compare):
         monkeypatch.setattr(module, "load_clip", lambda path, options: drive.clip)
-        monkeypatch.setattr(module, "known_ground_truth", lambda clip: drive.truth)
+        monkeypatch.setattr(module, "find_ground_truth", lambda clip: drive.truth)
     for name in ("good", "merged"):
         if name == "merged":
             drive.scene.instance_ids[drive.scene.instance_ids == DRIVING] = PARKED

@@ -66,7 +66,7 @@ def run(drive: ToyDrive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     write_scene_folder(tmp_path, drive.scene)
     (tmp_path / "run.json").write_text(json.dumps(FACTS))
     monkeypatch.setattr(protocol, "load_clip", lambda path, options: drive.clip)
-    monkeypatch.setattr(protocol, "known_ground_truth", lambda clip: drive.truth)
+    monkeypatch.setattr(protocol, "find_ground_truth", lambda clip: drive.truth)
     return tmp_path
 
 

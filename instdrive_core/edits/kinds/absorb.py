@@ -17,7 +17,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import fingerprint
 from instdrive_core.edits.queries.compact_objects import build_body, is_compact, keep_main_node
 from instdrive_core.errors import EditError
-from instdrive_core.instances.floaters import find_floaters
+from instdrive_core.instances.floaters import match_floaters
 from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.selection import Flag
@@ -141,7 +141,7 @@ def _find_strays(
     scraps = _find_scraps(document, body, others, near, members)
     compact = [other for other in others if is_compact(scene.table[other]) and other not in scraps]
     colors = color_from_dc(scene.gaussians.sh_dc[near])
-    strays = find_floaters(body, document.compute_means(near), colors, owned, np.isin(ids, compact))
+    strays = match_floaters(body, document.compute_means(near), colors, owned, np.isin(ids, compact))
     return near[(strays | np.isin(ids, scraps)) & ~owned & ~np.isin(near, kept)]
 
 

@@ -31,8 +31,8 @@ class ObjectRow:
     """With `predicted_id`; 0 where there is none."""
     recall: float
     instances: tuple[Holding, ...]
-    """Instances that count for it, see `sharing.find_holdings`: those that hold at least 15 % of its pixels, the largest
-    first."""
+    """Instances that count for it, see `sharing.find_holdings`: those that hold at least 15 % of its pixels,
+    the largest first."""
     codes: tuple[Holding, ...] | None
     """The same for codewords + 1; None where the scene has none."""
 

@@ -29,7 +29,7 @@ _STRIPE, _STRIPE_PERIOD = np.array([45, 47, 51], np.uint8), 7
 def truth_of_predicted(pixels: Confusion) -> dict[int, int]:
     """The ground-truth ID that each matched predicted ID stands for, under the match with the largest summed IoU.
 
-    As in `one_to_one`; pairs that share no pixel are left out.
+    As in `match_one_to_one`; pairs that share no pixel are left out.
     """
     rows, columns = linear_sum_assignment(pixels.iou, maximize=True)
     touching = pixels.shared[rows, columns] > 0

@@ -61,12 +61,12 @@ def build_street(config: StreetConfig) -> Street:
     works_place = float(rng["parked"].uniform(9, 19))
     actors = [
         *park_cars(crossing, works_place, rng["parked"], palette),
-        *build_traffic(crossing, rng["build_traffic"], palette),
+        *build_traffic(crossing, rng["traffic"], palette),
         *build_walkers(crossing, places, rng["people"], palette),
         *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
-        tuple(fixtures), tuple(actors), draw_ego_route(rng["build_traffic"]), crossing, palette.table(), _light(rng["light"]),
+        tuple(fixtures), tuple(actors), draw_ego_route(rng["traffic"]), crossing, palette.table(), _light(rng["light"]),
         float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
 
