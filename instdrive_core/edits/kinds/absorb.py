@@ -56,7 +56,7 @@ class AbsorbFloaters(RelabelEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError where the instance is no compact body.
         """
-        self._found = (fingerprint(document), find_floaters(document, self.id))
+        self._found = (fingerprint(document), find_instance_floaters(document, self.id))
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether the strays are known of a document with this content."""
@@ -88,7 +88,7 @@ class AbsorbFloaters(RelabelEdit):
         super().undo(document)
 
 
-def find_floaters(document: Document, instance_id: int) -> ndarray:
+def find_instance_floaters(document: Document, instance_id: int) -> ndarray:
     """Rows that `AbsorbFloaters` would take: neither locked nor deleted, of the instance's node.
 
     Raises EditError where the instance is locked or no compact body.
