@@ -19,7 +19,7 @@ from instdrive_core.training.settings.config import (
     Method,
     TrainConfig,
     build_train_config,
-    freeze_geometry,
+    keep_geometry,
 )
 
 Kind = Literal["clip", "masks", "geometry", "method", "figure"]
@@ -211,7 +211,7 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
         )
     if cell.kind == "geometry":
         return config
-    config = freeze_geometry(config)
+    config = keep_geometry(config)
     instances = config.instances
     for change in filter(None, cell.variant.split("+")):
         instances = _changed(instances, change)

@@ -1,9 +1,9 @@
 """How long it takes to make instances of codewords, and what their table and names take.
 
 `python -m benchmarks.components [--run RUN]` prints one JSON line: seconds (the best of several runs, after the kernels
-were compiled) of `split_components`, `build_instance_table` and `find_instance_classes` on a trained scene grown to a million
-Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each Gaussian
-moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
+were compiled) of `split_components`, `build_instance_table` and `find_instance_classes` on a trained scene grown to a
+million Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each
+Gaussian moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
 scene is measured, and they are null.
 """
 

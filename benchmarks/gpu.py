@@ -82,7 +82,7 @@ def workload_trainer(options: Options, config: TrainConfig, backend: Backend) ->
     model.parameters["features"] = torch.from_numpy(features.astype(np.float32))
     views = [noise_view(camera, number) for number, camera in enumerate(workload.cameras)]
     model.shared["exposures"] = torch.eye(3, 4).repeat(len(views), 1, 1).requires_grad_(True)
-    return Trainer(model, ViewStore.of(views), config, scene_radius=50.0, backend=backend)
+    return Trainer(model, ViewStore.from_views(views), config, scene_radius=50.0, backend=backend)
 
 
 def noise_view(camera: Camera, number: int) -> TrainingView:

@@ -24,7 +24,7 @@ class WorldMeans:
         self.poses: Float64[ndarray, "m 4 4"] = np.eye(4)[None]
         """world_from_node."""
         self.present: UInt8[ndarray, " m"] = np.ones(1, np.uint8)
-        self.frames = RowFrames.of(document.transforms, self.poses)
+        self.frames = RowFrames.copy_from(document.transforms, self.poses)
 
     def update(self, time: float) -> tuple[int, int] | None:
         """Bring everything to the document's present state at `time` (seconds); the range of rows that may have moved
@@ -41,7 +41,7 @@ class WorldMeans:
         if not touched:
             return None
         rows = min(start for start, _ in touched), max(stop for _, stop in touched)
-        self.frames = RowFrames.of(document.transforms, self.poses)
+        self.frames = RowFrames.copy_from(document.transforms, self.poses)
         write_world_means(
             scene.gaussians.means, document.transforms.indices, scene.nodes, self.frames, rows, self.values
         )

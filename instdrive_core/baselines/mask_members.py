@@ -37,7 +37,9 @@ class MaskMembers:
         return len(self.members.indptr) - 1
 
     @staticmethod
-    def of(photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float) -> MaskMembers:
+    def from_pixels(
+        photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float
+    ) -> MaskMembers:
         """From the top contributor and the mask of each pixel.
 
         Args:
@@ -65,10 +67,10 @@ class MaskMembers:
 def find_mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
     """Look at every view that has masks; pixels outside all masks or with less than `min_alpha` opacity say nothing.
 
-    The model is on the CPU; `share` as in `MaskMembers.of`. The same input gives the same bits, whatever the number
+    The model is on the CPU; `share` as in `MaskMembers.from_pixels`. The same input gives the same bits, whatever the number
     of threads.
     """
-    return MaskMembers.of(_find_shown(model, store, min_alpha), len(model), share)
+    return MaskMembers.from_pixels(_find_shown(model, store, min_alpha), len(model), share)
 
 
 def _find_shown(

@@ -24,10 +24,6 @@ class SurfacePoints:
     nodes: Int64[ndarray, " p"]
     """0 = background, k = actor k - 1: the node of the Gaussian that contributes most."""
 
-    def of(self, kept: Bool[ndarray, " p"]) -> SurfacePoints:
-        """Some of the points."""
-        return SurfacePoints(self.positions[kept], self.nodes[kept])
-
     def pixels_in(
         self, camera: Camera, world_from_node: Float64[ndarray, "m 4 4"], present: Bool[ndarray, " m"]
     ) -> Int64[ndarray, " p"]:

@@ -10,7 +10,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.training.settings.config import Device, Method, Preset, build_train_config
+from instdrive_core.training.settings.config import Device, Method, Preset, build_train_config, keep_geometry
 
 
 def train(
@@ -52,7 +52,7 @@ def train(
     if static:
         config = replace(config, init=replace(config.init, moving_actors=False))
     if freeze_geometry:
-        config = freeze_geometry(config)
+        config = keep_geometry(config)
     train_with_progress(
         RunRequest(clip, out, options, config, masks, resume, init, device, find_learner(method, preset))
     )

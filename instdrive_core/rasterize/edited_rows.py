@@ -31,7 +31,7 @@ class RowFrames:
     """world_from_node."""
 
     @classmethod
-    def of(cls, transforms: TransformPalette, poses: Float64[ndarray, "m 4 4"]) -> RowFrames:
+    def copy_from(cls, transforms: TransformPalette, poses: Float64[ndarray, "m 4 4"]) -> RowFrames:
         """Copies, so that later edits do not change them."""
         return cls(transforms.matrices.copy(), np.ascontiguousarray(poses[:, :3]))
 

@@ -79,7 +79,7 @@ def _small_trainer() -> Trainer:
     pose = np.eye(4)[None]
     track = Track("warm-up", "Car", np.array([2.0, 4.0, 2.0]), np.zeros(1), pose, True)
     model = build_model(gaussians, nodes, (track,), np.full((6, 4, 4, 3), 0.5, np.float32), (0.0,))
-    return Trainer(model, ViewStore.of([_small_view()]), _small_config(), 10.0)
+    return Trainer(model, ViewStore.from_views([_small_view()]), _small_config(), 10.0)
 
 
 def _small_view() -> TrainingView:

@@ -11,7 +11,7 @@ from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held
 from instdrive_core.evaluation.metrics.map_scores import score_scene
 from instdrive_core.masks.label_map_folder import shuffle_labels
 from instdrive_core.training.gaussians.model import SceneModel, build_model
-from instdrive_core.training.settings.config import TrainConfig, build_train_config, freeze_geometry
+from instdrive_core.training.settings.config import TrainConfig, build_train_config, keep_geometry
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -45,7 +45,7 @@ def _one_torch_thread():
 def toy() -> ToyTraining:
     """Six time steps of two cameras train, two are held out; labels are shuffled in every photo."""
     drive = toy_drive()
-    config = freeze_geometry(build_train_config("instdrive", "quick", seed=3))
+    config = keep_geometry(build_train_config("instdrive", "quick", seed=3))
     config = replace(config, instances=replace(config.instances, pixels_per_view=1000))
     nothing = np.zeros(0)
     views = [
@@ -66,4 +66,4 @@ def toy() -> ToyTraining:
     times = [view.time for view in views]
     model = build_model(scene.gaussians, scene.nodes, scene.actors, scene.sky.faces, times)
     held_out = [measure_held_out_view(scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames()]
-    return ToyTraining(model, ViewStore.of(views), config, drive, held_out)
+    return ToyTraining(model, ViewStore.from_views(views), config, drive, held_out)

@@ -67,7 +67,7 @@ def test_without_a_3d_term_hidden_gaussians_keep_their_first_encoding(toy):
 @pytest.mark.parametrize("method", LEARNERS)
 def test_where_no_view_shows_a_mask_there_is_one_code_and_a_note(toy, method):
     views = [replace(toy.store.get(number), labels=None) for number in range(len(toy.store))]
-    result = learned(replace(toy, store=ViewStore.of(views)), method)
+    result = learned(replace(toy, store=ViewStore.from_views(views)), method)
     assert (result.codewords == 0).all()
 
 

@@ -77,7 +77,7 @@ def test_a_dropped_mask_is_found_again_and_a_mask_seen_once_gets_none(toy):
             labels[:20, :20] = 9  # something nobody sees again
             labels[20:40, :20][truth[20:40, :20] == 1] = 9
         changed.append(replace(view, labels=labels))
-    store = ViewStore.of(changed)
+    store = ViewStore.from_views(changed)
     cached = cache_views(toy.model, store, toy.config)
     tracks = track_masks(toy.model, store, cached, TrackerConfig())
     assert tracks.count == 4

@@ -27,7 +27,7 @@ def members_of(*photos):
     pixels = [
         np.array([(row, mask) for mask, members in enumerate(photo) for row in members], np.int64) for photo in photos
     ]
-    return MaskMembers.of([(pairs[:, 0], pairs[:, 1]) for pairs in pixels], 20, 0.5)
+    return MaskMembers.from_pixels([(pairs[:, 0], pairs[:, 1]) for pairs in pixels], 20, 0.5)
 
 
 def ids_of(of):
@@ -36,7 +36,7 @@ def ids_of(of):
 
 def test_a_gaussian_belongs_to_the_mask_of_more_than_half_of_its_pixels():
     one, nothing = (np.array([0, 0, 0, 1, 1]), np.array([0, 0, 1, 0, 1])), (np.zeros(0, int), np.zeros(0, int))
-    of = MaskMembers.of([one, nothing, (np.array([2, 0]), np.array([0, 0]))], 4, 0.5)
+    of = MaskMembers.from_pixels([one, nothing, (np.array([2, 0]), np.array([0, 0]))], 4, 0.5)
     expected = [[1, 0, 1], [0, 0, 0], [0, 0, 1], [0, 0, 0]]  # the second is seen, but half of it is not enough
     np.testing.assert_array_equal(of.members.toarray(), expected)
     np.testing.assert_array_equal(of.seen.toarray(), [[1, 1], [1, 0], [0, 1], [0, 0]])
@@ -146,7 +146,7 @@ def test_it_beats_random_ids_by_far_and_repeats_to_the_bit(toy):
 def test_where_no_view_shows_a_mask_there_is_one_code_and_a_note(toy):
     views = [replace(toy.store.get(number), labels=None) for number in range(len(toy.store))]
     notes = []
-    learned = learn_mask_graph(toy.model, ViewStore.of(views), toy.config, notes.append)
+    learned = learn_mask_graph(toy.model, ViewStore.from_views(views), toy.config, notes.append)
     assert (learned.codewords == 0).all()
     assert len(learned.features) == len(toy.model)
     assert "no view" in notes[0]

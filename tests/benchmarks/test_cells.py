@@ -19,7 +19,7 @@ from benchmarks.cells import (
     plan,
 )
 from instdrive_core.errors import OptionError
-from instdrive_core.training.settings.config import build_train_config, freeze_geometry
+from instdrive_core.training.settings.config import build_train_config, keep_geometry
 
 CELLS = plan()
 BY_NAME = {cell.name: cell for cell in CELLS}
@@ -68,7 +68,7 @@ def test_a_method_trains_on_frozen_geometry_and_the_geometry_as_the_command_line
     assert ours.instances == build_train_config("instdrive", "quick").instances
     assert ours.freeze_geometry
     printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL)
-    expected = freeze_geometry(build_train_config("paper", "quick"))
+    expected = keep_geometry(build_train_config("paper", "quick"))
     assert printed == replace(expected, instances=replace(expected.instances, whole_actors=True))
 
 

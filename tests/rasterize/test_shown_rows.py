@@ -39,7 +39,7 @@ def document():
 def arrays_of(document, ranges):
     scene, count = document.scene, len(document.scene)
     poses, present = scene.at(TIME)
-    frames, entries = RowFrames.of(document.transforms, poses), document.transforms.indices
+    frames, entries = RowFrames.copy_from(document.transforms, poses), document.transforms.indices
     means, sizes = np.full((count, 3), np.nan, np.float32), np.full((count, 1), np.nan, np.float32)
     opacities = np.full(count, np.nan, np.float32)
     hidden, flags = int(Flag.DELETED | Flag.HIDDEN), document.state.flags

@@ -85,4 +85,4 @@ def new_trainer(config: TrainConfig) -> tuple[Trainer, np.ndarray]:
     start.sh_dc += rng.normal(0, 0.6, start.sh_dc.shape).astype(np.float32)
     sky = np.full((6, 8, 8, 3), 0.5, np.float32)
     model = build_model(start, np.zeros(len(which), np.uint16), (), sky, [view.time for view in views])
-    return Trainer(model, ViewStore.of(views), config, scene_radius=10.0), which
+    return Trainer(model, ViewStore.from_views(views), config, scene_radius=10.0), which

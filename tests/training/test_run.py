@@ -17,7 +17,7 @@ from instdrive_core.formats.ply.inria import write_ply
 from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.build_trainer import add_first_features
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config, freeze_geometry
+from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config, keep_geometry
 from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
 
 
@@ -114,7 +114,7 @@ def test_votes_are_the_same_after_an_interruption(street, tmp_path):
 
 
 def test_votes_leave_a_scene_trained_elsewhere_as_it_is(street, trained, tmp_path):
-    run = train(street, tmp_path / "run", config=freeze_geometry(by_votes()), init=trained)
+    run = train(street, tmp_path / "run", config=keep_geometry(by_votes()), init=trained)
     before, after = read_scene_folder(trained), read_scene_folder(run)
     for name in ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
@@ -195,7 +195,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
         before.origin = before.origin - 5
         start = tmp_path / "elsewhere.ply"
         write_ply(start, before)
-    config = freeze_geometry(short(method))
+    config = keep_geometry(short(method))
     run = train(street, tmp_path / "run", config=config, init=start)
     after = read_scene_folder(run)
     assert len(after) == len(before)
@@ -226,9 +226,9 @@ def test_a_scene_from_somewhere_else_is_refused(street, trained, tmp_path):
     scene.gaussians.means += np.float32(10_000)
     write_ply(tmp_path / "far.ply", scene)
     with pytest.raises(DataError, match=r"far.ply.*before a camera.*world coordinates"):
-        train(street, tmp_path / "run", config=freeze_geometry(short()), init=tmp_path / "far.ply")
+        train(street, tmp_path / "run", config=keep_geometry(short()), init=tmp_path / "far.ply")
     with pytest.raises(OptionError, match="--init"):
-        train(street, tmp_path / "other", config=freeze_geometry(short()))
+        train(street, tmp_path / "other", config=keep_geometry(short()))
 
 
 def test_a_static_run_has_no_actors_and_says_so(street, tmp_path):

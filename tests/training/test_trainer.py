@@ -10,7 +10,7 @@ from tiny_training import new_trainer, tiny_config
 from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.checkpoint import load_checkpoint, restore_trainer, save_checkpoint
 from instdrive_core.training.gaussians.view_rendering import GEOMETRY
-from instdrive_core.training.settings.config import TrainConfig, freeze_geometry
+from instdrive_core.training.settings.config import TrainConfig, keep_geometry
 from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, StepDone
 from instdrive_core.training.trainer import Trainer, TrainingDivergedError
 from instdrive_core.training.views.view_store import ViewStore
@@ -95,7 +95,7 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
 
 
 def test_frozen_geometry_learns_instances_alone():
-    config = freeze_geometry(tiny_config())
+    config = keep_geometry(tiny_config())
     trainer, which = new_trainer(config)
     before = {name: trainer.model.parameters[name].clone() for name in GEOMETRY}
     stages = {event.stage for event in trainer.run() if isinstance(event, StepDone)}
@@ -127,7 +127,7 @@ def test_a_loss_that_is_no_number_stops_the_run():
 def test_empty_masks_train_colour_only():
     trainer, _ = new_trainer(tiny_config())
     views = [trainer.store.get(number) for number in range(len(trainer.store))]
-    store = ViewStore.of([replace(view, labels=np.zeros_like(view.labels)) for view in views])
+    store = ViewStore.from_views([replace(view, labels=np.zeros_like(view.labels)) for view in views])
     empty = Trainer(trainer.model, store, trainer.config, 10.0)
     assert not empty.has_masks
     assert {event.stage for event in empty.run()} == {"rgb"}

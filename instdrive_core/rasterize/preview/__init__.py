@@ -6,4 +6,4 @@ A frame is made in the order `splats` (projected, sorted, packed), `colors`, `ti
 
 from instdrive_core.rasterize.preview.frame import DEFAULT_PICK_RULE, PickRule, Preview, blend_projected, render_preview
 
-__all__ = ["DEFAULT_PICK_RULE", "PickRule", "Preview", "drawn_preview", "render_preview"]
+__all__ = ["DEFAULT_PICK_RULE", "PickRule", "Preview", "blend_projected", "render_preview"]

@@ -264,7 +264,7 @@ def build_train_config(method: Method = "instdrive", preset: Preset = "quick", s
     return config
 
 
-def freeze_geometry(config: TrainConfig) -> TrainConfig:
+def keep_geometry(config: TrainConfig) -> TrainConfig:
     """Instances alone. The `joint` schedule keeps its losses and its number of steps, on cached blending weights."""
     instances = config.instances
     if instances.schedule == "joint":

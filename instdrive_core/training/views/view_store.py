@@ -78,7 +78,7 @@ class ViewStore:
         """Guards everything above; told whenever a view has been read."""
 
     @staticmethod
-    def of(views: Sequence[TrainingView], budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+    def from_views(views: Sequence[TrainingView], budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
         """A store of views that are in memory already."""
         facts = [
             ViewFacts(view.key, view.camera, view.time, view.labels is not None and bool(view.labels.any()))

@@ -75,7 +75,7 @@ def test_a_clip_whose_lidar_no_camera_sees_is_refused():
 def test_no_views_and_no_sweeps_are_told_apart():
     clip = drive()
     with pytest.raises(DataError, match="no photo of a training time step"):
-        build_initial_scene(clip, ViewStore.of([]), CONFIG, 0, 0)
+        build_initial_scene(clip, ViewStore.from_views([]), CONFIG, 0, 0)
     only_held_out = tuple(sweep for sweep in clip.sweeps if sweep.index == 4)
     with pytest.raises(DataError, match=r"no LiDAR sweep of a training time step \(lidar/"):
         build_initial_scene(replace(clip, sweeps=only_held_out), views_of(clip), CONFIG, 0, 0)
@@ -155,7 +155,7 @@ def test_points_beyond_lidar_keep_off_sky_and_lie_as_deep_as_asked():
     sky[:20] = True
     views = [replace(views_of(clip).get(number), sky=sky) for number in range(3)]
     config = replace(CONFIG, lidar_points=1, near_points=3_000, far_points=3_000)
-    means = build_initial_scene(replace(clip, tracks=()), ViewStore.of(views), config, 0, 0).gaussians.means[1:]
+    means = build_initial_scene(replace(clip, tracks=()), ViewStore.from_views(views), config, 0, 0).gaussians.means[1:]
     near, far = means[: len(means) // 2], means[len(means) // 2 :]
     assert len(near) == len(far) > 1_000
     camera = views[0].camera
@@ -169,7 +169,9 @@ def test_points_beyond_lidar_keep_off_sky_and_lie_as_deep_as_asked():
 def test_the_budget_of_the_store_changes_nothing():
     clip = drive()
     views = [views_of(clip).get(number) for number in range(3)]
-    starts = [build_initial_scene(clip, ViewStore.of(views, budget), CONFIG, 1, seed=4) for budget in (0, 10**9)]
+    starts = [
+        build_initial_scene(clip, ViewStore.from_views(views, budget), CONFIG, 1, seed=4) for budget in (0, 10**9)
+    ]
     np.testing.assert_array_equal(starts[0].gaussians.means, starts[1].gaussians.means)
     np.testing.assert_array_equal(starts[0].nodes, starts[1].nodes)
 
@@ -236,8 +238,8 @@ def test_the_scenes_radius_spans_the_cameras():
         pose[0, 3] = x
         return replace(view, camera=replace(view.camera, world_from_camera=pose))
 
-    assert compute_scene_radius(ViewStore.of([at(0.0), at(60.0)])) == pytest.approx(30)
-    assert compute_scene_radius(ViewStore.of([at(0.0), at(1.0)])) == 10
+    assert compute_scene_radius(ViewStore.from_views([at(0.0), at(60.0)])) == pytest.approx(30)
+    assert compute_scene_radius(ViewStore.from_views([at(0.0), at(1.0)])) == 10
 
 
 def test_the_skys_colour_is_the_mean_over_its_masks():
@@ -247,8 +249,8 @@ def test_the_skys_colour_is_the_mean_over_its_masks():
     sky = np.zeros((80, 120), bool)
     sky[:40] = True
     views = [replace(view, image=image, sky=sky)] * 70 + [view]
-    np.testing.assert_allclose(compute_mean_sky_color(ViewStore.of(views)), [0.2, 0.4, 0.8], atol=1e-6)
-    np.testing.assert_allclose(compute_mean_sky_color(ViewStore.of([view])), [0.6] * 3, atol=1e-6)
+    np.testing.assert_allclose(compute_mean_sky_color(ViewStore.from_views(views)), [0.2, 0.4, 0.8], atol=1e-6)
+    np.testing.assert_allclose(compute_mean_sky_color(ViewStore.from_views([view])), [0.6] * 3, atol=1e-6)
 
 
 def test_instances_are_named_by_track_parked_box_and_lidar():

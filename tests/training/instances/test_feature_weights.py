@@ -11,13 +11,13 @@ from instdrive_core.training.gaussians.view_rendering import render_view
 from instdrive_core.training.instances.feature_weights import blend_features, cache_view
 from instdrive_core.training.instances.instance_losses import sample_stratified_pixels, segments_from_labels
 from instdrive_core.training.instances.instance_terms import compute_pixel_terms
-from instdrive_core.training.settings.config import freeze_geometry
+from instdrive_core.training.settings.config import keep_geometry
 from instdrive_core.training.trainer import Trainer
 
 
 @pytest.fixture(scope="module")
 def trainer() -> Trainer:
-    config = freeze_geometry(tiny_config())
+    config = keep_geometry(tiny_config())
     return new_trainer(replace(config, instances=replace(config.instances, voxel_weight=0.0)))[0]
 
 

@@ -269,7 +269,7 @@ def test_no_thread_is_left_once_all_hints_are_read(disk):
 
 def test_views_in_memory_make_a_store():
     views = [view_of(0), replace(view_of(1), labels=None), replace(view_of(2), labels=np.zeros_like(view_of(2).labels))]
-    store = ViewStore.of(views)
+    store = ViewStore.from_views(views)
     assert len(store) == 3
     assert [facts.has_masks for facts in store.facts] == [True, False, False]
     assert [facts.step for facts in store.facts] == [0, 1, 2]
