@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.edit_street import edit_street
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document

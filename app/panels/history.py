@@ -7,45 +7,8 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
 from instdrive_app.panels.widgets.ui import Ui, fit_text, get_icon, scale_pixels
 from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.wording import format_count
-
-OTHER_ICON = "ICON_FA_PEN"
-ICONS = {
-    "absorb_floaters": "ICON_FA_BROOM",
-    "adjust_instances": "ICON_FA_SLIDERS",
-    "compound": "ICON_FA_LAYER_GROUP",
-    "delete_instances": "ICON_FA_TRASH",
-    "delete_rows": "ICON_FA_TRASH",
-    "delete_selected": "ICON_FA_TRASH",
-    "duplicate_instances": "ICON_FA_CLONE",
-    "fill_hole": "ICON_FA_FILL_DRIP",
-    "grow_selection": "ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER",
-    "hide_instances": "ICON_FA_EYE_SLASH",
-    "insert_scene": "ICON_FA_FILE_IMPORT",
-    "invert_selection": "ICON_FA_CIRCLE_HALF_STROKE",
-    "lock_instances": "ICON_FA_LOCK",
-    "merge_instances": "ICON_FA_OBJECT_GROUP",
-    "move_instances": "ICON_FA_ARROWS_UP_DOWN_LEFT_RIGHT",
-    "reassign_selected": "ICON_FA_RIGHT_LEFT",
-    "recolor_instances": "ICON_FA_PAINTBRUSH",
-    "rename_instance": "ICON_FA_PEN",
-    "reset_colors": "ICON_FA_ARROW_ROTATE_LEFT",
-    "reset_moves": "ICON_FA_ARROW_ROTATE_LEFT",
-    "select_all": "ICON_FA_ARROW_POINTER",
-    "select_class": "ICON_FA_ARROW_POINTER",
-    "select_codeword": "ICON_FA_ARROW_POINTER",
-    "select_instances": "ICON_FA_ARROW_POINTER",
-    "select_none": "ICON_FA_ARROW_POINTER",
-    "select_rows": "ICON_FA_ARROW_POINTER",
-    "set_adjustment": "ICON_FA_SLIDERS",
-    "set_class": "ICON_FA_TAG",
-    "set_instance_class": "ICON_FA_TAG",
-    "show_all": "ICON_FA_EYE",
-    "shrink_selection": "ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",
-    "solo_instances": "ICON_FA_BULLSEYE",
-    "split_instance": "ICON_FA_OBJECT_UNGROUP",
-}
-"""By the kind of an edit."""
 
 
 class HistoryPanel:
@@ -81,7 +44,7 @@ class HistoryPanel:
             imgui.text_disabled("Nothing has been edited yet. A click on a step goes back to it.")
             imgui.pop_text_wrap_pos()
         if target is not None:
-            ui.session.jump(target)
+            ui.session.history.jump(target)
 
 
 def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
@@ -107,7 +70,7 @@ def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
             ImVec2(at.x - scale_pixels(3), at.y + height + 1),
             pack_color(ACCENT),
         )
-    glyph = get_icon(ICONS.get(edit.kind, OTHER_ICON) if edit is not None else "ICON_FA_FOLDER_OPEN")
+    glyph = get_icon(EDIT_KINDS[edit.kind].icon if edit is not None else "ICON_FA_FOLDER_OPEN")
     tone = imgui.get_color_u32(rgba(ACCENT) if present else rgba(DIM, 0.5 if undone else 1.0))
     draw.add_text(ImVec2(at.x + (width - scale_pixels(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
     draw.add_text(ImVec2(at.x + width, at.y), imgui.get_color_u32(color), fitted)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from copy import copy
 
 from instdrive_app.session.context import SessionContext
-from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass
 from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.progress import report
 from instdrive_core.wording import format_count
@@ -23,32 +24,31 @@ class LabelController:
     """The verbs of label repair; each is one step of the history."""
 
     def __init__(self, context: SessionContext) -> None:
-        self._document, self._apply, self._jobs = context.document, context.apply, context.jobs
-        self._messages = context.messages
+        self._context, self._jobs, self._messages = context, context.jobs, context.messages
 
     def merge(self, ids: Ids, into: int | None = None) -> None:
         """Make several instances one: `into`, or the one with the most splats."""
-        document = self._document()
+        document = self._context.document
         if document is None or len(ids) < 2:
             return
         table = document.scene.table
         target = into if into is not None else max(ids, key=lambda i: (table[i].count, -i))
         others = tuple(i for i in ids if i != target)
-        if self._apply(MergeInstances, others, target):
+        if self._context.apply(lambda: MergeInstances(others, target)):
             self._messages.info(f"{table[target].name} now has {format_count(table[target].count, 'splat')}")
 
     def split(self, split: SplitInstance) -> None:
         """Make parts of an instance that are apart instances of their own: at once, where the edit is prepared."""
-        document = self._document()
+        document = self._context.document
         before = len(document.scene.table) if document else 0
-        if document is not None and self._apply(lambda: split):
+        if document is not None and self._context.apply(split):
             count = len(document.scene.table) - before
             self._messages.info(f"{format_count(count, 'new instance')} from {_name(document, split.id)}")
 
     def reassign(self, into: int | None) -> None:
         """Give the selected splats to an instance, to a new one (None), or to none (0)."""
-        document = self._document()
-        if document is None or not self._apply(ReassignSelected, into):
+        document = self._context.document
+        if document is None or not self._context.apply(lambda: ReassignSelected(into)):
             return
         if into is None:
             self._messages.info(f"New instance {document.first_free_id - 1} from the selected splats")
@@ -59,7 +59,7 @@ class LabelController:
 
     def absorb(self, ids: Ids) -> None:
         """Give the strays in and around instances to them, looked for beside the window."""
-        document = self._document()
+        document = self._context.document
         if document is None or not ids:
             return
         edits, frozen = tuple(AbsorbFloaters(i) for i in ids), freeze_document(document)
@@ -71,7 +71,7 @@ class LabelController:
                 copy(edit).do(frozen)  # the next one finds what this one leaves
 
         def done(_: None) -> None:
-            if self._document() is not document:
+            if self._context.document is not document:
                 return
             if edits[0].is_prepared_for(document):
                 self._absorb(document, edits)
@@ -84,25 +84,25 @@ class LabelController:
         table, ids = document.scene.table, [edit.id for edit in edits]
         before = sum(table[i].count for i in ids)
         if len(edits) == 1:
-            done = self._apply(lambda: edits[0])
+            done = self._context.apply(edits[0])
         else:
-            done = self._apply(CompoundEdit, edits, f"Absorb floaters of {len(edits)} instances")
+            done = self._context.apply(CompoundEdit(edits, f"Absorb floaters of {len(edits)} instances"))
         if done:
             count = sum(table[i].count for i in ids if i in table) - before
             self._messages.info(f"{format_count(count, 'floater')} absorbed" if count > 0 else "No floaters were found")
 
     def rename(self, instance: int, name: str) -> None:
         """Give an instance another name."""
-        self._apply(RenameInstance, instance, name)
+        self._context.apply(lambda: RenameInstance(instance, name))
 
     def set_class(self, ids: Ids, class_name: str) -> None:
         """Set the class of instances; an empty one means unknown."""
         if ids:
-            self._apply(SetClass, ids, class_name)
+            self._context.apply(lambda: SetClass(ids, class_name))
 
     def classes(self) -> tuple[str, ...]:
         """The classes that occur in the scene, in alphabetical order."""
-        document = self._document()
+        document = self._context.document
         if document is None:
             return ()
         return tuple(sorted({instance.class_name for instance in document.scene.table} - {""}, key=str.lower))

@@ -12,10 +12,10 @@ from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.cli.turn_options import TurnOptions
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.queries.scene_parts import bake_part
 from instdrive_core.edits.serialize import edits_from_lines

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from instdrive_core.cli.arguments import known_ids, parsed_assignment
 from instdrive_core.edits.bases.adjustments import RANGES
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass
@@ -16,6 +15,7 @@ from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.select import InvertSelection, SelectClass, SelectInstances

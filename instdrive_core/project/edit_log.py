@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.serialize import EDITS
+from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.project.packed_lists import Numbers, pack_lists, unpack_lists
 
 
@@ -70,7 +70,7 @@ class ReadLog:
         whole = type(keep) is int and type(line["cursor"]) is int
         if not (whole and 0 <= keep <= len(self.entries) and 0 <= line["cursor"] <= keep + len(added)):
             raise ValueError(f"a line keeps {keep} of {len(self.entries)} edits and does {line['cursor']}")
-        unknown = [entry for entry in added if not isinstance(entry, dict) or entry.get("kind") not in EDITS]
+        unknown = [entry for entry in added if not isinstance(entry, dict) or entry.get("kind") not in EDIT_KINDS]
         if unknown:
             raise ValueError(f"a line holds {str(unknown[0])[:80]!r}, which is no edit of this version")
         del self.entries[keep:], self._numbers[keep:]
@@ -97,7 +97,7 @@ class ReadLog:
 
     def _work(self, done: int) -> list[int]:
         numbered = zip(self._numbers[:done], self.entries[:done], strict=True)
-        return [number for number, entry in numbered if not EDITS[entry["kind"]].selects_only]
+        return [number for number, entry in numbered if not EDIT_KINDS[entry["kind"]].selects_only]
 
 
 def _to_text(numbers: Numbers) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from benchmarks.edit_street import edit_street
 from benchmarks.no_loss import Options, main
 from benchmarks.random_edits import RandomEdits, document_digest
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.serialize import EDITS
+from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.scene.selection import Flag
 
 
@@ -25,7 +25,7 @@ def test_nothing_is_lost(monkeypatch):
 
 def test_every_kind_of_edit_is_drawn():
     kinds = RandomEdits(Document(edit_street()), "absent").kinds
-    assert kinds == set(EDITS), "benchmarks/random_edits.py needs a recipe for each kind of edit"
+    assert kinds == set(EDIT_KINDS), "benchmarks/random_edits.py needs a recipe for each kind of edit"
 
 
 def test_the_digest_sees_single_bits():

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from project_cases import VIEW, assert_same_document, edited_document, rewrite_json, saved_scene, snapshot
 
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.errors import DataError, EditError, SceneChangedError
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document, open_edited_scene, open_project

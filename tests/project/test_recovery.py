@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from project_cases import assert_same_document, edited_document, saved_scene, snapshot
 
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.errors import DataError, SceneChangedError
@@ -367,7 +367,7 @@ def test_documents_from_nowhere_are_refused(tmp_path, root):
 
 EDIT_FOR_EVER = """
 import itertools, sys, time
-from instdrive_core.edits.bases.relabel import RenameInstance
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.project.open import open_document
 from instdrive_core.project.recovery import Recovery
 document, _ = open_document(sys.argv[1])

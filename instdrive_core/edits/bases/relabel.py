@@ -1,19 +1,17 @@
-"""Changing which instance splats belong to, and what instances are called: the sole writer of `Scene.instance_ids`."""
+"""Changes of the instance each splat belongs to, and of the table of instances."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.bases.editable import check_unlocked
-from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import Edit, describe_ids
+from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_main_nodes
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
@@ -134,112 +132,11 @@ def create_instances(document: Document, like: Iterable[Instance | None]) -> lis
     return entries
 
 
-@dataclass
-class RenameInstance(Edit):
-    """Give an instance another name."""
-
-    kind: ClassVar[str] = "rename_instance"
-    id: int
-    name: str
-    _before: Instance | None = field(default=None, init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        check_ids((self.id,))
-        self.name = check_text(self.name, "name")
-        if not self.name:
-            raise EditError(f"instance {self.id} needs a name of at least one character")
-
-    @property
-    def title(self) -> str:
-        """``Rename instance 17 to taxi``."""
-        return f"Rename instance {self.id} to {self.name}"
-
-    def do(self, document: Document) -> bool:
-        """Replace the table's entry. Raises EditError where the instance is locked."""
-        self._before = get_instance(document, self.id)
-        check_unlocked(document, (self.id,))
-        return _replace_entry(document, self._before, replace(self._before, name=self.name))
-
-    def undo(self, document: Document) -> None:
-        """Put the old entry back."""
-        assert self._before is not None
-        _replace_entry(document, document.scene.table[self.id], self._before)
-
-
-@dataclass
-class MergeInstances(Edit):
-    """Give all splats of some instances to one; the IDs given up are never used again."""
-
-    kind: ClassVar[str] = "merge_instances"
-    ids: tuple[int, ...]
-    into: int
-    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _ids_before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _table_before: tuple[Instance, ...] = field(default=(), init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        self.ids = check_ids(self.ids)
-        check_ids((self.into,))
-
-    @property
-    def title(self) -> str:
-        """``Merge 2 instances into instance 17``."""
-        return f"Merge {describe_ids(self.ids)} into instance {self.into}"
-
-    def do(self, document: Document) -> bool:
-        """Write the IDs and join the table's entries."""
-        others = [get_instance(document, instance_id) for instance_id in self.ids if instance_id != self.into]
-        target = get_instance(document, self.into)
-        strangers = [instance for instance in others if instance.node != target.node]
-        if strangers:
-            raise EditError(
-                f"instance {strangers[0].id} moves with another object than instance {target.id}; "
-                "only instances of the same track, or two of the background, can be merged"
-            )
-        if not others:
-            return False
-        check_unlocked(document, (self.into, *(instance.id for instance in others)))
-        rows = document.find_rows([instance.id for instance in others])
-        self._rows, self._ids_before = rows.astype(np.int32), document.scene.instance_ids[rows]
-        self._table_before = (target, *others)
-        document.scene.instance_ids[rows] = self.into
-        for instance in others:
-            del document.scene.table.instances[instance.id]
-        document.scene.table.set(_join_entries(target, others))
-        document.note_instances_changed(ids_changed=True)
-        return True
-
-    def undo(self, document: Document) -> None:
-        """Write the old IDs back and restore the table's entries."""
-        document.scene.instance_ids[self._rows] = self._ids_before
-        for instance in self._table_before:
-            document.scene.table.set(instance)
-        document.note_instances_changed(ids_changed=True)
-
-
 def get_instance(document: Document, instance_id: int) -> Instance:
     """The table's entry. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]
-
-
-def _replace_entry(document: Document, before: Instance, after: Instance) -> bool:
-    if before == after:
-        return False
-    document.scene.table.set(after)
-    document.note_instances_changed(ids_changed=False)
-    return True
-
-
-def _join_entries(target: Instance, others: list[Instance]) -> Instance:
-    parts = [instance for instance in (target, *others) if instance.count]
-    if not parts:
-        return target
-    low = np.min([instance.bounds[0] for instance in parts], axis=0)
-    high = np.max([instance.bounds[1] for instance in parts], axis=0)
-    bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return replace(target, count=sum(instance.count for instance in parts), bounds=bounds)
 
 
 def check_text(text: str, what: str) -> str:

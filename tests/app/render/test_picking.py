@@ -15,10 +15,10 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import EditorState, resolve
 from instdrive_app.tools.pick import PickTool
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
@@ -189,7 +189,7 @@ def test_clicking_again_takes_the_one_behind_and_comes_around(tool, street):
     assert len(below) >= 2
     for turn in range(len(below) + 1):
         assert tool.click(Click(x, y), snapshot) == below[turn % len(below)]
-        assert session.selected == (below[turn % len(below)],)
+        assert session.selection.ids == (below[turn % len(below)],)
     assert tool.click(Click(x - 20, y), snapshot) == BLUE_CAR, "elsewhere it begins anew"
     tool.click(Click(x, y), snapshot)
     assert tool.click(Click(x, y), snapshot_of(street, 2)) == street_at(street, 2, x, y), "so does another viewpoint"
@@ -210,7 +210,7 @@ def test_clicking_again_takes_what_a_solid_thing_hides(tool, street):
     assert below.hidden[0] == Picker().find_instances_at(alone, snapshot, x, y)[0], (
         "the one that would be seen without it"
     )
-    session.lock((BLUE_CAR,))
+    session.visibility.lock((BLUE_CAR,))
     tool.hover(x, y, snapshot)
     assert session.state.hovered == 0, "a locked thing hides what is behind it: a click takes nothing unseen"
 
@@ -226,28 +226,28 @@ def test_modifiers(tool, street):
     road = pixel_of(street, (0.0, 6.0, 0.0))
     tool.click(Click(*blue), snapshot)
     tool.click(Click(*road, shift=True), snapshot)
-    assert session.selected == (ROAD, BLUE_CAR)
+    assert session.selection.ids == (ROAD, BLUE_CAR)
     tool.click(Click(*road, ctrl=True), snapshot)
-    assert session.selected == (BLUE_CAR,)
+    assert session.selection.ids == (BLUE_CAR,)
     tool.click(Click(*red, alt=True), snapshot)
-    assert session.selected == (FIRST_CAR, BLUE_CAR)
+    assert session.selection.ids == (FIRST_CAR, BLUE_CAR)
     tool.click(Click(240.0, 10.0, shift=True), snapshot)
-    assert session.selected == (FIRST_CAR, BLUE_CAR), "Shift on nothing keeps the selection"
+    assert session.selection.ids == (FIRST_CAR, BLUE_CAR), "Shift on nothing keeps the selection"
     tool.click(Click(240.0, 10.0), snapshot)
-    assert session.selected == ()
+    assert session.selection.ids == ()
 
 
 def test_alt_selects_the_instance_where_the_scene_has_no_codewords(tool, street):
     tool, session = tool
     street.scene.code_bits = 0
     tool.click(Click(*pixel_of(street, (3.4, 5.8, 0.8)), alt=True), snapshot_of(street))
-    assert session.selected == (BLUE_CAR,)
+    assert session.selection.ids == (BLUE_CAR,)
 
 
 def test_hovering_names_the_instance_without_selecting_it(tool, street):
     tool, session = tool
     tool.hover(*pixel_of(street, (3.4, 5.8, 0.8)), snapshot_of(street))
-    assert (session.state.hovered, session.selected) == (BLUE_CAR, ())
+    assert (session.state.hovered, session.selection.ids) == (BLUE_CAR, ())
     tool.hover(10.0, 40.0, snapshot_of(street))
     assert session.state.hovered in (HOUSES, 30)
     tool.leave()
@@ -258,8 +258,8 @@ def test_what_is_locked_is_clicked_through(tool, street):
     tool, session = tool
     snapshot, (x, y) = snapshot_of(street), pixel_of(street, (3.4, 5.8, 0.8))
     behind = Picker().find_instances_at(street, snapshot, x, y)[1]
-    session.lock((BLUE_CAR,))
+    session.visibility.lock((BLUE_CAR,))
     tool.hover(x, y, snapshot)
     assert session.state.hovered == behind
     assert tool.click(Click(x, y), snapshot) == behind
-    assert session.selected == (behind,)
+    assert session.selection.ids == (behind,)

@@ -13,8 +13,8 @@ from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import resolve
 from instdrive_app.tools.registry import TOOLS, create_tools
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.shown_means import compute_shown_means
@@ -81,24 +81,24 @@ def test_a_rectangle_takes_whole_instances(session, tools, snapshot):
     assert len(tool.outline) == 4
     tool.release(Click(*high), snapshot)
     assert tool.outline == ()
-    assert FIRST_CAR + 1 in session.selected
-    assert ROAD not in session.selected
+    assert FIRST_CAR + 1 in session.selection.ids
+    assert ROAD not in session.selection.ids
     ids = session.document.scene.instance_ids
-    assert set(selected_rows(session)) == set(np.flatnonzero(np.isin(ids, session.selected)))
+    assert set(selected_rows(session)) == set(np.flatnonzero(np.isin(ids, session.selection.ids)))
 
 
 def test_keys_add_remove_and_intersect(session, tools, snapshot):
     tool = tools["rectangle"]
     dragged(tool, session, snapshot)
-    inside = set(session.selected)
-    session.select((ROAD,))
+    inside = set(session.selection.ids)
+    session.selection.select((ROAD,))
     dragged(tool, session, snapshot, shift=True)
-    assert set(session.selected) == inside | {ROAD}
+    assert set(session.selection.ids) == inside | {ROAD}
     dragged(tool, session, snapshot, ctrl=True)
-    assert session.selected == (ROAD,)
+    assert session.selection.ids == (ROAD,)
     session.actions.run("select.all")
     dragged(tool, session, snapshot, shift=True, ctrl=True)
-    assert set(session.selected) == inside
+    assert set(session.selection.ids) == inside
 
 
 def test_an_empty_region_clears_or_keeps_as_its_mode_says(session, tools, snapshot):
@@ -106,10 +106,10 @@ def test_an_empty_region_clears_or_keeps_as_its_mode_says(session, tools, snapsh
     for keys, left in (({"shift": True}, 1), ({"ctrl": True}, 1), ({"shift": True, "ctrl": True}, 0), ({}, 0)):
         for splats in (False, True):
             session.state.region_splats = splats
-            session.select((FIRST_CAR,))
+            session.selection.select((FIRST_CAR,))
             tool.drag((1.0, 1.0), (1.2, 1.2))
             tool.release(Click(1.2, 1.2, **keys), snapshot)
-            assert len(session.selected) == left, (keys, splats)
+            assert len(session.selection.ids) == left, (keys, splats)
 
 
 def test_splats_through_everything_or_visible_ones_only(session, tools, snapshot):
@@ -137,7 +137,7 @@ def test_a_lasso_follows_the_pointer_and_skips_jitter(session, tools, snapshot):
         tool.drag((left, bottom), (x, y))
     assert len(tool.outline) == 4
     tool.release(Click(left, top), snapshot)
-    assert FIRST_CAR + 1 in session.selected
+    assert FIRST_CAR + 1 in session.selection.ids
     tool.drag((0, 0), (50, 50))
     tool.cancel()
     assert tool.outline == ()
@@ -157,34 +157,34 @@ def test_every_tool_has_a_command_and_takes_itself_in_hand(session, tools):
 
 def test_delete_takes_the_selected_splats_only(session):
     car = np.flatnonzero(session.document.scene.instance_ids == FIRST_CAR)
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     session.actions.run("edit.delete")
     assert session.document.history.edits[-1].title == f"Delete instance {FIRST_CAR}"
-    session.undo()
+    session.history.undo()
     session.actions.run("select.shrink")
     kept = set(car) - set(selected_rows(session))
     assert 0 < len(kept) < len(car)
     session.actions.run("edit.delete")
     assert set(car[session.document.state.flags[car] == 0]) == kept
-    session.undo()
+    session.history.undo()
     assert not session.document.state.mask(Flag.DELETED).any()
 
 
 def orphaned(session):
     """Take a car's splats out of their instance and select them."""
-    session.select((FIRST_CAR + 1,))
+    session.selection.select((FIRST_CAR + 1,))
     rows = selected_rows(session)
     session.document.apply(ReassignSelected(0))
     session.document.apply(SelectRows(rows))
-    assert session.selected == ()
+    assert session.selection.ids == ()
     return rows
 
 
 def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
     rows = orphaned(session)
     session.actions.run("select.none")
-    assert not session.has_selection
-    session.undo()
+    assert session.selection.is_empty
+    session.history.undo()
     session.actions.run("edit.delete")
     assert session.document.state.rows_with(Flag.DELETED).tolist() == rows.tolist()
 
@@ -204,11 +204,11 @@ def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
 
 
 def test_growing_and_inverting_by_command(session):
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     before = len(selected_rows(session))
     assert session.actions.run("select.grow")
     assert len(selected_rows(session)) > before
-    session.undo()
+    session.history.undo()
     assert session.actions.run("select.invert")
     assert len(selected_rows(session)) == len(session.document.scene) - before
     session.actions.run("select.none")
@@ -217,14 +217,14 @@ def test_growing_and_inverting_by_command(session):
 
 def test_a_selection_extends_to_its_classes(session):
     table = session.document.scene.table
-    session.select((FIRST_CAR, 30))
+    session.selection.select((FIRST_CAR, 30))
     assert session.actions.run("select.class")
-    assert set(session.selected) == {i.id for i in table if i.class_name in ("Car", "Tree")}
+    assert set(session.selection.ids) == {i.id for i in table if i.class_name in ("Car", "Tree")}
     assert session.document.history.edits[-1].title == "Select classes Car, Tree"
     session.document.apply(MergeInstances((FIRST_CAR, FIRST_CAR + 1), FIRST_CAR))
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     session.actions.run("select.class")
-    assert FIRST_CAR + 2 in session.selected
+    assert FIRST_CAR + 2 in session.selection.ids
 
 
 def test_dashes_cover_half_of_the_line_and_march():

@@ -7,11 +7,12 @@ import pytest
 from document_snapshot import snapshot
 from random_scene import random_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.classes import SetInstanceClass
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
+from instdrive_core.edits.kinds.merge import MergeInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectCodeword, SelectInstances, SelectNone
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.edits.serialize import edit_from_json

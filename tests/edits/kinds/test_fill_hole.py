@@ -8,7 +8,6 @@ import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, KERB, parked_street
 from random_scene import assert_same_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import fingerprint, freeze_document
@@ -17,6 +16,7 @@ from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.queries.bake import bake_document

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from random_scene import random_gaussians, random_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds import split
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.visibility import LockInstances

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from random_scene import assert_same_scene, random_gaussians, random_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.edits.kinds.visibility import LockInstances

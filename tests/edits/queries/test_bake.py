@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from random_scene import assert_same_scene, random_scene
 
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.move import MoveInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.visibility import HideInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time, recount_table
 from instdrive_core.maths.rotations import matrix_from_quaternion

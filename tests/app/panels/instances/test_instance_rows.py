@@ -4,9 +4,9 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD
 
 from instdrive_app.panels.instances.rows import InstanceRows, Query, build_natural_key
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.kinds.classes import SetInstanceClass
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances
 

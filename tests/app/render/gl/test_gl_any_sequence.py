@@ -12,12 +12,12 @@ from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.picking import Picker
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.edits.bases.adjustments import RANGES
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances

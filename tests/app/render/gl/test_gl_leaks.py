@@ -9,10 +9,10 @@ from instdrive_app import camera
 from instdrive_app.render.gl.gl_objects import count_live_objects
 from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import EditorState, ViewMode, resolve
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.select import SelectInstances

@@ -9,9 +9,9 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
 from instdrive_app import camera
 from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import EditorState, ViewMode, resolve
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
 from instdrive_core.edits.queries.bake import bake_document

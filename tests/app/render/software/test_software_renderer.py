@@ -12,10 +12,10 @@ from instdrive_app.render.picking import Picker
 from instdrive_app.render.software.renderer import SoftwareRenderer
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_app.state import EditorState, ViewMode, resolve
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
