@@ -19,16 +19,14 @@ from torch import Tensor
 from torch.nn.functional import cross_entropy, log_softmax
 
 from instdrive_core.baselines.iou_tracker import MaskTracks, TrackerConfig, track_masks
-from instdrive_core.baselines.learnable_features import CLASSIFIER, NO_MASKS, SAMPLED_ROWS, LearnableFeatures
+from instdrive_core.baselines.learnable_features import NO_MASKS, LearnableFeatures
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView, blend_features
 from instdrive_core.training.instances.instance_learner import LearnedInstances, cache_views
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.settings.schedule import choose_view, step_rng
+from instdrive_core.training.settings.schedule import choose_view
 from instdrive_core.training.views.view_store import ViewStore
-
-_VIEWS = 20
-"""Stream of random numbers of the order of the views."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ class _Learner:
 
     def step(self, iteration: int) -> None:
         """One view's sampled pixels and, where it is due, the 3D term."""
-        number = choose_view(self.seed, _VIEWS, iteration, len(self._cached))
+        number = choose_view(self.seed, Stream.GROUPING_VIEWS, iteration, len(self._cached))
         view, targets = self._cached[number], self._targets[number]
         seen = self.encodings.leaf(view.rows)
         parts, loss = [(view.rows, seen)], torch.zeros(())
@@ -133,7 +131,9 @@ class _Learner:
     def _neighbor_term(self, iteration: int) -> tuple[Int64[Tensor, " v"], Float[Tensor, "v d"], Float[Tensor, ""]]:
         """Mean KL(own ‖ neighbour's) of class probabilities over samples and their neighbours (eq. 4)."""
         chosen = self._neighbors.sample(
-            self.settings.neighbor_samples, self.settings.neighbors, step_rng(self.seed, SAMPLED_ROWS, iteration)
+            self.settings.neighbor_samples,
+            self.settings.neighbors,
+            make_generator(self.seed, Stream.GROUPING_NEIGHBORS, iteration),
         )
         rows, places = np.unique(chosen, return_inverse=True)
         leaf = self.encodings.leaf(torch.from_numpy(rows))
@@ -169,6 +169,6 @@ class _Neighbors:
 
 def _first_classifier(dim: int, classes: int, seed: int) -> list[Tensor]:
     """Weight (dim, classes) and bias, uniform within ±1/√dim."""
-    rng, bound = step_rng(seed, CLASSIFIER, 0), 1 / math.sqrt(dim)
+    rng, bound = make_generator(seed, Stream.BASELINE_CLASSIFIER), 1 / math.sqrt(dim)
     weight, bias = rng.uniform(-bound, bound, (dim, classes)), rng.uniform(-bound, bound, classes)
     return [torch.from_numpy(values.astype(np.float32)).requires_grad_(True) for values in (weight, bias)]

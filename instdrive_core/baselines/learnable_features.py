@@ -7,13 +7,11 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.visible_adam import VisibleAdam
-from instdrive_core.training.settings.schedule import step_rng
 
 NO_MASKS = "no view shows a mask on the scene: nothing to learn instances from"
-FIRST_VALUES, SAMPLED_ROWS, CLUSTERS, CLASSIFIER = 10, 11, 12, 13
-"""Streams of random numbers."""
 
 
 class LearnableFeatures:
@@ -28,7 +26,7 @@ class LearnableFeatures:
     """
 
     def __init__(self, count: int, dim: int, std: float, rate: float, seed: int) -> None:
-        first = step_rng(seed, FIRST_VALUES, 0).normal(0, std, (count, dim))
+        first = make_generator(seed, Stream.BASELINE_FEATURES).normal(0, std, (count, dim))
         self.values: Float[Tensor, "n d"] = torch.from_numpy(first.astype(np.float32))
         self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
 

@@ -18,18 +18,16 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from instdrive_core.baselines.kmeans import run_lloyd, seed_centers
-from instdrive_core.baselines.learnable_features import CLUSTERS, NO_MASKS, LearnableFeatures
+from instdrive_core.baselines.learnable_features import NO_MASKS, LearnableFeatures
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.scene import place_in_world
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView, blend_features
 from instdrive_core.training.instances.instance_learner import LearnedInstances, cache_views
 from instdrive_core.training.instances.instance_losses import average_segments, contrastive_loss
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.settings.schedule import choose_view, step_rng
+from instdrive_core.training.settings.schedule import choose_view
 from instdrive_core.training.views.view_store import ViewStore
-
-_FEATURE_VIEWS, _COARSE_VIEWS, _FINE_VIEWS = 21, 22, 23
-"""Streams of random numbers of the order of the views."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +81,15 @@ def learn_opengaussian(
         return LearnedInstances(np.zeros(len(model), np.uint32), np.zeros((len(model), 1), np.float32), 0)
     features = LearnableFeatures(len(model), settings.feature_dim, settings.init_std, settings.feature_lr, config.seed)
     for iteration in range(settings.feature_iterations):
-        view = cached[choose_view(config.seed, _FEATURE_VIEWS, iteration, len(cached))]
+        view = cached[choose_view(config.seed, Stream.OPENGAUSSIAN_FEATURE_VIEWS, iteration, len(cached))]
         _contrastive_step(features, view, settings)
     targets = [_pseudo_features(features, view) for view in cached]
     codebook = _Codebook(_scale_positions(model), settings, config.seed)
-    for level, stream in ((codebook.cluster_coarsely, _COARSE_VIEWS), (codebook.cluster_finely, _FINE_VIEWS)):
+    levels = (
+        (codebook.cluster_coarsely, Stream.OPENGAUSSIAN_COARSE_VIEWS),
+        (codebook.cluster_finely, Stream.OPENGAUSSIAN_FINE_VIEWS),
+    )
+    for level, stream in levels:
         features.restart(settings.codebook_lr)
         level(map_features(features.values).numpy())
         for iteration in range(settings.codebook_iterations):
@@ -138,7 +140,7 @@ class _Codebook:
 
     def __init__(self, positions: Float32[ndarray, "n 3"], settings: OpenGaussianConfig, seed: int) -> None:
         self._positions = positions * np.float32(settings.position_weight)
-        self._settings, self._rng = settings, step_rng(seed, CLUSTERS, 0)
+        self._settings, self._rng = settings, make_generator(seed, Stream.BASELINE_CLUSTERS)
         self._groups = np.zeros(len(positions), np.int64)
         """Within which a Gaussian is clustered: one, later its coarse cluster."""
         self._starts = np.zeros(2, np.int64)

@@ -38,6 +38,7 @@ from instdrive_core.masks.ground_truth import (
     GroundTruthInstance,
     find_ground_truth,
 )
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.scene import Scene
 
 MAX_ORACLE_VIEWS = 120
@@ -115,21 +116,21 @@ def evaluate_scene(
 
     Without `oracle_too` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
     """
-    views = _held_out_views(scene, clip, ground_truth, progress)
+    views = _measure_held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN
     measure = prepare_id_measure(scene, views, clip, ground_truth, progress)
     learned, objects = build_empty_scores(), ()
     if scene.instance_ids.any() and has_truth:
-        learned = _measured(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
+        learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
         objects = measure.objects(scene.instance_ids, get_codes(scene))
     oracle = build_empty_scores()
     if oracle_too and ground_truth.source == "exact":
-        true_ids = _true_ids(scene, clip, ground_truth, progress)
-        oracle = _measured(measure, true_ids, None, "deletions, true IDs", progress)
+        true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
+        oracle = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
     bounds = {part: {f"oracle_{key}": oracle[part][key] for key in keys} for part, keys in ORACLE_KEYS.items()}
     figures = {
-        **_image_scores(views),
-        "codeword": _codeword_scores(views),
+        **_score_images(views),
+        "codeword": _score_codewords(views),
         "per_view": learned["per_view"],
         **{part: learned[part] | bounds[part] for part in ("scene", "lidar", "click")},
         "ground_truth": ground_truth.source,
@@ -137,7 +138,7 @@ def evaluate_scene(
         "n_instances": len(scene.table),
         **{key: facts[key] for key in FACT_KEYS},
     }
-    controls = _controls(scene, clip, ground_truth) if has_truth else {}
+    controls = _build_controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
         controls={name: measure.scores(ids) for name, ids in controls.items()},
@@ -151,7 +152,7 @@ def evaluate_scene(
     )
 
 
-def _measured(
+def _measure_ids(
     measure: IdMeasure,
     ids: UInt32[ndarray, " n"],
     codes: UInt64[ndarray, " n"] | None,
@@ -159,12 +160,14 @@ def _measured(
     progress: Progress,
 ) -> dict[str, Any]:
     """`per_view`, `scene`, `lidar` and `click`."""
-    clicked = measure.click_scores(ids, lambda done, total: progress(stage, done, total))
+    clicked = measure.score_clicks(ids, lambda done, total: progress(stage, done, total))
     return measure.scores(ids, codes) | {"click": clicked}
 
 
-def _held_out_views(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> list[HeldOutView]:
-    frames = clip.held_out_frames()
+def _measure_held_out_views(
+    scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress
+) -> list[HeldOutView]:
+    frames = clip.held_out_frames
     if not frames:
         problem = "the run's part of the clip has no held-out time step (frame numbers that end in 4)"
         raise DataError(clip.path, problem, "Train on a frame range that contains one.")
@@ -175,7 +178,7 @@ def _held_out_views(scene: Scene, clip: Clip, ground_truth: GroundTruth, progres
     return views
 
 
-def _image_scores(views: Sequence[HeldOutView]) -> dict[str, float | None]:
+def _score_images(views: Sequence[HeldOutView]) -> dict[str, float | None]:
     return {
         "psnr": _mean([view.psnr for view in views]),
         "ssim": _mean([view.ssim for view in views]),
@@ -183,8 +186,8 @@ def _image_scores(views: Sequence[HeldOutView]) -> dict[str, float | None]:
     }
 
 
-def _codeword_scores(views: Sequence[HeldOutView]) -> dict[str, dict[str, float | None]]:
-    maps = [view.labelled(view.codewords) for view in views if view.codewords is not None]
+def _score_codewords(views: Sequence[HeldOutView]) -> dict[str, dict[str, float | None]]:
+    maps = [view.with_map(view.codewords) for view in views if view.codewords is not None]
     per_view, of_scene = score_views(maps), score_scene(maps, (), ())
     return {
         "per_view": {key: per_view[key] for key in ("miou", "macc")},
@@ -192,18 +195,18 @@ def _codeword_scores(views: Sequence[HeldOutView]) -> dict[str, dict[str, float 
     }
 
 
-def _true_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
-    frames = clip.training_frames()
+def _find_reference_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
+    frames = clip.training_frames
     spread = frames[:: -(-len(frames) // MAX_ORACLE_VIEWS)] if frames else frames
     return find_true_ids(
         scene, spread, ground_truth, SEED, progress=lambda done, total: progress("oracle", done, total)
     )
 
 
-def _controls(scene: Scene, clip: Clip, ground_truth: GroundTruth) -> dict[str, UInt32[ndarray, " n"]]:
+def _build_controls(scene: Scene, clip: Clip, ground_truth: GroundTruth) -> dict[str, UInt32[ndarray, " n"]]:
     """IDs of the scene's Gaussians that nobody learned."""
     rows, objects = len(scene), len(ground_truth.instances)
-    random_ids = np.random.default_rng(SEED).integers(1, objects + 1, rows).astype(np.uint32)
+    random_ids = make_generator(SEED, Stream.RANDOM_IDS).integers(1, objects + 1, rows).astype(np.uint32)
     controls = {"one ID for all": np.ones(rows, np.uint32), "random IDs": random_ids}
     components = assign_component_ids(scene, clip)
     return controls if components is None else controls | {"LiDAR components": components}

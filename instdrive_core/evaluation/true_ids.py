@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, place_world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.rasterize.kernels.blend_weights import compute_blend_weights
 from instdrive_core.scene.scene import Scene
 
@@ -44,16 +45,16 @@ def find_true_ids(
         world = place_world_gaussians(scene, time)
         parts = []
         for frame in group:
-            rng = np.random.default_rng((seed, done))
-            parts.append(_votes(world, frame, ground_truth.load(frame).ravel(), pixels_per_view, rng))
+            rng = make_generator(seed, Stream.ORACLE_PIXELS, done)
+            parts.append(_collect_votes(world, frame, ground_truth.load(frame).ravel(), pixels_per_view, rng))
             done += 1
             progress(done, len(frames))
         rows, labels, weights = (np.concatenate(column) for column in zip(*parts, strict=True))
         votes += csr_array((weights.astype(np.float64), (rows, labels)), shape=shape)
-    return _spread(_most_voted(votes, len(scene)), scene)
+    return _fill_from_nearest(_choose_most_voted(votes, len(scene)), scene)
 
 
-def _votes(
+def _collect_votes(
     world: WorldGaussians, frame: Frame, labels: UInt32[ndarray, " p"], count: int, rng: np.random.Generator
 ) -> tuple[Int[ndarray, " m"], UInt32[ndarray, " m"], Float32[ndarray, " m"]]:
     """Gaussians, IDs and blending weights of `count` random labelled pixels."""
@@ -65,7 +66,7 @@ def _votes(
     return found.rows, np.repeat(labels[pixels], np.diff(found.indptr)), found.weights
 
 
-def _most_voted(votes: csr_array, count: int) -> UInt32[ndarray, " n"]:
+def _choose_most_voted(votes: csr_array, count: int) -> UInt32[ndarray, " n"]:
     """The ID with the largest weight in each of `count` rows; 0 where the row's sum is below `MIN_WEIGHT`."""
     rows, columns, weights = find(votes)
     order = np.lexsort((columns, np.negative(weights), rows))
@@ -76,7 +77,7 @@ def _most_voted(votes: csr_array, count: int) -> UInt32[ndarray, " n"]:
     return ids
 
 
-def _spread(ids: UInt32[ndarray, " n"], scene: Scene) -> UInt32[ndarray, " n"]:
+def _fill_from_nearest(ids: UInt32[ndarray, " n"], scene: Scene) -> UInt32[ndarray, " n"]:
     """Fill every 0 with the ID of the nearest Gaussian of the same node that has one."""
     filled = ids.copy()
     for node in np.unique(scene.nodes[ids == 0]):

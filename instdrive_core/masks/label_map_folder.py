@@ -30,6 +30,7 @@ from instdrive_core.files.image_limit import BAD_IMAGE, check_pixels
 from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.files.plain_file import BoundedReader
 from instdrive_core.masks.journal import MaskJournal
+from instdrive_core.maths.streams import Stream, make_generator
 
 SIDECAR = "masks.json"
 VERSION = 1
@@ -44,7 +45,7 @@ class FrameMasks:
     """Instance of this frame only; 0 = none."""
     sky: Bool[ndarray, "h w"]
 
-    def resized(self, width: int, height: int) -> FrameMasks:
+    def resize(self, width: int, height: int) -> FrameMasks:
         """The nearest label for each pixel of another raster."""
         if self.labels.shape == (height, width):
             return self
@@ -82,7 +83,7 @@ class MaskFolder:
         masks = FrameMasks(labels.astype(np.uint16), sky)
         if isinstance(frame, str):
             return masks
-        return masks.resized(frame.view.camera.width, frame.view.camera.height)
+        return masks.resize(frame.view.camera.width, frame.view.camera.height)
 
 
 def write_masks(
@@ -141,7 +142,7 @@ def open_masks(folder: str | Path) -> MaskFolder:
     if not isinstance(frames, dict):
         raise DataError(file, "the field 'frames' is no object", _REMEDY)
     counts = {
-        _checked_key(file, key): int(
+        _check_key(file, key): int(
             require_number(file, require_field(file, entry, "masks", f"frames.{key}."), f"frames.{key}.masks")
         )
         for key, entry in frames.items()
@@ -162,7 +163,7 @@ def shuffle_labels(instances: Integer[ndarray, "h w"], key: str, seed: int) -> U
     count = int((present > 0).sum())
     if count > np.iinfo(np.uint16).max:
         raise ValueError(f"{count} instances in one frame do not fit into 16 bits")
-    rng = np.random.default_rng([seed, zlib.crc32(key.encode())])
+    rng = make_generator(seed, Stream.MASK_LABELS, zlib.crc32(key.encode()))
     labels = np.zeros(len(present), np.uint16)
     labels[present > 0] = rng.permutation(count) + 1
     return labels[positions].reshape(instances.shape)
@@ -219,7 +220,7 @@ def _write_png(file: Path, raster: ndarray) -> None:
         Image.fromarray(raster).save(temporary, "PNG")
 
 
-def _checked_key(file: Path, key: str) -> str:
+def _check_key(file: Path, key: str) -> str:
     """A key becomes part of a path: it must stay in the folder."""
     parts = key.split("/")
     if len(parts) != 2 or any(part in ("", ".", "..") or "\\" in part for part in parts):

@@ -12,6 +12,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.registry import open_scene
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.backend import Backend
@@ -25,9 +26,6 @@ from instdrive_core.training.gaussians.model import build_model
 from instdrive_core.training.settings.config import InstanceConfig, TrainConfig
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.view_store import ViewStore
-
-_FEATURES = 3
-"""Stream of random numbers of the first features."""
 
 
 def build_trainer_from_clip(config: TrainConfig, clip: Clip, store: ViewStore, backend: Backend) -> Trainer:
@@ -89,7 +87,7 @@ def resume_trainer(
 def add_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) -> Gaussians:
     """The same Gaussians with random features of the configured dimension."""
     shape = (len(gaussians), config.feature_dim)
-    features = np.random.default_rng((seed, _FEATURES)).normal(0, config.init_std, shape)
+    features = make_generator(seed, Stream.FIRST_FEATURES).normal(0, config.init_std, shape)
     return replace(gaussians, features=features.astype(np.float32))
 
 

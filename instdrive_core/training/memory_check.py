@@ -27,7 +27,7 @@ def estimate_training_bytes(sizes: list[tuple[int, int]]) -> float:
 
 def check_training_memory(clip: Clip) -> None:
     """Raises OptionError where memory is too small for the clip's photos, with a scale or cameras that would do."""
-    frames = clip.training_frames()
+    frames = clip.training_frames
     needed, available = estimate_training_bytes(_sizes(frames)), measure_available_memory()
     if needed <= available:
         return
@@ -56,7 +56,7 @@ def _suggest_cameras(clip: Clip, available: float) -> str:
     """The first cameras that fit, as many as do."""
     for count in range(len(clip.camera_names) - 1, 0, -1):
         names = clip.camera_names[:count]
-        chosen = tuple(frame for frame in clip.training_frames() if frame.view.name in names)
+        chosen = tuple(frame for frame in clip.training_frames if frame.view.name in names)
         if estimate_training_bytes(_sizes(chosen)) <= available:
             return f"--cameras {','.join(names)} would fit"
     return ""

@@ -71,12 +71,12 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     out.mkdir(parents=True, exist_ok=True)
     on_note(f"reading {request.clip}")
     clip = load_clip(str(request.clip), request.options)
-    if not clip.training_frames():
+    if not clip.training_frames:
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
     on_note(
-        f"{len(clip.training_frames())} training photos, {len(clip.held_out_frames())} held out; "
+        f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
     )
     for note in clip.notes:

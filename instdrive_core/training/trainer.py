@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from instdrive_core.errors import InstDriveError
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.cpu_backend import CpuBackend
 from instdrive_core.training.backends.row_gather import gather_rows
@@ -43,13 +44,10 @@ from instdrive_core.training.settings.schedule import (
     compute_means_lr,
     is_coarse,
     is_pseudo_supervised,
-    step_rng,
 )
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
-_RGB, _INSTANCES, _GROWTH = 0, 1, 3
-"""Streams of random numbers."""
 _READ_AHEAD = 6
 """Steps whose photos are read while others train."""
 
@@ -160,9 +158,9 @@ class Trainer:
         if not self._cache:
             self.continue_on_cpu()
             self._cache = cache_views(self.model, self.store, self.config)
-        terms, seen = self._voxel_terms(_INSTANCES), None
+        terms, seen = self._voxel_terms(Stream.INSTANCE_VOXELS), None
         if self._cache:
-            view = self._cache[choose_view(self.config.seed, _INSTANCES, self.iteration, len(self._cache))]
+            view = self._cache[choose_view(self.config.seed, Stream.INSTANCE_VIEWS, self.iteration, len(self._cache))]
             seen = gather_rows(self.model.parameters["features"], view.rows).requires_grad_(True)
             pseudo = is_pseudo_supervised(self.config, self.iteration)
             terms |= compute_pixel_terms(blend_features(seen, view), view.segments, self.config.instances, pseudo)
@@ -173,27 +171,27 @@ class Trainer:
     # What the steps are made of.
 
     def _choose_view(self, iteration: int) -> tuple[int, bool]:
-        number = choose_view(self.config.seed, _RGB, iteration, len(self.store))
+        number = choose_view(self.config.seed, Stream.RGB_VIEWS, iteration, len(self.store))
         return number, is_coarse(self.config.geometry, iteration)
 
     def _joint_terms(self, view: TrainingView, drawn: RenderedView) -> dict[str, Tensor]:
         assert view.labels is not None
         assert drawn.features is not None
-        rng, config = step_rng(self.config.seed, _RGB, self.iteration), self.config.instances
+        rng, config = make_generator(self.config.seed, Stream.JOINT_PIXELS, self.iteration), self.config.instances
         alpha = drawn.alpha.detach().cpu().numpy()
         features, labels = sample_rendered_pixels(drawn.features, alpha, view.labels, config, rng)
         terms = compute_pixel_terms(
             features, inst.segments_from_labels(labels), config, is_pseudo_supervised(self.config, self.iteration)
         )
-        return terms | self._voxel_terms(_RGB)
+        return terms | self._voxel_terms(Stream.JOINT_VOXELS)
 
-    def _voxel_terms(self, stream: int) -> dict[str, Tensor]:
+    def _voxel_terms(self, stream: Stream) -> dict[str, Tensor]:
         """The voxel loss of all features where it is due. Its gradient is left with them at once: see `voxel_loss`."""
         features, config = self.model.parameters["features"], self.config.instances
         if not config.voxel_weight or self.iteration % config.voxel_every:
             return {}
         means = self.model.parameters["means"].detach().cpu().numpy()
-        rng = step_rng(self.config.seed, stream, self.iteration)
+        rng = make_generator(self.config.seed, stream, self.iteration)
         value, features.grad = compute_voxel_term(features, means, self.model.nodes, config, rng)
         return {"voxel": torch.tensor(value)}
 
@@ -236,7 +234,7 @@ class Trainer:
         """Grow and prune where the schedule says so; the step at `iteration` has just been done."""
         config, total = self.config.densify, self.config.geometry.iterations
         if is_densifying_due(config, self.iteration, total):
-            rng = step_rng(self.config.seed, _GROWTH, self.iteration)
+            rng = make_generator(self.config.seed, Stream.DENSIFY, self.iteration)
             result = densify_and_prune(
                 self.model.parameters,
                 self.model.nodes,

@@ -171,7 +171,8 @@ class FillHole(AppendEdit):
         ground, known = find_known_ground(document, grid, near)
         if self.lit:
             known &= ~find_shaded_cells(ground, known)
-        return plan_fill(near, hole, ground, known, np.random.default_rng(self.seed))
+        rng = np.random.default_rng(self.seed)  # bare, so that saved projects replay: see `maths.streams`
+        return plan_fill(near, hole, ground, known, rng)
 
 
 def _check_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:

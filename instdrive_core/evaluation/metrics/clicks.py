@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from instdrive_core.evaluation.metrics.segmentation import LabelledView, count_confusion
+from instdrive_core.maths.streams import Stream, make_generator
 
 CLICKS_PER_OBJECT = 10
 """Random pixels per visible object and view."""
@@ -42,7 +43,7 @@ def click_things(views: Sequence[LabelledView], things: Collection[int], seed: i
         for row, truth_id in enumerate(pixels.truth_ids.tolist()):
             if truth_id not in things:
                 continue
-            rng = np.random.default_rng((seed, number, truth_id))
+            rng = make_generator(seed, Stream.CLICKS, number, truth_id)
             shown = view.predicted[view.truth == truth_id]
             chosen = rng.choice(shown, CLICKS_PER_OBJECT, replace=len(shown) < CLICKS_PER_OBJECT)
             for selected, count in zip(*(part.tolist() for part in np.unique(chosen, return_counts=True)), strict=True):

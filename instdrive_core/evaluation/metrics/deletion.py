@@ -14,6 +14,7 @@ from instdrive_core.datasets.clip import Frame
 from instdrive_core.evaluation.metrics.clicks import Clicks
 from instdrive_core.evaluation.metrics.held_out import HeldOutView
 from instdrive_core.evaluation.metrics.world_gaussians import WorldGaussians, place_world_gaussians
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
 from instdrive_core.rasterize.kernels.view_colors import compute_colors
 from instdrive_core.rasterize.partial_redraw import redraw_without_rows
@@ -60,13 +61,13 @@ def score_deletions(
     hits = [each for each in clicks if each.hit]
     selections = sorted({(each.view, each.selected) for each in hits})
     if len(selections) > MAX_DELETIONS:
-        kept = np.random.default_rng(seed).choice(len(selections), MAX_DELETIONS, replace=False)
+        kept = make_generator(seed, Stream.DELETIONS).choice(len(selections), MAX_DELETIONS, replace=False)
         selections = [selections[index] for index in np.sort(kept)]
     shown_in = sorted({number for number, _ in selections})
     effects: list[_Effect] = []
     for number, group in groupby(selections, key=lambda selection: selection[0]):
         in_view = [each for each in hits if each.view == number]
-        effects += _effects(scene, views[number], [selected for _, selected in group], in_view, boxes)
+        effects += _measure_effects(scene, views[number], [selected for _, selected in group], in_view, boxes)
         progress("deletions", shown_in.index(number) + 1, len(shown_in))
     clicked = [effect.clicks for effect in effects]
     return {
@@ -76,7 +77,7 @@ def score_deletions(
     }
 
 
-def _effects(
+def _measure_effects(
     scene: Scene,
     view: HeldOutView,
     selections: Sequence[int],
@@ -89,7 +90,7 @@ def _effects(
     valid = np.ones(view.truth.shape, bool) if view.frame.valid is None else view.frame.valid
     effects = []
     for selected in selections:
-        after = drawing.without(scene.instance_ids == selected)
+        after = drawing.delete(scene.instance_ids == selected)
         for each in clicks:
             if each.selected != selected:
                 continue
@@ -126,22 +127,22 @@ class _Drawing:
         colors = compute_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
         channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
         channels[:, :3] = colors
-        self.inside = [_rows_inside(world, box, time) for box in boxes]
+        self.inside = [_find_rows_inside(world, box, time) for box in boxes]
         for column, rows in enumerate(self.inside):
             channels[rows, 3 + column] = 1
         self.raster = render(world.means, world.quats, world.log_scales, world.opacities, channels, camera)
         self.sky = render_sky_behind(scene.sky, camera, np.zeros_like(self.raster.alpha))
         self.colors = self._colors(self.raster.image, self.raster.alpha, (slice(None), slice(None)))
-        self.weights: Float64[ndarray, " boxes"] = _summed(self.raster.image)
+        self.weights: Float64[ndarray, " boxes"] = _sum_channels(self.raster.image)
         """Blending weight of the Gaussians inside each box, summed over the pixels; 0 without a box."""
-        self.row_weights = _row_weights(self.raster)
+        self.row_weights = _sum_row_weights(self.raster)
 
-    def without(self, deleted: Bool[ndarray, " n"]) -> _Deleted:
+    def delete(self, deleted: Bool[ndarray, " n"]) -> _Deleted:
         """The view without some rows of the scene."""
         after = redraw_without_rows(self.raster, deleted)
         colors = self._colors(after.image, after.alpha, after.window)
         changed = np.abs(colors - self.colors[after.window]).max(axis=2, initial=0) > VISIBLE_CHANGE
-        lost = _summed(self.raster.image[after.window]) - _summed(after.image)
+        lost = _sum_channels(self.raster.image[after.window]) - _sum_channels(after.image)
         kept = [self.row_weights[rows[~deleted[rows]]].sum() for rows in self.inside]
         return _Deleted(after.window, changed, self.weights - lost, np.array(kept, np.float64))
 
@@ -150,7 +151,7 @@ class _Drawing:
         return np.clip(image[..., :3] + (1 - alpha[..., None]) * self.sky[window], 0, 1)
 
 
-def _row_weights(raster: Raster) -> Float64[ndarray, " n"]:
+def _sum_row_weights(raster: Raster) -> Float64[ndarray, " n"]:
     """Blending weight of each Gaussian, summed over the pixels: the gradient of a summed channel with respect to it."""
     height, width, count = raster.image.shape
     of_one = np.zeros((height, width, count), np.float32)
@@ -159,11 +160,11 @@ def _row_weights(raster: Raster) -> Float64[ndarray, " n"]:
     return render_backward(raster.context, of_one, nothing, nothing, 0).channels[:, 0].astype(np.float64)
 
 
-def _summed(image: Float32[ndarray, "h w c"]) -> Float64[ndarray, " boxes"]:
+def _sum_channels(image: Float32[ndarray, "h w c"]) -> Float64[ndarray, " boxes"]:
     return image[..., 3:].sum(axis=(0, 1), dtype=np.float64)
 
 
-def _rows_inside(world: WorldGaussians, box: Track | None, time: float) -> Int64[ndarray, " k"]:
+def _find_rows_inside(world: WorldGaussians, box: Track | None, time: float) -> Int64[ndarray, " k"]:
     """Gaussians whose centre is in a box, its bottom cut off."""
     if box is None or not box.covers(time):
         return np.zeros(0, np.int64)

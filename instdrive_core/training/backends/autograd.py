@@ -65,7 +65,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_image, grad_depth, grad_alpha):
+    def backward(ctx, grad_image, grad_depth, grad_alpha):  # pyright: ignore[reportIncompatibleMethodOverride]
         _ = ctx.saved_tensors
         grads = _array(grad_image), _array(grad_depth), _array(grad_alpha)
         gradients = render_backward(ctx.raster, *grads, ctx.geometry_channels)
@@ -103,7 +103,7 @@ class _ViewColors(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_colors):
+    def backward(ctx, grad_colors):  # pyright: ignore[reportIncompatibleMethodOverride]
         _ = ctx.saved_tensors
         grad_dc, grad_rest = compute_colors_backward(ctx.view, ctx.rest_count, ctx.colors, _array(grad_colors))
         return None, torch.from_numpy(grad_dc), torch.from_numpy(grad_rest), None, None, None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int, UInt8, UInt16
@@ -26,6 +26,7 @@ class SeenSplats:
     """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over pixels, for screen coordinates in [-1, 1] along the longer side (AbsGS)."""
 
 
+@runtime_checkable
 class Backend(Protocol):
     """The operations of a training step. Tensors lie on `device`; results agree with `CpuBackend` within rounding."""
 

@@ -29,7 +29,7 @@ class _Exposed(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad):
+    def backward(ctx, grad):  # pyright: ignore[reportIncompatibleMethodOverride]
         image, exposure = (to_kernel_array(tensor.detach().numpy()) for tensor in ctx.saved_tensors)
         grad_image, row_sums = np.empty(image.shape, np.float32), np.empty((len(image), 12), np.float64)
         _expose_backward(to_kernel_array(grad.numpy()), image, exposure, grad_image, row_sums)

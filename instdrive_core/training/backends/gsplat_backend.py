@@ -124,7 +124,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, *grad_outputs):
+    def backward(ctx, *grad_outputs):  # pyright: ignore[reportIncompatibleMethodOverride]
         leaves = [leaf for leaf in ctx.leaves if leaf.requires_grad]
         kept = [output.requires_grad for output in ctx.outputs]
         outputs, grads = compress(ctx.outputs, kept), compress(grad_outputs, kept)

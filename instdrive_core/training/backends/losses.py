@@ -49,7 +49,7 @@ class _DepthLoss(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_loss):
+    def backward(ctx, grad_loss):  # pyright: ignore[reportIncompatibleMethodOverride]
         depth, alpha = ctx.saved_tensors
         grad_depth, grad_alpha = np.zeros(tuple(depth.shape), np.float32), np.zeros(tuple(depth.shape), np.float32)
         scale = np.float32(float(grad_loss) / max(ctx.count, 1))
@@ -70,7 +70,7 @@ class _SkyLoss(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_loss):
+    def backward(ctx, grad_loss):  # pyright: ignore[reportIncompatibleMethodOverride]
         (alpha,) = ctx.saved_tensors
         grad_alpha = np.empty(tuple(alpha.shape), np.float32)
         scale = np.float32(float(grad_loss) / alpha.numel())

@@ -82,7 +82,7 @@ class _Photometric(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_loss, _):
+    def backward(ctx, grad_loss, _):  # pyright: ignore[reportIncompatibleMethodOverride]
         compared, gradient = ctx.compared, np.empty(ctx.shape, np.float32)
         scale = float(grad_loss) / gradient.size
         scales = np.float32(scale * (1 - ctx.weight)), np.float32(scale * ctx.weight)

@@ -61,7 +61,7 @@ class _Place(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_means, grad_quats):
+    def backward(ctx, grad_means, grad_quats):  # pyright: ignore[reportIncompatibleMethodOverride]
         means, quats = ctx.saved_tensors
         inputs, grads, starts = (_array(means), _array(quats)), (_array(grad_means), _array(grad_quats)), ctx.starts
         no_shifts = np.zeros((len(starts) - 1, 3), np.float32)

@@ -29,7 +29,7 @@ class _OverSky(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         alpha, faces = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
         grad_alpha, grad_faces = sky_behind.render_sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
         return grad, torch.from_numpy(grad_alpha), torch.from_numpy(grad_faces), None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ from torch import Tensor
 from instdrive_core.scene.exposure import Exposures
 
 
+@runtime_checkable
 class TimedPhoto(Protocol):
     """What names a photo; a training view is one."""
 

@@ -15,6 +15,7 @@ from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS, dc_from_color
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.first_points import (
@@ -69,9 +70,9 @@ def build_initial_scene(
     or a photo, mask or sweep is damaged.
     """
     _check_has_data(clip, views)
-    rng = np.random.default_rng((seed, 0))
+    rng = make_generator(seed, Stream.LIDAR_THINNING)
     centers = np.stack([facts.camera.position for facts in views.facts]).astype(np.float32)
-    if clip.training_sweeps():
+    if clip.training_sweeps:
         points = gather_first_points(clip, views, config, seed, moving_actors)
         if not len(points.lidar):
             problem = "no camera sees a LiDAR point of the training time steps"
@@ -119,7 +120,7 @@ def _check_has_data(clip: Clip, views: ViewStore) -> None:
     if not len(views):
         problem = "has no photo of a training time step (every tenth is kept for evaluation)"
         raise DataError(clip.path, problem, "Choose other cameras or a wider frame range")
-    if not clip.training_sweeps() and clip.points is None:
+    if not clip.training_sweeps and clip.points is None:
         problem = "has no LiDAR sweep of a training time step (lidar/NN.pkl.gz)"
         raise DataError(clip.path, problem, "Add sweeps, choose a wider frame range, or start from a scene with --init")
 

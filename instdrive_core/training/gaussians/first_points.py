@@ -14,6 +14,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.track import Track
 from instdrive_core.training.settings.config import InitConfig
@@ -27,8 +28,6 @@ BOX_BOTTOM = -0.1
 """Margin of the lower face for what is kept of them: cuts the road off."""
 CROWD = 8
 """Before thinning, this many times as many points as will be kept are gathered at most."""
-_BEYOND, _LIDAR = 1, 2
-"""Streams of random numbers."""
 _GRID_WIDTH = 480
 """Pixels along a row between which points beyond LiDAR are chosen; more would cost time and change little."""
 
@@ -80,7 +79,7 @@ def gather_first_points(
     to the background.
     """
     tracks = [track for track in clip.tracks if track.moving and moving_actors]
-    sweeps = {sweep.index: sweep for sweep in clip.training_sweeps()}
+    sweeps = {sweep.index: sweep for sweep in clip.training_sweeps}
     numbers: dict[int, list[int]] = {step: [] for step in sweeps}
     for number, facts in enumerate(views.facts):
         numbers.setdefault(facts.step, []).append(number)
@@ -93,7 +92,7 @@ def gather_first_points(
         if cloud is None:
             return FirstPoints(concatenate_points([]), near, far, {})
         actors, lidar = _split_actors(cloud, sweeps[step].time, tracks)
-        lidar = subsample(lidar, crowd, np.random.default_rng((seed, _LIDAR, step)))
+        lidar = subsample(lidar, crowd, make_generator(seed, Stream.SWEEP_SAMPLE, step))
         return FirstPoints(lidar, near, far, actors)
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
@@ -116,7 +115,7 @@ def _gather_view(
     view = views.get(number)
     if cloud is not None:
         cloud.add(view)
-    return sample_beyond_lidar(view, config, len(views), np.random.default_rng((seed, _BEYOND, number)))
+    return sample_beyond_lidar(view, config, len(views), make_generator(seed, Stream.BEYOND_LIDAR, number))
 
 
 def subsample(points: ColoredPoints, limit: int, rng: np.random.Generator) -> ColoredPoints:

@@ -8,6 +8,7 @@ import numpy as np
 
 from instdrive_core.datasets.clip import Clip, SparsePoints
 from instdrive_core.errors import DataError
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.gaussians.first_points import (
     ColoredPoints,
     FirstPoints,
@@ -20,8 +21,6 @@ from instdrive_core.training.views.lidar_depth import find_pixels_of_points, pro
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
-_BEYOND = 3
-"""Stream of random numbers."""
 _NEAR, _FAR = (0.2, 2.0), (2.0, 20.0)
 """Depths of random points, in typical distances: nothing is known but how far the cameras lie apart."""
 _LEAST_DISTANCE = 10.0
@@ -42,7 +41,7 @@ def gather_points_without_lidar(clip: Clip, views: ViewStore, config: InitConfig
     seen = np.zeros(len(given.points), bool)
     near, far = [], []
     for number in range(len(views)):
-        view, rng = views.get(number), np.random.default_rng((seed, _BEYOND, number))
+        view, rng = views.get(number), make_generator(seed, Stream.WITHOUT_LIDAR, number)
         if is_random:
             near.append(_random_points(view, config.lidar_points + config.near_points, len(views), _NEAR, reach, rng))
             far.append(_random_points(view, config.far_points, len(views), _FAR, reach, rng))

@@ -94,7 +94,7 @@ class _WeightedFeatures(torch.autograd.Function):
         return torch.from_numpy(apply_weights(view.weights, features.detach().numpy()))
 
     @staticmethod
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return torch.from_numpy(apply_weights(ctx.transposed, grad.numpy())), None
 
 

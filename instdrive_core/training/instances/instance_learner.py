@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float32, UInt32
 from numpy import ndarray
 
 from instdrive_core.instances.codebook import quantize_features
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView, cache_view
 from instdrive_core.training.instances.instance_losses import sample_stratified_pixels
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.settings.schedule import step_rng
 from instdrive_core.training.views.view_store import ViewStore
-
-_SAMPLING = 2
-"""Stream of random numbers of the sampled pixels."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +34,7 @@ class LearnedInstances:
     shares a codeword."""
 
 
+@runtime_checkable
 class InstanceLearner(Protocol):
     """A method: learns from the training views' masks, changes neither the model nor the store."""
 
@@ -66,7 +64,7 @@ def cache_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> lis
         view = store.get(number)
         if view.labels is None or not view.labels.any():
             continue
-        rng = step_rng(config.seed, _SAMPLING, number)
+        rng = make_generator(config.seed, Stream.MASKED_PIXELS, number)
         pixels = sample_stratified_pixels(view.labels, instances.pixels_per_view, rng)
         cached.append(cache_view(model, view, number, pixels, instances.min_alpha))
     store.release()

@@ -73,7 +73,7 @@ def _classes_by_lidar(
 def _load_labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
     """Some points of each training sweep that has classes, and those."""
     with ThreadPoolExecutor(max_workers=numba.get_num_threads()) as readers:
-        parts = [part for part in readers.map(_load_thinned_sweep, clip.training_sweeps()) if part is not None]
+        parts = [part for part in readers.map(_load_thinned_sweep, clip.training_sweeps) if part is not None]
     if not parts:
         return np.zeros((0, 3), np.float32), np.zeros(0, np.uint8)
     return np.concatenate([points for points, _ in parts]), np.concatenate([labels for _, labels in parts])

@@ -45,6 +45,7 @@ def _tanh_coefficients(degree: int = 4) -> tuple[tuple[np.float32, ...], tuple[n
     x = _FLAT * np.sin(0.5 * np.pi * (np.arange(4000) + 0.5) / 4000)
     z, target, weight = (x / _FLAT) ** 2, np.tanh(x) / x, x / np.tanh(x)
     powers = np.vander(z, degree + 1, increasing=True)
+    solution, q = np.zeros(2 * degree + 1), np.ones(degree + 1)
     for _ in range(6):
         system = np.hstack([powers, -target[:, None] * powers[:, 1:]]) * weight[:, None]
         solution = np.linalg.lstsq(system, target * weight, rcond=None)[0]

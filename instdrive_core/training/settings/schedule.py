@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 from jaxtyping import Int
 from numpy import ndarray
 
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.settings.config import GeometryConfig, TrainConfig
 
 FINAL_MEANS_LR = 0.01
@@ -23,16 +23,14 @@ def is_coarse(config: GeometryConfig, iteration: int) -> bool:
     return iteration < config.coarse_iterations
 
 
-def choose_view(seed: int, stage: int, iteration: int, views: int) -> int:
-    """Each epoch visits every view once in its own order: a function of the iteration, so that runs can resume."""
+def choose_view(seed: int, stream: Stream, iteration: int, views: int) -> int:
+    """Choose the view of a step. Each epoch visits every view once, in an order of its own.
+
+    The choice depends on nothing but the arguments, so that a resumed run goes on as it would have.
+    """
     epoch, position = divmod(iteration, views)
-    order: Int[ndarray, " v"] = np.random.default_rng((seed, 1, stage, epoch)).permutation(views)
+    order: Int[ndarray, " v"] = make_generator(seed, stream, epoch).permutation(views)
     return int(order[position])
-
-
-def step_rng(seed: int, stage: int, iteration: int) -> np.random.Generator:
-    """The random numbers of one step, independent of all steps before it."""
-    return np.random.default_rng((seed, 2, stage, iteration))
 
 
 def is_pseudo_supervised(config: TrainConfig, iteration: int) -> bool:

@@ -37,7 +37,7 @@ def load_frame_depths(clip: Clip, frames: Sequence[Frame]) -> list[Depths]:
     running: list[Future[Depths]] = []
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         for index, of_step in groupby(frames, key=lambda frame: frame.view.index):
-            points = sweeps.points_at(index)
+            points = sweeps.load_positions(index)
             depths += [future.result() for future in running]
             running = [pool.submit(compute_frame_depths, frame, points) for frame in of_step]
         depths += [future.result() for future in running]

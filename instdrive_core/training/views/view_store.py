@@ -6,7 +6,6 @@ import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
@@ -89,7 +88,7 @@ class ViewStore:
     def __len__(self) -> int:
         return len(self.facts)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> ViewStore:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -235,7 +234,7 @@ def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DE
 
     Raises DataError where a sweep is damaged or the masks lack a photo.
     """
-    frames = clip.training_frames()
+    frames = clip.training_frames
     if masks is not None:
         _check_masks(masks, frames)
     depths = load_frame_depths(clip, frames)
