@@ -30,7 +30,7 @@ class Job:
     """Whether edits wait until it is done."""
     failed: Callable[[BaseException], bool]
     """Gets what went wrong; returns whether that was all there is to do about it."""
-    future: Future = field(default_factory=Future)
+    future: Future[Any] = field(default_factory=Future)
     share: float | None = None
     """How much of it is done, 0 … 1; None while that is not known."""
     stop: Event = field(default_factory=Event)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.kinds.select import SelectMode
@@ -39,6 +39,7 @@ def choose_selection_mode(shift: bool, ctrl: bool) -> SelectMode:
     return "add" if shift else "remove" if ctrl else "replace"
 
 
+@runtime_checkable
 class Tool(Protocol):
     """Turns pointing into commands and edits."""
 

@@ -46,7 +46,7 @@ def window_figures(scene: Path, folder: Path, idle_seconds: float = 8.0) -> tupl
 
 
 @contextmanager
-def _running(scene: Path, folder: Path) -> Iterator[tuple[subprocess.Popen, Path]]:
+def _running(scene: Path, folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     report = folder / "window.jsonl"
     command = [sys.executable, "-m", "instdrive_app.main", "edit", str(scene), "--report", str(report)]
     environment = {**os.environ, "INSTDRIVE_STATE": str(folder / "state")}
@@ -58,7 +58,7 @@ def _running(scene: Path, folder: Path) -> Iterator[tuple[subprocess.Popen, Path
         process.wait(PATIENCE)
 
 
-def _wait(reached: Callable[[], bool], process: subprocess.Popen) -> float:
+def _wait(reached: Callable[[], bool], process: subprocess.Popen[bytes]) -> float:
     started = time.perf_counter()
     while not reached():
         if process.poll() is not None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -144,7 +145,7 @@ def _sog_files(rng: np.random.Generator, count: int, version: int) -> Files:
     files = {f"{name}.webp": _webp(_as_image(values)) for name, values in pixels.items()}
     files["centroids.webp"] = _webp(rng.integers(0, 256, (2, 64 * 3, 4)).astype(np.uint8))
     codebook = np.sort(rng.normal(-3, 1, 256)).tolist()
-    meta: dict[str, dict] = {name: {"files": [f"{name}.webp"]} for name in ("scales", "quats", "sh0")}
+    meta: dict[str, dict[str, Any]] = {name: {"files": [f"{name}.webp"]} for name in ("scales", "quats", "sh0")}
     meta["means"] = {"mins": [-3.0] * 3, "maxs": [3.0] * 3, "files": ["means_l.webp", "means_u.webp"]}
     meta["shN"] = {"files": ["centroids.webp", "labels.webp"]}
     if version == 2:

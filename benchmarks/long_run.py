@@ -122,23 +122,23 @@ def _editing_round(editor, rng: np.random.Generator, folder: Path, reopen: Path 
     visible = session.document.find_visible_instances()
     chosen = tuple(int(i) for i in rng.choice(visible, min(3, len(visible)), replace=False))
     acts: tuple[Callable[[], object], ...] = (
-        lambda: session.select(chosen),
-        lambda: session.recolor(chosen, "tint", tuple(rng.uniform(0, 1, 3))),
-        lambda: session.apply(MoveInstances, chosen, (float(rng.uniform(-1, 1)), 0.5, 0.0)),
-        lambda: session.apply(DuplicateInstances, chosen[:1], (0.0, 2.0, 0.0)),
-        lambda: session.delete(chosen[:1]),
+        lambda: session.selection.select(chosen),
+        lambda: session.colors.recolor(chosen, "tint", tuple(rng.uniform(0, 1, 3))),
+        lambda: session.history.apply(MoveInstances(chosen, (float(rng.uniform(-1, 1)), 0.5, 0.0))),
+        lambda: session.history.apply(DuplicateInstances(chosen[:1], (0.0, 2.0, 0.0))),
+        lambda: session.deletion.delete(chosen[:1]),
         lambda: session.navigation.look_through(int(rng.integers(len(session.document.scene.views) or 1))),
-        session.undo,
-        session.redo,
-        lambda: session.save(folder / "long.instdrive"),
+        session.history.undo,
+        session.history.redo,
+        lambda: session.files.save(folder / "long.instdrive"),
     )
     for act in acts:
         editor.frame(act)
         editor.settle()
     editor.frames_until(lambda: session.jobs.current is None)
     editor.export(folder / "long.ply")
-    session.jump(0)
-    editor.frames_until(lambda: not session.jumping.under_way)
+    session.history.jump(0)
+    editor.frames_until(lambda: not session.history.is_jumping)
     if reopen is not None:
         before = session.document
         session.files.open(reopen)
@@ -187,6 +187,6 @@ def main(options: Command) -> dict[str, object]:
 
 if __name__ == "__main__":
     try:
-        print(json.dumps(main(tyro.cli(Command))))  # type: ignore[arg-type]
+        print(json.dumps(main(tyro.cli(Command))))
     except InstDriveError as error:
         sys.exit(str(error))

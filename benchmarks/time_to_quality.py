@@ -65,7 +65,7 @@ class Quality:
 
 def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
     """Compare held-out photos with the scene."""
-    frames = clip.held_out_frames()
+    frames = clip.held_out_frames
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(photos, len(frames))).round().astype(int))
     whole, actors = [], []
     for frame in (frames[number] for number in chosen):
@@ -102,6 +102,7 @@ def main(options: Options) -> dict[str, object]:
     total = options.config.geometry.iterations
     due = set(np.linspace(0, total, options.marks + 1).round().astype(int).tolist()[1:])
     curve: list[tuple[int, float, float, int]] = []
+    psnr_actors: float | None = None
     with open_view_store(clip, masks) as store:
         trainer = build_trainer_from_clip(options.config, clip, store, CpuBackend())
         ready = time.perf_counter() - started
@@ -115,6 +116,7 @@ def main(options: Options) -> dict[str, object]:
                 reached = quality(scene_of(trainer, clip), clip, photos)
                 drawing += time.perf_counter() - before
                 seconds = time.perf_counter() - started - drawing
+                psnr_actors = reached.psnr_actors
                 curve.append((trainer.iteration, round(seconds, 1), round(reached.psnr, 3), len(trainer.model)))
                 print(*curve[-1], file=sys.stderr, flush=True)
     return {
@@ -124,7 +126,7 @@ def main(options: Options) -> dict[str, object]:
         "ready_s": round(ready, 1),
         "seconds": curve[-1][1],
         "psnr": curve[-1][2],
-        "psnr_actors": reached.psnr_actors and round(reached.psnr_actors, 3),
+        "psnr_actors": psnr_actors and round(psnr_actors, 3),
         "gaussians": len(trainer.model),
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         "curve": curve,

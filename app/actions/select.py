@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import is_editable
@@ -21,7 +22,7 @@ def _sets(session: EditorSession) -> list[Action]:
         Action(
             "select.all",
             "Select all",
-            lambda: _apply(session, SelectAll),
+            lambda: session.history.apply(SelectAll),
             "Select",
             ("Ctrl+A",),
             enabled=lambda: is_editable(session),
@@ -31,17 +32,17 @@ def _sets(session: EditorSession) -> list[Action]:
         Action(
             "select.none",
             "Select nothing",
-            session.clear_selection,
+            session.selection.clear,
             "Select",
             ("Escape",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_BAN",
             undoable=True,
         ),
         Action(
             "select.invert",
             "Invert the selection",
-            lambda: _apply(session, InvertSelection),
+            lambda: session.history.apply(InvertSelection),
             "Select",
             ("Ctrl+I",),
             enabled=lambda: is_editable(session),
@@ -56,10 +57,10 @@ def _borders(session: EditorSession) -> list[Action]:
         Action(
             "select.grow",
             "Grow the selection",
-            session.borders.grow,
+            session.selection.border.grow,
             "Select",
             ("Ctrl+=",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER",
             undoable=True,
             separator=True,
@@ -67,10 +68,10 @@ def _borders(session: EditorSession) -> list[Action]:
         Action(
             "select.shrink",
             "Shrink the selection",
-            session.borders.shrink,
+            session.selection.border.shrink,
             "Select",
             ("Ctrl+-",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",
             undoable=True,
         ),
@@ -93,18 +94,18 @@ def _kinds(session: EditorSession) -> list[Action]:
         Action(
             "select.codeword",
             "Extend to the whole codeword",
-            lambda: session.select_codeword_of(session.selected[0]),
+            lambda: session.selection.select_codeword(session.selection.ids[0]),
             "Select",
             ("G",),
-            enabled=lambda: len(session.selected) == 1 and session.has_codewords,
+            enabled=lambda: len(session.selection.ids) == 1 and session.selection.has_codewords,
             icon="ICON_FA_BARCODE",
             undoable=True,
         ),
     ]
 
 
-def _apply(session: EditorSession, make: Callable, *parameters: object) -> None:
-    session.apply(make, *parameters)
+def _apply(session: EditorSession, make: Callable[..., Any], *parameters: object) -> None:
+    session.history.apply(make, *parameters)
 
 
 def _classes(session: EditorSession) -> tuple[str, ...]:
@@ -112,13 +113,13 @@ def _classes(session: EditorSession) -> tuple[str, ...]:
     if session.document is None:
         return ()
     table = session.document.scene.table
-    return tuple(sorted({table[instance].class_name for instance in session.selected} - {""}))
+    return tuple(sorted({table[instance].class_name for instance in session.selection.ids} - {""}))
 
 
 def _select_classes(session: EditorSession) -> None:
     classes = _classes(session)
     edits = tuple(SelectClass(name, "add") for name in classes)
     if len(edits) == 1:
-        session.apply(SelectClass, classes[0], "add")
+        session.history.apply(edits[0])
     else:
-        session.apply(CompoundEdit, edits, f"Select classes {', '.join(classes)}")
+        session.history.apply(CompoundEdit(edits, f"Select classes {', '.join(classes)}"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from instdrive_app.panels.dialogs import DialogHost
 from instdrive_app.panels.dialogs.about import AboutDialog
@@ -40,6 +40,7 @@ from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.panels.widgets.ui import Ui
 
 
+@runtime_checkable
 class Panel(Protocol):
     """What fills a docked window."""
 

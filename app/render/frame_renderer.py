@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import moderngl
 from jaxtyping import UInt8, UInt32
@@ -20,6 +20,7 @@ SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swr", "software", "swiftshader", "g
 """Parts of the names of OpenGL drivers that draw on the CPU: there the CPU rasterizer is many times faster."""
 
 
+@runtime_checkable
 class FrameRenderer(Protocol):
     """Draws one document as snapshots ask for. Everything is called on the thread that owns the GL context."""
 

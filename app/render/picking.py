@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, UInt32
@@ -39,7 +39,7 @@ class Picker:
 
     def __init__(self) -> None:
         self._splats: PickableSplats | None = None
-        self._answer: tuple[tuple, PickedInstances] | None = None
+        self._answer: tuple[tuple[Any, ...], PickedInstances] | None = None
 
     def find_instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
         """Instances at a position of the picture: the one that the pixel stands for, then all behind it.
@@ -65,7 +65,7 @@ class Picker:
         return self._answer[1]
 
 
-def _collect_versions(document: Document) -> tuple:
+def _collect_versions(document: Document) -> tuple[Any, ...]:
     looks = (document.state.version, document.colors.version)
     return (*looks, document.geometry_version, document.rows_version, document.table_version)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
@@ -16,7 +18,7 @@ class WorldMeans:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._moves, self._new = document.transforms.dirty_reader(), document.new_rows.reader()
-        self._key: tuple | None = None
+        self._key: tuple[Any, ...] | None = None
         self._driving = (0, 0)
         self._buffer = np.zeros((0, 3), np.float32)
         self.values: Float32[ndarray, "n 3"] = self._buffer

@@ -55,8 +55,8 @@ def _print_findings(findings: tuple[Defect, ...]) -> None:
 
 def _print_instances(opened: Scene, instances: int) -> None:
     largest = sorted(opened.table, key=lambda instance: (-instance.count, instance.id))[: max(instances, 0)]
+    width = max([len("class"), *(len(instance.class_name) for instance in largest)])
     if largest:
-        width = max(len("class"), *(len(instance.class_name) for instance in largest))
         print(f"\n{'ID':>8}  {'splats':>9}  {'codeword':>10}  {'class':<{width}}  name")
     for instance in largest:
         counts = f"{instance.id:>8}  {instance.count:>9,}  {instance.codeword:>10}"

@@ -117,11 +117,11 @@ def _check_keys(keys: list[Any]) -> None:
             raise pickle.UnpicklingError(f"a {type(key).__name__} stands as a key")
 
 
-_PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)
+_PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)  # pyright: ignore[reportPrivateUsage]
 """What opcodes do in any pickle."""
 
 
-class _RecordingUnpickler(pickle._Unpickler):
+class _RecordingUnpickler(pickle._Unpickler):  # pyright: ignore[reportPrivateUsage]
     """Gives records instead of functions and classes.
 
     The Python implementation on purpose: in the C one, a forged memo index allocates memory without a limit.
@@ -172,12 +172,12 @@ class _RecordingUnpickler(pickle._Unpickler):
 
     dispatch[pickle.EMPTY_SET[0]] = dispatch[pickle.FROZENSET[0]] = dispatch[pickle.ADDITEMS[0]] = load_set
 
-    def find_class(self, module_name: str, global_name: str) -> type[Recorded]:
-        recorded = ALLOWED.get((module_name, global_name))
+    def find_class(self, module: str, name: str) -> type[Recorded]:
+        recorded = ALLOWED.get((module, name))
         if recorded is None:
             raise UntrustedDataError(
                 self._path,
-                f"asks for '{module_name}.{global_name}', which no table needs; nothing of it was run",
+                f"asks for '{module}.{name}', which no table needs; nothing of it was run",
                 _REMEDY + ", or, if you wrote it yourself, save plain numpy columns (bool, int, float, object)",
             )
         return recorded

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, UInt32
@@ -26,6 +26,7 @@ NOT_KNOWN = "none"
 """The source of labels that nobody gave."""
 
 
+@runtime_checkable
 class GroundTruth(Protocol):
     """Label maps with IDs that mean the same object in every frame."""
 
@@ -43,7 +44,7 @@ class GroundTruth(Protocol):
         """IDs at the frame's size; 0 = unknown, to be ignored. Sky and ego vehicle are 0."""
         ...
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"] | None:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"] | None:
         """The sky at the frame's size; None where it is not known."""
         ...
 
@@ -78,5 +79,5 @@ class UnknownLabels:
         """All 0."""
         return np.zeros((frame.view.camera.height, frame.view.camera.width), np.uint32)
 
-    def sky(self, frame: Frame) -> None:
+    def load_sky(self, frame: Frame) -> None:
         """Not known."""

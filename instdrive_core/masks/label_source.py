@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
@@ -10,6 +10,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Frame
 
 
+@runtime_checkable
 class LabelSource(Protocol):
     """Makes the masks of one photo at a time; `sources.make_masks` writes them."""
 
@@ -23,6 +24,6 @@ class LabelSource(Protocol):
         frames."""
         ...
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
         ...

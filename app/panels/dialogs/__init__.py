@@ -1,46 +1,66 @@
 """Modal dialogs, one file each.
 
-A command opens one by setting `session.dialog` to one of its names. A new dialog is a file and a line in
-`panels/registry.py`.
+A dialog opens when the session's queue holds a request that it answers. A new dialog is a request in
+`session/requests.py`, a file here, and a line in `panels/registry.py`.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol, runtime_checkable
+
+from imgui_bundle import imgui
 
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.session.requests import Request
+
+_log = logging.getLogger(__name__)
 
 
+@runtime_checkable
 class Dialog(Protocol):
     """A popup that asks for something."""
 
-    names: tuple[str, ...]
-    """What `session.dialog` is set to in order to open it."""
+    answers: tuple[type[Request], ...]
+    """The requests that open it; no other dialog answers them."""
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Open it; `name` says for which of its purposes."""
+    def open(self, ui: Ui, request: Any) -> None:
+        """Open it for a request of one of the types in `answers`."""
 
     def draw(self, ui: Ui) -> None:
         """One frame, whether it is open or not."""
 
 
 class DialogHost:
-    """Opens whichever dialog the session asks for, and draws the open one."""
+    """Opens the dialog for each request, one at a time, and draws the open one."""
 
     def __init__(self, dialogs: Sequence[Dialog]) -> None:
+        """Raises ValueError where two dialogs answer the same request."""
         self._dialogs = tuple(dialogs)
-        self._by_name = {name: dialog for dialog in dialogs for name in dialog.names}
+        self._by_request: dict[type[Request], Dialog] = {}
+        for dialog in dialogs:
+            for kind in dialog.answers:
+                if kind in self._by_request:
+                    raise ValueError(f"two dialogs answer {kind.__name__}")
+                self._by_request[kind] = dialog
 
     @property
-    def names(self) -> frozenset[str]:
-        """What `session.dialog` can be."""
-        return frozenset(self._by_name)
+    def answers(self) -> frozenset[type[Request]]:
+        """Types of the requests that open a dialog."""
+        return frozenset(self._by_request)
 
     def draw(self, ui: Ui) -> None:
-        """One frame. Raises KeyError for a name that no dialog has."""
-        asked, ui.session.dialog = ui.session.dialog, None
-        if asked is not None:
-            self._by_name[asked].ask(ui, asked)
+        """One frame. A request that no dialog answers is logged as an error."""
+        request = ui.session.requests.take_due(is_blocked=imgui.internal.get_top_most_popup_modal() is not None)
+        if request is not None:
+            self._open(ui, request)
         for dialog in self._dialogs:
             dialog.draw(ui)
+
+    def _open(self, ui: Ui, request: Request) -> None:
+        dialog = self._by_request.get(type(request))
+        if dialog is None:
+            _log.error("nothing answers the request %r", request)
+        else:
+            dialog.open(ui, request)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from imgui_bundle import ImVec2, imgui
 
@@ -25,6 +25,7 @@ from instdrive_core.instances.table import Instance
 BUTTONS = ("edit.delete", "edit.hide", "edit.lock", "edit.solo", "view.frame", "labels.split", "labels.absorb")
 
 
+@runtime_checkable
 class InspectorSection(Protocol):
     """A part of the inspector, one file each; a new one is a file and a line below."""
 
@@ -50,7 +51,7 @@ class InspectorPanel:
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
-        document, ids = ui.session.document, ui.session.selected
+        document, ids = ui.session.document, ui.session.selection.ids
         if document is None or not ids:
             imgui.push_text_wrap_pos(0)
             imgui.text_disabled(_advise(ui, document))
@@ -59,7 +60,7 @@ class InspectorPanel:
         self._draw_heading(ui, document, ids)
         _draw_buttons(ui)
         for section in self._sections:
-            if ui.session.document is not document or ui.session.selected != ids:
+            if ui.session.document is not document or ui.session.selection.ids != ids:
                 return  # a button above has changed what is selected
             if section.title and not _draw_section_header(ui, section.title):
                 continue
@@ -97,7 +98,7 @@ class InspectorPanel:
 def _advise(ui: Ui, document: Document | None) -> str:
     if document is None:
         return "What is known of the selected object appears here."
-    if ui.session.has_selection:
+    if not ui.session.selection.is_empty:
         return "The selected splats belong to no instance. Labels, Reassign gives them to one."
     if not len(document.scene.table):
         return (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int64
@@ -117,8 +118,8 @@ class InstanceRows:
         self.ids = tuple(instance.id for instance in found)
         self.place = {instance_id: row for row, instance_id in enumerate(self.ids)}
 
-    def _build_sort_key(self, column: str) -> Callable[[Instance], tuple]:
-        keys: dict[str, Callable[[Instance], tuple]] = {
+    def _build_sort_key(self, column: str) -> Callable[[Instance], tuple[Any, ...]]:
+        keys: dict[str, Callable[[Instance], tuple[Any, ...]]] = {
             "#": lambda i: (i.id,),
             "Code": lambda i: (i.codeword, i.id),
             "Name": lambda i: (build_natural_key(i.name), i.id),

@@ -5,11 +5,12 @@ A new overlay is a file and a line in `panels/registry.py`. The lists' order is 
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from instdrive_app.panels.widgets.ui import Rectangle, Ui
 
 
+@runtime_checkable
 class Overlay(Protocol):
     """Something over the picture."""
 

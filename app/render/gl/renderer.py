@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import fields
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -166,7 +167,7 @@ class GlRenderer:
         self._draw_rows(targets, snapshot)
         return targets
 
-    def _make_look_key(self, camera: Camera) -> tuple:
+    def _make_look_key(self, camera: Camera) -> tuple[Any, ...]:
         """Names what the splats look like through a camera, as far as the projector knows."""
         return make_camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
@@ -201,13 +202,13 @@ class GlRenderer:
         self._keys["rows"] = key
 
 
-def make_camera_key(camera: Camera) -> tuple:
+def make_camera_key(camera: Camera) -> tuple[Any, ...]:
     """Equal for cameras that see the same."""
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     return (*pinhole, camera.world_from_camera.tobytes())
 
 
-def make_snapshot_key(snapshot: FrameSnapshot) -> tuple:
+def make_snapshot_key(snapshot: FrameSnapshot) -> tuple[Any, ...]:
     """Equal for snapshots that ask for the same frame."""
     rest = [getattr(snapshot, entry.name) for entry in fields(FrameSnapshot) if entry.name != "camera"]
     return (make_camera_key(snapshot.camera), *rest)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -69,7 +70,7 @@ def parse_comments(comments: tuple[str, ...], path: Path) -> Annotations:
     return annotations
 
 
-def _parse_scene(entry: dict, annotations: Annotations) -> None:
+def _parse_scene(entry: dict[str, Any], annotations: Annotations) -> None:
     bits, origin = int(entry["code_bits"]), np.array(entry["origin"], np.float64)
     if not 0 <= bits <= MAX_BITS or origin.shape != (3,) or not np.isfinite(origin).all():
         raise ValueError(f"code_bits {bits} or origin {entry['origin']} out of range")
@@ -81,5 +82,5 @@ def _normalize_comment(comment: str) -> str:
     return " ".join(comment.replace(":", " ").lower().split())
 
 
-def _encode_line(entry: dict) -> str:
+def _encode_line(entry: dict[str, Any]) -> str:
     return json.dumps(entry, ensure_ascii=True, separators=(",", ":"))

@@ -30,6 +30,7 @@ from instdrive_core.files.atomic import open_atomically
 from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
 from instdrive_core.formats.export_checks import check_numbers, check_static
 from instdrive_core.formats.plausible_count import check_plausible_count
+from instdrive_core.formats.scene_format import Fidelity, Format
 from instdrive_core.formats.spz import values
 from instdrive_core.formats.spz.axes import RUB, find_flips, parse_axes
 from instdrive_core.formats.spz.container import ANTIALIASED, EXTENSIONS, SpzHeader, read_container, write_container
@@ -146,6 +147,8 @@ def _decode(name: str, data: UInt8[ndarray, "n w"], gaussians: Gaussians, rows: 
             gaussians.quats[rows] = values.decode_smallest_three(data)
         case "harmonics":
             values.decode_harmonics(data, gaussians.sh_rest[rows])
+        case _:
+            raise ValueError(f"no stream of SPZ is called {name!r}")
 
 
 def _encode(
@@ -170,3 +173,13 @@ def _encode(
             rest = gaussians.sh_rest[rows]
             data = values.encode_harmonics(rest * flips.sh_rest[: rest.shape[1]], bits)
     return np.ascontiguousarray(data)
+
+
+def _compute_position_error(means: ndarray) -> float:
+    """Half a step of the fixed-point positions, metres."""
+    bits = values.choose_fractional_bits(float(np.abs(means).max(initial=0)))
+    return 0.5 ** ((bits or 0) + 1) * (1 + 1e-6)
+
+
+SPZ = Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz, Fidelity(_compute_position_error), up="-y")
+"""Files are right, up, back, and are opened as right, down, forward."""

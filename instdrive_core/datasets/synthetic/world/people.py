@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.world.materials import CLOTH, PLAIN, Material, MaterialPalette
+from instdrive_core.datasets.synthetic.world.materials import CLOTH, PLAIN, Color, Material, MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, join_meshes
 from instdrive_core.datasets.synthetic.world.primitives import build_box, build_loft, build_sphere, build_tube
 
@@ -52,7 +52,7 @@ class Person:
             parts.append(self._leg(side, 0.46 * sign * swing, max(0.0, sign * lift) if walking else 0.0))
             parts.append(self._arm(side, -0.5 * sign * swing))
         parts += self._luggage()
-        return join_meshes(parts).scaled(self.build, self.build, 1.0)
+        return join_meshes(parts).scale(self.build, self.build, 1.0)
 
     def _leg(self, side: float, angle: float, bend: float) -> TriangleMesh:
         h = self.height
@@ -86,7 +86,7 @@ class Person:
         sections = [
             np.stack([w * h * np.cos(angles), d * h * np.sin(angles), np.full(14, z * h)], axis=1) for z, w, d in rings
         ]
-        return build_loft(np.stack(sections), self.top).smoothed(60.0)
+        return build_loft(np.stack(sections), self.top).smooth_normals(60.0)
 
     def _head(self) -> TriangleMesh:
         h = self.height
@@ -101,7 +101,7 @@ class Person:
         if self.carries == "bag":
             return [build_box((0.05 * h, 0.17 * h, 0.15 * h), (0.155 * h, 0.0, 0.46 * h), self.bag, (0.8, 0.8))]
         if self.carries == "skirt":
-            return [_skirt(h, self.top)]
+            return [_build_skirt(h, self.top)]
         return []
 
     def cuboid(self, walking: bool) -> tuple[Float[ndarray, "3"], Float[ndarray, "3"]]:
@@ -110,24 +110,24 @@ class Person:
         return np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
 
 
-def _skirt(h: float, material: int) -> TriangleMesh:
+def _build_skirt(h: float, material: int) -> TriangleMesh:
     angles = np.linspace(0, 2 * np.pi, 14, endpoint=False)
     sections = [
         np.stack([w * h * np.cos(angles), 0.9 * w * h * np.sin(angles), np.full(14, z * h)], axis=1)
         for z, w in ((0.32, 0.135), (0.45, 0.115), (0.58, 0.085))
     ]
-    return build_loft(np.stack(sections), material, capped=False).smoothed(60.0)
+    return build_loft(np.stack(sections), material, capped=False).smooth_normals(60.0)
 
 
 def draw_person(rng: np.random.Generator, palette: MaterialPalette) -> Person:
     """Someone."""
 
-    def cloth(colors: tuple, striped: float = 0.0) -> int:
+    def cloth(colors: tuple[Color, ...], striped: float = 0.0) -> int:
         color = colors[rng.integers(len(colors))]
         second = (0.65, 0.65, 0.62)
         return palette.add(Material(CLOTH, color, second, variant=float(rng.random() < striped), reflectivity=0.35))
 
-    def plain(colors: tuple, reflectivity: float) -> int:
+    def plain(colors: tuple[Color, ...], reflectivity: float) -> int:
         return palette.add(Material(PLAIN, colors[rng.integers(len(colors))], reflectivity=reflectivity))
 
     return Person(
