@@ -11,7 +11,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.errors import OptionError
-from instdrive_core.formats.stated_up import stated_up
+from instdrive_core.formats.registry import find_stated_up
 from instdrive_core.scene.upright import AXES, Axis, compute_axis_direction
 
 
@@ -37,7 +37,7 @@ class TurnOptions:
     @staticmethod
     def _direction(text: str, document: Document, path: Path) -> tuple[float, float, float]:
         if text == "auto":
-            found = estimate_document_up(document, stated_up(path))
+            found = estimate_document_up(document, find_stated_up(path))
             known = f"known from {found.reason}" if found.confident else "a guess, as in most files of other programs"
             print(f"up: {found.words}, {known}")
             x, y, z = found.direction.tolist()

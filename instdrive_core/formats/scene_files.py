@@ -8,11 +8,7 @@ from pathlib import Path
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.plain_file import require_plain_file
-from instdrive_core.formats.folder.scenes import MANIFEST, list_scene_folder_files
-from instdrive_core.formats.sog.levels import is_sog_folder
-from instdrive_core.formats.sog.scenes import META
-
-_SOG_SUFFIXES = (".json", ".webp", ".png")
+from instdrive_core.formats.registry import find_format
 
 
 @dataclass(frozen=True)
@@ -30,13 +26,11 @@ def list_scene_files(path: Path) -> tuple[Path, ...]:
 
     None of a folder that is no scene; whether a file is one is not looked at. Raises DataError where there is nothing.
     """
-    if path.name == MANIFEST or (path.is_dir() and (path / MANIFEST).is_file()):
-        return list_scene_folder_files(path.parent if path.name == MANIFEST else path)
-    if path.name == META or (path.is_dir() and is_sog_folder(path)):
-        folder = path if path.is_dir() else path.parent
-        return tuple(sorted(file for file in folder.rglob("*") if file.suffix in _SOG_SUFFIXES and file.is_file()))
     if not path.exists():
         raise DataError(path, "there is no such file or folder", "Check the path")
+    fmt = find_format(path)
+    if fmt is not None and fmt.folder is not None:
+        return fmt.folder.list_files(path)
     return (path,) if path.is_file() else ()
 
 

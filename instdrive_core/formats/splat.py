@@ -26,6 +26,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import open_atomically
 from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
 from instdrive_core.formats.export_checks import check_numbers, check_static
+from instdrive_core.formats.scene_format import Fidelity, Format
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
@@ -123,3 +124,6 @@ def _encode(path: str | Path, gaussians: Gaussians, start: int) -> ndarray:
 
 def _round_to_bytes(values: ndarray) -> ndarray:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+SPLAT = Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat, Fidelity())

@@ -10,8 +10,7 @@ from random_scene import random_scene
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.queries.bake import bake_document
-from instdrive_core.formats.registry import open_scene
-from instdrive_core.formats.stated_up import stated_up
+from instdrive_core.formats.registry import find_stated_up, open_scene
 from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.scene.camera import Camera, CameraView, look_at
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
@@ -84,9 +83,9 @@ def test_what_has_no_ground_is_no_news_but_for_what_its_format_says():
     assert estimate_up(random_scene(count=2000, actors=1)).axis == "+z", "cameras that stand upright"
     named = replace(random_scene(count=2000), views=())
     assert (estimate_up(named).axis, estimate_up(named).confident) == ("+z", False), "instances are ours"
-    stated = estimate_up(blob, stated_up(Path("a.SPZ")))
+    stated = estimate_up(blob, find_stated_up(Path("a.SPZ")))
     assert (stated.axis, stated.confident, stated.reason) == ("-y", True, "the file's format")
-    assert stated_up(Path("a.ply")) is None
+    assert find_stated_up(Path("a.ply")) is None
 
 
 @pytest.mark.parametrize("count", [0, 1, 150])
@@ -143,5 +142,5 @@ def test_files_of_other_programs(name, axis, reason):
     path = SPLATS / name
     if not path.exists():
         pytest.skip("the shared example files are not here")
-    found = estimate_up(open_scene(path), stated_up(path))
+    found = estimate_up(open_scene(path), find_stated_up(path))
     assert (found.axis, found.confident, found.reason) == (axis or "-y", axis is not None, reason)

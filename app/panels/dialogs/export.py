@@ -1,4 +1,4 @@
-"""The rows above the path when something is exported: what, in which format, and what that format can be asked for."""
+"""The export dialog's rows above the path: what to export, in which format, and the format's options."""
 
 from __future__ import annotations
 
@@ -12,14 +12,12 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WRITTEN, ExportChoice, What
-from instdrive_core.formats.registry import FORMATS, SIBR
+from instdrive_core.formats.registry import FORMATS
 
-INITIAL_CHOICES: dict[str, What] = {"export": "scene", "export_selection": "selection"}
-"""What the dialog begins with, by the name it is asked for."""
-FOLDER_TITLE = "InstDrive scene folder"
-_TITLES = {fmt.suffix: fmt.title for fmt in FORMATS} | {SIBR: "INRIA layout for SIBR viewers", "": FOLDER_TITLE}
-_OBJECT_FILES = ((".json", "Boxes, and tracks of what moves"), (".glb", "3D scene with a node per instance"))
-_MASK_FORMATS = ((False, "PNG: exact colours, and labels"), (True, "COCO panoptic"))
+"""What is exported at first, by the purpose that the dialog is opened for."""
+_TITLES = {fmt.suffix: fmt.title for fmt in FORMATS}
+_OBJECT_FILES = ((".json", "Boxes, and tracks of moving objects"), (".glb", "3D scene with one node per instance"))
+_MASK_FORMATS = ((False, "PNG: exact colours and labels"), (True, "COCO panoptic"))
 _SCALES = (1.0, 2.0, 4.0)
 _ENDINGS_WITH_IDS = ("", ".ply")
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
@@ -27,26 +25,25 @@ Key = TypeVar("Key")
 
 
 class ExportOptions:
-    """Draws the rows; what they say is kept in `session.exporting`."""
+    """Draws the rows; the choices themselves are kept in `session.export`."""
 
-    names: tuple[str, ...] = tuple(INITIAL_CHOICES)
     rows = 3
-    """Lines that they take above the path."""
+    """Lines that the options take above the path."""
 
-    def begin(self, session: EditorSession, name: str) -> str:
+    def begin(self, session: EditorSession, what: What) -> str:
         """The dialog opens under one of `names`; returns the path to propose."""
-        session.exporting.begin(INITIAL_CHOICES[name])
-        return str(session.exporting.propose_path())
+        session.export.begin(what)
+        return str(session.export.propose_path())
 
     def build_purpose(self, session: EditorSession) -> FilePurpose:
-        """What paths the present choice takes."""
-        kind = session.exporting.kind
-        refusal = "" if session.exporting.amounts.get(session.exporting.choice.what) else kind.missing
+        """The purpose that accepts the paths that fit the present choice."""
+        kind = session.export.kind
+        refusal = "" if session.export.amounts.get(session.export.choice.what) else kind.missing
         return replace(PURPOSES["export"], suffixes=kind.endings, folders=kind.takes_folder, refusal=refusal)
 
     def draw(self, ui: Ui, path: str) -> str:
-        """One frame; returns the path, with another name where the choice asks for one."""
-        exporting = ui.session.exporting
+        """Draw one frame; returns the path, renamed where the choice needs another ending."""
+        exporting = ui.session.export
         _draw_label("Export")
         kinds: list[tuple[What, str]] = [(name, kind.title) for name, kind in KINDS.items()]
         what = _draw_combo(ui, "what", kinds, exporting.choice.what)
@@ -62,7 +59,7 @@ class ExportOptions:
         return path
 
     def _draw_format(self, ui: Ui, path: str) -> str:
-        exporting = ui.session.exporting
+        exporting = ui.session.export
         choice = exporting.choice
         match choice.what:
             case "scene" | "selection":
@@ -91,14 +88,14 @@ class ExportOptions:
 
 
 def find_ending(path: str) -> str:
-    """The ending by which a format is known, the longest that fits; empty for none."""
+    """Find the longest known file ending of a path; empty if it has none."""
     known = (*WRITTEN, *(suffix for suffix, _ in _OBJECT_FILES), ".png")
     name = path.rpartition("/")[2].lower()
     return max((suffix for suffix in known if name.endswith(suffix)), key=len, default="")
 
 
 def replace_ending(path: str, ending: str) -> str:
-    """The path with another known ending in the place of its own; one that has it already stays letter by letter."""
+    """Replace a path's known ending by another; a path that already has the ending stays exactly as it is."""
     own = find_ending(path)
     return path if own == ending else f"{path[: len(path) - len(own)]}{ending}"
 
@@ -106,43 +103,43 @@ def replace_ending(path: str, ending: str) -> str:
 def _draw_scene_switches(ui: Ui, choice: ExportChoice, ending: str) -> ExportChoice:
     document = ui.session.document
     if ending == ".ply":
-        hint = "SH degree 3, exact columns and nothing else, under any name that ends in .ply"
+        hint = "SH degree 3 and exactly the columns that SIBR expects; any name that ends in .ply will do"
         return replace(choice, sibr=_draw_switch(ui, "sibr", "For SIBR viewers", choice.sibr, hint))
     if ending == "" and document is not None and document.scene.actors:
-        hint = "Without their tracks, moving objects stand where they are at the time shown"
+        hint = "Without tracks, moving objects stay where they are at the time shown"
         return replace(choice, keep_tracks=_draw_switch(ui, "tracks", "Keep tracks", choice.keep_tracks, hint))
     return choice
 
 
 def _describe_choice(session: EditorSession, ending: str) -> str:
-    """What the present choice means for time and instances."""
-    choice, document = session.exporting.choice, session.document
+    """Explain what the present choice means for time and instances."""
+    choice, document = session.export.choice, session.document
     has_actors = document is not None and bool(document.scene.actors)
-    standing = f"Moving objects stand where they are at {session.state.time:.2f} s. " if has_actors else ""
+    standing = f"Moving objects stay where they are at {session.state.time:.2f} s. " if has_actors else ""
     match choice.what:
         case "scene" | "selection":
             tracked = not ending and choice.keep_tracks
             moment = "Moving objects keep their tracks. " if tracked and has_actors else standing
             has_ids = document is not None and len(document.scene.table) > 0
             keeps_ids = ending in _ENDINGS_WITH_IDS and not (choice.sibr and ending == ".ply")
-            return moment + ("" if keeps_ids or not has_ids else "Instance IDs have no place in this format.")
+            return moment + ("" if keeps_ids or not has_ids else "This format cannot hold instance IDs.")
         case "instances":
             return f"{standing}instances.json lists the files."
         case "actors":
-            return "x right, y forward, z up from the box's middle; poses beside, as .poses.json."
+            return "x right, y forward, z up from the box's centre; poses go into .poses.json."
         case "objects":
-            return f"{standing}A .json has all times." if has_actors else "Upright boxes around what is solid."
+            return f"{standing}A .json holds all times." if has_actors else "Upright boxes around the solid splats."
         case "masks":
-            return "What a click would select, for each photo's camera."
+            return "What a click would select, seen by each photo's camera."
         case "cameras":
-            return "One folder per camera; what is hidden is left out."
+            return "One folder per camera; hidden splats are left out."
         case "view":
             lens, scale = session.state.viewpoint.lens, choice.scale
-            return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; what is hidden is left out."
+            return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; hidden splats are left out."
 
 
 def _format_title(suffix: str) -> str:
-    return f"{suffix}   {_TITLES[suffix]}" if suffix else FOLDER_TITLE
+    return f"{suffix}   {_TITLES[suffix]}".lstrip()
 
 
 def _draw_label(text: str) -> None:
@@ -152,7 +149,7 @@ def _draw_label(text: str) -> None:
 
 
 def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key) -> Key:
-    """A list to choose from; marks: ``export.NAME`` and ``export.NAME.KEY``."""
+    """Draw a drop-down list and return the chosen key; marks: ``export.NAME`` and ``export.NAME.KEY``."""
     imgui.set_next_item_width(_COMBO_EM * imgui.get_font_size())
     opened = imgui.begin_combo(f"##{name}", dict(entries).get(current, ""), imgui.ComboFlags_.height_large)
     ui.mark(f"export.{name}")
@@ -177,7 +174,7 @@ def _draw_switch(ui: Ui, name: str, title: str, on: bool, hint: str = "") -> boo
 
 
 def _draw_scale(ui: Ui, choice: ExportChoice) -> float:
-    """The size of pictures, relative to the film."""
+    """Draw the choice of picture size and return it, as a factor of the film's size."""
     scale = choice.scale
     for factor in _SCALES:
         imgui.same_line()

@@ -26,6 +26,7 @@ from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import WHOLE, ReadOptions
 from instdrive_core.formats.folder.arrays import EXTRA, digest_arrays, read_arrays
 from instdrive_core.formats.folder.manifest import assemble_scene, build_manifest
+from instdrive_core.formats.scene_format import Fidelity, FolderLayout, Format
 from instdrive_core.scene.scene import Scene
 
 MANIFEST = "scene.json"
@@ -70,12 +71,15 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
             old.unlink(missing_ok=True)
 
 
-def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options: ReadOptions = WHOLE) -> Scene:
+def read_scene_folder(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged.
 
-    A manifest that is about to become the folder's can be read under the name that it has until then.
+    Args:
+        path: the folder, or its manifest, which may still have the temporary name that it is written under.
+        options: which rows are kept.
     """
-    folder = Path(folder)
+    path = Path(path)
+    folder, manifest_name = (path, MANIFEST) if path.is_dir() or not path.is_file() else (path.parent, path.name)
     manifest, arrays, digest = _read_parts(folder, manifest_name, options)
     if f"scene.{digest}.safetensors" != manifest["arrays"]:
         problem = "the arrays are not those that were saved: their SHA-256 is not the one in the file's name"
@@ -98,8 +102,13 @@ def _count_again(scene: Scene) -> None:
         scene.table.set(replace(instance, count=found.get(instance.id, 0)))
 
 
-def list_scene_folder_files(folder: Path) -> tuple[Path, ...]:
+def _holds_scene(path: Path) -> bool:
+    return (path / MANIFEST).is_file() if path.is_dir() else path.name == MANIFEST
+
+
+def _list_files(path: Path) -> tuple[Path, ...]:
     """The files that `read_scene_folder` reads. Raises DataError where the folder holds no scene."""
+    folder = path if path.is_dir() else path.parent
     return folder / MANIFEST, folder / _read_manifest(folder / MANIFEST)["arrays"]
 
 
@@ -173,3 +182,13 @@ def _create_damage_error(path: Path, error: Exception) -> DataError:
     return DataError(
         path, f"the file is damaged ({type(error).__name__}: {error})", "Restore it or save the scene again"
     )
+
+
+SCENE_FOLDER = Format(
+    "InstDrive scene folder",
+    "",
+    read_scene_folder,
+    write_scene_folder,
+    Fidelity(is_exact=True),
+    folder=FolderLayout(_holds_scene, _list_files, last_file=MANIFEST),
+)

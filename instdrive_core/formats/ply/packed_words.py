@@ -63,12 +63,12 @@ def unpack_rotations(words: UInt32[ndarray, " n"]) -> Float64[ndarray, "n 4"]:
     return normalize_quaternions(quats)
 
 
-def encode_sh_bytes(values: Float64[ndarray, "n k"]) -> UInt8[ndarray, "n k"]:
+def encode_sh_bytes(values: Float64[ndarray, "*n"]) -> UInt8[ndarray, "*n"]:
     """SH coefficients as bytes: steps of 1/32 from -4 to 4, cut off beyond."""
     return np.clip(np.floor((values / (2 * SH_LIMIT) + 0.5) * 256), 0, 255).astype(np.uint8)
 
 
-def decode_sh_bytes(stored: UInt8[ndarray, "n k"]) -> Float64[ndarray, "n k"]:
+def decode_sh_bytes(stored: UInt8[ndarray, "*n"]) -> Float64[ndarray, "*n"]:
     """The middle of each byte's step; 0 and 255 stand for the limits themselves."""
     units = np.where(stored == 0, 0, np.where(stored == 255, 1, (stored + 0.5) / 256))
     return (units - 0.5) * (2 * SH_LIMIT)
