@@ -16,7 +16,7 @@ class Action:
     id: str
     """Unique and stable, e.g. ``edit.delete``."""
     title: str
-    run: Callable[[], None]
+    run: Callable[[], object]
     menu: str = ""
     """The menu it is listed in; empty = none."""
     shortcuts: tuple[str, ...] = ()

@@ -76,6 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(name: str, arguments: list[str]) -> int:
     from instdrive_core.errors import InstDriveError
+    from instdrive_core.extras import explain_missing_module
 
     try:
         import tyro
@@ -85,6 +86,12 @@ def _run(name: str, arguments: list[str]) -> int:
         tyro.cli(command, prog=f"instdrive {name}", args=arguments)
     except InstDriveError as error:
         print(f"instdrive {name}: {error}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        missing = explain_missing_module(error)
+        if missing is None:
+            raise
+        print(f"instdrive {name}: {missing}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"instdrive {name}: stopped", file=sys.stderr)

@@ -54,7 +54,7 @@ class Crop:
 def largest_crops(clip: Clip, count: int) -> list[Crop]:
     """The best view of each moving object, largest objects first; cut off at no border."""
     best: dict[str, tuple[int, Crop]] = {}
-    for frame in clip.held_out_frames():
+    for frame in clip.held_out_frames:
         camera, time = frame.view.camera, frame.view.time
         for track in clip.tracks:
             if not (track.moving and track.covers(time)):

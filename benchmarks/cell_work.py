@@ -160,7 +160,7 @@ def _make_clip(cell: Cell, place: Workplace) -> dict[str, Any]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         write_street(folder, StreetConfig(seed, scale.steps, scale.width, scale.height, scale.lidar_azimuths))
     clip = place.load_clip(cell)
-    return {"photos": len(clip.training_frames()), "held_out": len(clip.held_out_frames())}
+    return {"photos": len(clip.training_frames), "held_out": len(clip.held_out_frames)}
 
 
 def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from benchmarks.picture_layout import beside, save_jpeg
 from instdrive_app.demo.showpiece import choose_view, rank_objects
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowPalette
 from instdrive_app.shell.display import has_display
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
@@ -66,23 +67,23 @@ class Tour:
             self.pictures[name] = Image.fromarray(self._window.last_screenshot)
 
     def _moving(self, instance: int) -> Iterator[None]:
-        self._session.select((instance,))
+        self._session.selection.select((instance,))
         self._session.state.tool = "move"
-        self._session.moving.options.along_lane = True
+        self._session.movement.options.along_lane = True
         yield from self._calm()
 
     def _deleting(self, instance: int) -> Iterator[None]:
         self._session.state.tool = "pick"
-        self._session.delete((instance,))
-        yield from self._until(lambda: self._session.aftermath.findings is not None)
+        self._session.deletion.delete((instance,))
+        yield from self._until(lambda: self._session.deletion.review.findings is not None)
 
     def _recoloring(self, instance: int) -> Iterator[None]:
         session = self._session
-        session.aftermath.absorb()
-        session.aftermath.fill()
-        yield from self._until(lambda: not session.aftermath.filling and session.jobs.current is None)
-        session.select((instance,))
-        session.recolor((instance,), "tint", (0.16, 0.42, 0.75))
+        session.deletion.review.absorb()
+        session.deletion.review.fill()
+        yield from self._until(lambda: not session.deletion.review.is_filling and session.jobs.current is None)
+        session.selection.select((instance,))
+        session.colors.recolor((instance,), "tint", (0.16, 0.42, 0.75))
         yield from self._calm()
 
     def _showing_instances(self, instance: int) -> Iterator[None]:
@@ -98,7 +99,7 @@ class Tour:
 
     def _finding(self) -> Iterator[None]:
         self._session.state.reference = Reference.NONE
-        self._session.dialog = "palette"
+        self._session.requests.put(ShowPalette())
         yield from self._calm()
 
     # ------------------------------------------------------------------ waiting

@@ -75,9 +75,9 @@ class Observer:
             if step.edits and self._desk.document.history.cursor == cursor:
                 print(f"{step.name} was refused: {self._told()}", file=sys.stderr, flush=True)
             elif step.edits:
-                yield from self._measured(f"{step.name}, undo", self._done(lambda desk: desk.session.undo()))
-                yield from self._measured(f"{step.name}, redo", self._done(lambda desk: desk.session.redo()))
-            yield from self._done(lambda desk: desk.session.jump(0))
+                yield from self._measured(f"{step.name}, undo", self._done(lambda desk: desk.session.history.undo()))
+                yield from self._measured(f"{step.name}, redo", self._done(lambda desk: desk.session.history.redo()))
+            yield from self._done(lambda desk: desk.session.history.jump(0))
 
     def close(self) -> None:
         """Let go of mouse and keys."""
@@ -112,7 +112,7 @@ class Observer:
         session, window = self._desk.session, self._desk.window
         yield from frames(2)
         for _ in range(PATIENCE_FRAMES):
-            if session.jobs.current is None and not session.jumping.under_way and window.ui.view.settled:
+            if session.jobs.current is None and not session.history.is_jumping and window.ui.view.settled:
                 break
             yield
         yield from frames(3)

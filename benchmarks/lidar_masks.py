@@ -70,13 +70,13 @@ def score_photo(truth: GroundTruth, masks: LabelSource, frame: Frame) -> PhotoSc
     if not len(pixels.truth_ids):
         return None
     things = {number for number, one in truth.instances.items() if one.kind == "thing"}
-    sky = truth.sky(frame)
+    sky = truth.load_sky(frame)
     return PhotoScores(
         np.isin(pixels.truth_ids, list(things)),
         pixels.iou.max(axis=1, initial=0),
         match_one_to_one(pixels).iou,
         int((pixels.predicted_areas >= pixels.ignored_areas).sum()),
-        None if sky is None or not sky.any() else _iou(sky, masks.sky(frame)),
+        None if sky is None or not sky.any() else _iou(sky, masks.load_sky(frame)),
     )
 
 
@@ -102,8 +102,8 @@ def picture(truth: GroundTruth, masks: LabelSource, frames: Sequence[Frame]) -> 
     """A row for each photo: the photo, the masks, the ground truth."""
     rows = []
     for frame in frames:
-        image, sky = frame.load_image(), truth.sky(frame)
-        own = _painted(image, masks.load(frame), masks.sky(frame))
+        image, sky = frame.load_image(), truth.load_sky(frame)
+        own = _painted(image, masks.load(frame), masks.load_sky(frame))
         known = _painted(image, truth.load(frame), np.zeros(image.shape[:2], bool) if sky is None else sky)
         rows.append(np.hstack([image, own, known]))
     return np.vstack(rows)
@@ -129,7 +129,7 @@ def main(options: Options) -> dict[str, object]:
     start = time.perf_counter()
     masks = LidarLabels(clip)
     prepared = time.perf_counter()
-    frames = clip.training_frames()[:: options.every]
+    frames = clip.training_frames[:: options.every]
     for frame in frames[:1]:
         masks.load(frame)  # compiles
     truth, photos, seconds = truth_of(clip), [], 0.0
@@ -142,7 +142,7 @@ def main(options: Options) -> dict[str, object]:
             photos.append(scores)
     if options.picture is not None:
         middle = frames[len(frames) // 2].view.index
-        shown = [frame for frame in clip.training_frames() if frame.view.index == middle]
+        shown = [frame for frame in clip.training_frames if frame.view.index == middle]
         Image.fromarray(picture(truth, masks, shown)).resize(
             (PICTURE_WIDTH, round(PICTURE_WIDTH / 3 * 9 / 16) * len(shown)), Image.Resampling.LANCZOS
         ).save(options.picture, quality=80)

@@ -32,7 +32,8 @@ from instdrive_app.shell.display import DisplayError
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
-from instdrive_core.edits.document.invariants import find_broken_invariants, fingerprint
+from instdrive_core.edits.document.fingerprint import fingerprint
+from instdrive_core.edits.document.invariants import find_broken_invariants
 from instdrive_core.project.save import SUFFIX
 
 SIZE = (1280, 720)
@@ -82,7 +83,7 @@ class Monkey:
         end, next_check = time.monotonic() + self._seconds, 0.0
         while time.monotonic() < end and self.actions.total() < self._most:
             yield from self._act()
-            self._session.quitting = False
+            self._session.is_quitting = False
             if self._session.document is not document:
                 self.problems.append("another document was opened")
                 break
@@ -104,8 +105,8 @@ class Monkey:
         self._leaks()
 
     def _jump(self, cursor: int) -> Iterator[None]:
-        self._session.jump(cursor)
-        while self._session.jumping.under_way:
+        self._session.history.jump(cursor)
+        while self._session.history.is_jumping:
             yield
 
     def close(self) -> None:
@@ -136,7 +137,7 @@ class Monkey:
         if document is not None and self._random.random() < 0.6:
             visible = document.find_visible_instances()
             count = min(len(visible), self._random.choice((1, 1, 2, 5)))
-            self._session.select(tuple(self._random.sample(visible, count)))
+            self._session.selection.select(tuple(self._random.sample(visible, count)))
         commands = [command for command in self._session.actions if command.id not in NEVER]
         self._session.actions.run(self._random.choice(commands).id)
         yield from self._frames(2)
@@ -215,7 +216,7 @@ class Monkey:
         yield from self._frames(2)
 
     def _save(self) -> Iterator[None]:
-        self._session.save(Path(f"saved{SUFFIX}").resolve())
+        self._session.files.save(Path(f"saved{SUFFIX}").resolve())
         yield from self._frames(2)
 
     def _export(self) -> Iterator[None]:
@@ -223,7 +224,7 @@ class Monkey:
         quick: list[What] = [what for what in KINDS if what not in SLOW_EXPORTS]
         what = self._random.choice(quick)
         ending = (KINDS[what].endings or ("",))[0]
-        self._session.exporting.export(Path(f"exported_{what}{ending}").resolve(), ExportChoice(what))
+        self._session.export.write(Path(f"exported_{what}{ending}").resolve(), ExportChoice(what))
         yield from self._frames(2)
 
     def _place(self) -> tuple[float, float]:

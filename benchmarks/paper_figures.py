@@ -204,7 +204,7 @@ def _subjects(scene: Scene, clip: Clip, truth: GroundTruth) -> Iterator[Subject]
     """
     classes = {"lamp": "Other Static Object", "sign": "Signs", "building": "Building", "road": "Road"}
     best: dict[str, tuple[float, Subject]] = {}
-    for frame in clip.held_out_frames():
+    for frame in clip.held_out_frames:
         labels = truth.load(frame)
         for label in np.unique(labels[labels > 0]).tolist():
             mask = labels == label
@@ -254,7 +254,7 @@ def _alone(scene: Scene, subject: Subject) -> UInt8[ndarray, "h w 3"]:
 
 def _middle(clip: Clip) -> list[Frame]:
     """Frames of the middle held-out time step."""
-    held_out = clip.held_out_frames()
+    held_out = clip.held_out_frames
     if not held_out:
         raise DataError(clip.path, "has no held-out time step", "Use a range of frames that contains one.")
     steps = sorted({frame.view.index for frame in held_out})

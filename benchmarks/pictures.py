@@ -83,7 +83,7 @@ def main(
     scene, clip = read_scene_folder(run), clip_of_run(run)
     frames = [frame for frame in clip.frames if frame.view.index == step] if step is not None else []
     if not frames:
-        held_out = clip.held_out_frames()
+        held_out = clip.held_out_frames
         frames = [frame for frame in held_out if frame.view.index == held_out[0].view.index]
     written = [out / f"{name}_six_cameras.jpg"]
     save_picture(camera_grid(scene, frames), written[0])

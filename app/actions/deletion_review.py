@@ -8,25 +8,24 @@ from instdrive_app.session.editor_session import EditorSession
 
 
 def list_actions(session: EditorSession) -> list[Action]:
-    """At the end of the Edit and View menus."""
+    """List the ends of the Edit and View menus."""
+    review = session.deletion.review
 
-    def residue() -> bool:
-        found = session.aftermath.findings
+    def has_residue() -> bool:
+        found = review.findings
         return is_editable(session) and found is not None and found.residue_count > 0
 
-    def hole() -> bool:
-        found = session.aftermath.findings
-        return (
-            is_editable(session) and found is not None and found.hole is not None and not session.aftermath.is_filling
-        )
+    def has_hole() -> bool:
+        found = review.findings
+        return is_editable(session) and found is not None and found.hole is not None and not review.is_filling
 
     return [
         Action(
             "aftermath.absorb",
             "Absorb floaters of the deletion",
-            session.aftermath.absorb,
+            review.absorb,
             "Edit",
-            enabled=residue,
+            enabled=has_residue,
             icon="ICON_FA_BROOM",
             separator=True,
             undoable=True,
@@ -34,18 +33,18 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "aftermath.fill",
             "Fill hole",
-            session.aftermath.fill,
+            review.fill,
             "Edit",
-            enabled=hole,
+            enabled=has_hole,
             icon="ICON_FA_FILL_DRIP",
             undoable=True,
         ),
         Action(
             "aftermath.clear",
             "Clear report of the deletion",
-            session.aftermath.clear,
+            review.clear,
             "View",
-            enabled=lambda: session.aftermath.findings is not None,
+            enabled=lambda: review.findings is not None,
             icon="ICON_FA_XMARK",
         ),
     ]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
 from instdrive_app.action import Action, MenuItem
-from instdrive_app.actions.conditions import asking, is_editable
+from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskExport, AskPath
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -17,27 +17,26 @@ def list_actions(session: EditorSession) -> list[Action]:
 
 
 def _opening(session: EditorSession) -> list[Action]:
-    def opening(path: Path) -> Callable[[], None]:
-        return lambda: session.leave(lambda: session.files.open(path))
-
-    def recent() -> list[MenuItem]:
-        return [(path.name, opening(path)) for path in session.files.recents.paths]
+    def list_recents() -> list[MenuItem]:
+        return [(path.name, partial(session.files.replace_by, path)) for path in session.files.recents.paths]
 
     return [
-        Action("file.open", "Open…", asking(session, "open"), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"),
+        Action(
+            "file.open", "Open…", put_request(session, AskPath("open")), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"
+        ),
         Action(
             "file.recent",
             "Open recent",
-            asking(session, "open"),
+            put_request(session, AskPath("open")),
             "File",
             enabled=lambda: bool(session.files.recents.paths),
             icon="ICON_FA_CLOCK_ROTATE_LEFT",
-            items=recent,
+            items=list_recents,
         ),
         Action(
             "file.sample",
             "Open the sample scene",
-            lambda: opening(find_sample_scene())(),
+            lambda: session.files.replace_by(find_sample_scene()),
             "File",
             enabled=has_sample_scene,
             icon="ICON_FA_CITY",
@@ -45,7 +44,7 @@ def _opening(session: EditorSession) -> list[Action]:
         Action(
             "file.insert",
             "Insert scene…",
-            asking(session, "insert"),
+            put_request(session, AskPath("insert")),
             "File",
             ("Ctrl+Shift+I",),
             enabled=lambda: is_editable(session),
@@ -58,9 +57,9 @@ def _opening(session: EditorSession) -> list[Action]:
 def _saving(session: EditorSession) -> list[Action]:
     def save() -> None:
         if session.files.project is None:
-            session.dialog = "save"
+            session.requests.put(AskPath("save"))
         else:
-            session.save()
+            session.files.save()
 
     def can_save() -> bool:
         return is_editable(session) and session.files.path is not None
@@ -80,7 +79,7 @@ def _saving(session: EditorSession) -> list[Action]:
         Action(
             "file.save_as",
             "Save project as…",
-            asking(session, "save"),
+            put_request(session, AskPath("save")),
             "File",
             ("Ctrl+Shift+S",),
             enabled=can_save,
@@ -95,7 +94,7 @@ def _exporting(session: EditorSession) -> list[Action]:
         Action(
             "file.export",
             "Export…",
-            asking(session, "export"),
+            put_request(session, AskExport()),
             "File",
             ("Ctrl+E",),
             enabled=lambda: is_editable(session),
@@ -105,10 +104,10 @@ def _exporting(session: EditorSession) -> list[Action]:
         Action(
             "file.export_selection",
             "Export selection…",
-            asking(session, "export_selection"),
+            put_request(session, AskExport("selection")),
             "File",
             ("Ctrl+Shift+E",),
-            enabled=lambda: is_editable(session) and session.has_selection,
+            enabled=lambda: is_editable(session) and not session.selection.is_empty,
             icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
             undoable=False,
         ),
@@ -120,7 +119,7 @@ def _leaving(session: EditorSession) -> list[Action]:
         Action(
             "file.quit",
             "Quit",
-            lambda: session.leave(session.quit),
+            lambda: session.files.leave(session.quit),
             "File",
             ("Ctrl+Q",),
             icon="ICON_FA_POWER_OFF",

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import asking
+from instdrive_app.actions.conditions import put_request
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowAbout, ShowPalette, ShowShortcuts
 
 
 def list_actions(session: EditorSession) -> list[Action]:
     """The Help menu."""
     return [
         Action(
-            "help.palette", "Find a command…", asking(session, "palette"), "Help", ("Ctrl+P",), icon="ICON_FA_TERMINAL"
+            "help.palette",
+            "Find a command…",
+            put_request(session, ShowPalette()),
+            "Help",
+            ("Ctrl+P",),
+            icon="ICON_FA_TERMINAL",
         ),
         Action(
             "help.shortcuts",
             "Keys and mouse",
-            asking(session, "shortcuts"),
+            put_request(session, ShowShortcuts()),
             "Help",
             ("F1",),
             icon="ICON_FA_KEYBOARD",
@@ -24,7 +30,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "help.log",
             "Log file and version…",
-            asking(session, "about"),
+            put_request(session, ShowAbout()),
             "Help",
             icon="ICON_FA_CIRCLE_INFO",
             separator=True,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import is_editable
+from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskClass, AskReassign, AskSplit
 
 
 def list_actions(session: EditorSession) -> list[Action]:
@@ -14,16 +15,16 @@ def list_actions(session: EditorSession) -> list[Action]:
 
 def _of_instances(session: EditorSession) -> list[Action]:
     def some(count: int = 1) -> bool:
-        return is_editable(session) and len(session.selected) >= count
+        return is_editable(session) and len(session.selection.ids) >= count
 
     def one() -> bool:
-        return is_editable(session) and len(session.selected) == 1
+        return is_editable(session) and len(session.selection.ids) == 1
 
     return [
         Action(
             "labels.class",
             "Set class…",
-            lambda: session.ask("class", session.selected),
+            lambda: session.requests.put(AskClass(session.selection.ids)),
             "Labels",
             ("Ctrl+T",),
             enabled=some,
@@ -33,7 +34,7 @@ def _of_instances(session: EditorSession) -> list[Action]:
         Action(
             "labels.merge",
             "Merge",
-            lambda: session.labels.merge(session.selected),
+            lambda: session.labels.merge(session.selection.ids),
             "Labels",
             ("Ctrl+M",),
             enabled=lambda: some(2),
@@ -44,7 +45,7 @@ def _of_instances(session: EditorSession) -> list[Action]:
         Action(
             "labels.split",
             "Split by component…",
-            lambda: session.ask("split", session.selected),
+            lambda: session.requests.put(AskSplit(session.selection.ids[0])),
             "Labels",
             ("Ctrl+J",),
             enabled=one,
@@ -56,13 +57,13 @@ def _of_instances(session: EditorSession) -> list[Action]:
 
 def _of_splats(session: EditorSession) -> list[Action]:
     def splats() -> bool:
-        return is_editable(session) and session.has_selection
+        return is_editable(session) and not session.selection.is_empty
 
     return [
         Action(
             "labels.reassign",
             "Reassign the selected splats…",
-            lambda: session.ask("reassign", session.selected),
+            put_request(session, AskReassign()),
             "Labels",
             ("Ctrl+R",),
             enabled=splats,
@@ -82,10 +83,10 @@ def _of_splats(session: EditorSession) -> list[Action]:
         Action(
             "labels.absorb",
             "Absorb floaters",
-            lambda: session.labels.absorb(session.selected),
+            lambda: session.labels.absorb(session.selection.ids),
             "Labels",
             ("Ctrl+B",),
-            enabled=lambda: is_editable(session) and bool(session.selected),
+            enabled=lambda: is_editable(session) and bool(session.selection.ids),
             icon="ICON_FA_BROOM",
             undoable=True,
         ),

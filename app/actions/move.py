@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from instdrive_app.action import Action
-from instdrive_app.actions.conditions import asking, is_editable
+from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.move_controller import MoveOptions
+from instdrive_app.session.requests import AskUp
 
 SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 """Commands that bind moves."""
@@ -19,10 +20,10 @@ def list_actions(session: EditorSession) -> list[Action]:
 
 
 def _moves(session: EditorSession) -> list[Action]:
-    moving = session.moving
+    moving = session.movement
 
     def selected() -> bool:
-        return bool(session.selected)
+        return bool(session.selection.ids)
 
     return [
         Action(
@@ -57,7 +58,7 @@ def _moves(session: EditorSession) -> list[Action]:
         Action(
             "move.turn_upright",
             "Turn upright…",
-            asking(session, "turn_upright"),
+            put_request(session, AskUp()),
             "Move",
             enabled=lambda: is_editable(session),
             icon="ICON_FA_ARROWS_SPIN",
@@ -69,7 +70,7 @@ def _moves(session: EditorSession) -> list[Action]:
 
 def _bindings(session: EditorSession) -> list[Action]:
     """What moves are bound to."""
-    moving = session.moving
+    moving = session.movement
     return [
         Action(
             "move.on_ground",
@@ -108,6 +109,6 @@ def _flip(options: MoveOptions, name: str) -> Callable[[], None]:
 
 def _flip_yaw_only(session: EditorSession) -> Callable[[], None]:
     def run() -> None:
-        session.moving.options.yaw_only = not session.moving.yaw_only
+        session.movement.options.yaw_only = not session.movement.yaw_only
 
     return run

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from instdrive_app.action import Action
+from instdrive_app.actions.conditions import put_request
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowPanel
 
 PANELS = {
     "Instances": "ICON_FA_LIST",
@@ -20,13 +20,14 @@ PANELS = {
 def list_actions(session: EditorSession) -> list[Action]:
     """The Window menu."""
 
-    def showing(name: str) -> Callable[[], None]:
-        def run() -> None:
-            session.panel = name
-
-        return run
-
     return [
-        Action(f"panel.{name.lower()}", name, showing(name), "Window", (f"Alt+{number}",), icon=symbol)
+        Action(
+            f"panel.{name.lower()}",
+            name,
+            put_request(session, ShowPanel(name)),
+            "Window",
+            (f"Alt+{number}",),
+            icon=symbol,
+        )
         for number, (name, symbol) in enumerate(PANELS.items(), start=1)
     ]

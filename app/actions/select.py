@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from instdrive_app.action import Action
 from instdrive_app.actions.conditions import is_editable
 from instdrive_app.session.editor_session import EditorSession
@@ -102,10 +99,6 @@ def _kinds(session: EditorSession) -> list[Action]:
             undoable=True,
         ),
     ]
-
-
-def _apply(session: EditorSession, make: Callable[..., Any], *parameters: object) -> None:
-    session.history.apply(make, *parameters)
 
 
 def _classes(session: EditorSession) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "view.frame",
             "Frame the selection",
-            lambda: session.navigation.frame(session.selected),
+            lambda: session.navigation.frame(session.selection.ids),
             "View",
             ("F",),
             enabled=lambda: session.document is not None,
@@ -64,7 +64,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         Action(
             "view.birds_eye",
             "Bird's eye",
-            lambda: session.navigation.look_down(session.selected),
+            lambda: session.navigation.look_down(session.selection.ids),
             "View",
             ("Shift+Home",),
             enabled=lambda: session.document is not None,

@@ -49,5 +49,5 @@ def edit(
     session = EditorSession()
     window = EditorWindow(session, WindowOptions(size, report, remember_layout, scale))
     session.files.open(path)
-    session.offer_recovery()
+    session.files.offer_recovery()
     window.run()

@@ -74,7 +74,7 @@ class ScriptedSession:
         yield from self._clicked(first, "picked")
         self._save("selected.png", outlines=True)
         yield from self._window_saved("editor.png")
-        self._session.recolor(self._session.selected, "tint", FIRST_COLOR)
+        self._session.colors.recolor(self._session.selection.ids, "tint", FIRST_COLOR)
         yield from self._drawn()
         self._save("tinted.png")
         self._run("edit.undo")
@@ -85,7 +85,7 @@ class ScriptedSession:
         self._save("cleaned.png")
         yield from self._pointed_at(second)
         yield from self._clicked(second, "recolored")
-        self._session.recolor_mode, self._session.recolor_color = "tint", SECOND_COLOR
+        self._session.colors.mode, self._session.colors.color = "tint", SECOND_COLOR
         self._run("edit.recolor")
         yield from self._drawn()
         self._save("recolored.png")
@@ -142,7 +142,7 @@ class ScriptedSession:
 
     def _cleaned(self) -> Iterator[None]:
         """Take away the strays of what was deleted, and fill the ground that nothing ever showed."""
-        aftermath = self._session.aftermath
+        aftermath = self._session.deletion.review
         yield from self._idle()
         found = aftermath.findings
         self._protocol["residue"] = found.residue_count if found else 0
@@ -159,7 +159,7 @@ class ScriptedSession:
 
     def _exported(self) -> Iterator[None]:
         target = self._out / "edited.ply"
-        self._session.export(target)
+        self._session.export.write(target)
         yield from self._idle()
         if self._session.files.last_export != target:
             raise ScriptError(self._session.messages.log[-1].text)

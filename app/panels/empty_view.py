@@ -1,4 +1,4 @@
-"""What the viewport shows while no scene is open: ways to open one."""
+"""The viewport while no scene is open: ways to open one."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rg
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
 
 WIDTH = 340.0
-"""Of everything, in pixels at scale 1."""
+"""Width of the column, in pixels at scale 1."""
 RECENTS = 6
 
 
 class EmptyView:
-    """Two buttons, the files used last, and a hint; while the first scene is being opened, how far that is."""
+    """Shows two buttons, recent files and a hint; while the first scene is being opened, the progress."""
 
     def __init__(self) -> None:
         self._height = 0.0
-        """What was drawn in the last frame took so much room."""
+        """Height, in pixels, of what the last frame drew."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
@@ -66,10 +66,10 @@ class EmptyView:
             self._draw_recent(ui, number, path, width)
 
     def _draw_recent(self, ui: Ui, number: int, path: Path, width: float) -> None:
-        """A line: the name, and dimmed where it is."""
+        """Draw one line: the file's name, and its folder dimmed."""
         session, at, draw = ui.session, imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
         if imgui.selectable(f"##recent {number}", False, 0, ImVec2(width, 0))[0]:
-            session.leave(lambda: session.files.open(path))
+            session.files.leave(lambda: session.files.open(path))
         ui.mark(f"empty.recent.{number}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(str(path))

@@ -1,4 +1,4 @@
-"""The steps done so far; a click goes to a step."""
+"""The list of editing steps; a click goes to a step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from instdrive_core.wording import format_count
 
 
 class HistoryPanel:
-    """Done steps in full, undone ones dimmed, the present one marked by a bar at the left."""
+    """Lists done steps, undone ones dimmed; a bar at the left marks the present step."""
 
     def __init__(self) -> None:
         self._seen = -1
@@ -22,7 +22,7 @@ class HistoryPanel:
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("The steps of editing appear here.")
+            imgui.text_disabled("Your editing steps appear here.")
             imgui.pop_text_wrap_pos()
             return
         history, target = document.history, None
@@ -41,14 +41,14 @@ class HistoryPanel:
         if not edits:
             imgui.spacing()
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("Nothing has been edited yet. A click on a step goes back to it.")
+            imgui.text_disabled("Nothing has been edited yet. Click a step to go back to it.")
             imgui.pop_text_wrap_pos()
         if target is not None:
             ui.session.history.jump(target)
 
 
 def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
-    """One line; returns whether it was clicked. No edit = the state that was opened."""
+    """Draw one line and return whether it was clicked; without an edit, the line of the state that was opened."""
     present, undone = number == cursor, number > cursor
     title = edit.title if edit is not None else "Opened"
     at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.7
@@ -61,7 +61,7 @@ def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         count = abs(cursor - number)
         way = f"{'Redo' if undone else 'Undo'} {format_count(count, 'step')}"
-        imgui.set_tooltip(f"{title}\n{'Where you are now' if present else way}")
+        imgui.set_tooltip(f"{title}\n{'The present step' if present else way}")
     fitted = fit_text(title, imgui.get_content_region_avail().x - width)
     draw, height = imgui.get_window_draw_list(), imgui.get_text_line_height()
     if present:

@@ -1,4 +1,4 @@
-"""Everything that was told to the user, newest last."""
+"""The log of all messages to the user, newest last."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 
 
 class LogPanel:
-    """Lines with their time of day; scrolls to what is new."""
+    """Lists messages with their time of day, and scrolls to new ones."""
 
     def __init__(self) -> None:
         self._seen = 0

@@ -53,11 +53,14 @@ def _draw_submenu(ui: Ui, command: Action) -> None:
 
 
 def run_shortcuts(ui: Ui) -> None:
-    """Run the commands whose keys were pressed in this frame; never while text is typed, a dialog is open or a region
-    or a handle is dragged, nor by keys that the panel with the keyboard has a use for."""
+    """Run the actions whose keys were pressed in this frame.
+
+    None runs while text is typed, a dialog is open, or a region or handle is dragged, nor by a key that the focused
+    panel uses itself.
+    """
     _close_by_escape()
     claimed, ui.claimed_shortcuts = ui.claimed_shortcuts, frozenset()
-    io, dragged = imgui.get_io(), ui.tool.outline or ui.session.moving.drag is not None
+    io, dragged = imgui.get_io(), ui.tool.outline or ui.session.movement.drag is not None
     if io.want_text_input or dragged or ui.popup_open or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
     for command in ui.session.actions:
@@ -67,14 +70,17 @@ def run_shortcuts(ui: Ui) -> None:
 
 
 def _close_by_escape() -> None:
-    """Menus and other popups go at Escape; modal dialogs see to that themselves, and to what is open in them."""
+    """Close menus and other popups at Escape; modal dialogs take care of themselves and of lists open in them."""
     opened = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
     if opened and imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.internal.get_top_most_popup_modal():
         imgui.internal.close_popup_to_level(0, True)
 
 
 def parse_shortcut(shortcut: str) -> int:
-    """``Ctrl+Shift+Z`` as ImGui's number. Raises KeyError or AttributeError for a name that does not exist."""
+    """Convert a shortcut such as ``Ctrl+Shift+Z`` to ImGui's key chord.
+
+    Raises KeyError or AttributeError for a key that does not exist.
+    """
     *modifiers, key = shortcut.split("+")
     name = _NAMED.get(key, key.lower())
     chord = int(getattr(imgui.Key, f"_{name}" if name.isdigit() else name))
@@ -85,4 +91,4 @@ def parse_shortcut(shortcut: str) -> int:
 
 def format_title(command: Action) -> str:
     """The title, and where what the command does cannot be undone, that it cannot."""
-    return f"{command.title}  (not undoable)" if command.undoable is False else command.title
+    return f"{command.title}  (cannot be undone)" if command.undoable is False else command.title

@@ -1,4 +1,4 @@
-"""The line at the bottom: what is open, what is selected, how fast it is drawn and on what."""
+"""The status bar: the open scene, the selection, and how fast and on which device the view is drawn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from instdrive_core.wording import format_count
 
 
 class StatusBar:
-    """Left: the job under way or the open scene. Right: counts, speed, memory, device."""
+    """Shows the running job or the open scene at the left; counts, speed, memory and device at the right."""
 
     def __init__(self) -> None:
         self._memory = MemoryGauge()
@@ -24,7 +24,7 @@ class StatusBar:
         left, color = _describe_activity(ui)
         facts, width = self._collect_facts(ui), imgui.get_window_width() - scale_pixels(14)
         gap, between = scale_pixels(24), "   ·   "
-        # In a narrow window the least of the facts give way to what is under way.
+        # A narrow window drops the least important facts first.
         while len(facts) > 1 and imgui.calc_text_size(left + between.join(facts)).x + gap > width:
             facts.pop()
         right = between.join(facts)
@@ -34,12 +34,12 @@ class StatusBar:
         draw_dim_text(right)
 
     def _collect_facts(self, ui: Ui) -> list[str]:
-        """What matters most comes first."""
+        """Counts, speed, memory and device, the most important first."""
         document, facts = ui.session.document, []
         if document is not None:
             selected = int(np.count_nonzero(document.state.mask(Flag.SELECTED)))
             deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
-            facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in all"]
+            facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in total"]
             if ui.view.frame_seconds:
                 facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
         if self._memory.resident is not None:
@@ -56,4 +56,4 @@ def _describe_activity(ui: Ui) -> tuple[str, ImVec4]:
         return "Ready", rgba(DIM)
     name = session.files.path.name if session.files.path else "scene"
     edits = format_count(len(list_changes(document)), "edit")
-    return f"{name}   ·   {edits}{', unsaved' if session.is_unsaved else ''}", rgba(DIM)
+    return f"{name}   ·   {edits}{', unsaved' if session.files.is_unsaved else ''}", rgba(DIM)

@@ -1,4 +1,4 @@
-"""The moments of the drive and the cameras that saw them."""
+"""The time steps of the drive, and the cameras that recorded it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from instdrive_app.state import Reference
 
 
 class TimelinePanel:
-    """Step, play, scrub; choose a dataset camera."""
+    """Steps, plays and scrubs through the drive, and chooses a dataset camera."""
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
@@ -45,7 +45,7 @@ class TimelinePanel:
             self._draw_reference(ui)
 
     def _draw_reference(self, ui: Ui) -> None:
-        """What the cameras saw, over the splats or beside them."""
+        """Draw the switches that show photos or masks over the splats or beside them."""
         session, state = ui.session, ui.session.state
         for name in ("view.photo", "view.masks", "view.beside"):
             draw_action_button(ui, session.actions[name], scale_size(30, 0))

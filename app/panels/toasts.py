@@ -1,4 +1,4 @@
-"""Messages over the window for some seconds, and the progress of modal work."""
+"""Messages that appear over the window for some seconds, and the progress of modal jobs."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, ERROR, GOOD, pac
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
 
 WIDTH = 380.0
-"""Of a toast, in pixels at scale 1."""
+"""Width of a toast, in pixels at scale 1."""
 MARGIN = 12.0
 LONGEST = 400
-"""Characters of a message that are shown; the log has all."""
+"""Characters of a message that are shown; the log has the whole message."""
 PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "aftermath")
-"""Marks of what stands at the viewport's lower left, and is not to be covered."""
+"""Marks of what stands at the viewport's lower left and must not be covered."""
 
 
 def draw_toasts(ui: Ui) -> None:
-    """Stack the present messages above the viewport's lower right corner; a click takes one away."""
+    """Stack the present messages above the viewport's lower right corner; a click dismisses one."""
     if "viewport" not in ui.marks:
         return
     left, top, right, bottom = ui.marks["viewport"]
@@ -35,7 +35,7 @@ def draw_toasts(ui: Ui) -> None:
 
 
 def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: float) -> float:
-    """One message, its lower right corner at `corner`; returns its height."""
+    """Draw one message with its lower right corner at `corner`; returns its height in pixels."""
     error = message.level is Level.ERROR
     tone, flags = ERROR if error else GOOD, imgui.WindowFlags_
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 1))
@@ -50,7 +50,9 @@ def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: fl
     imgui.same_line(scale_pixels(34))
     cross = imgui.get_font_size()
     imgui.push_text_wrap_pos(width - scale_pixels(10) - cross)
-    imgui.text(message.text if len(message.text) <= LONGEST else message.text[:LONGEST] + "… (all of it is in the log)")
+    imgui.text(
+        message.text if len(message.text) <= LONGEST else message.text[:LONGEST] + "… (see the log for the rest)"
+    )
     imgui.pop_text_wrap_pos()
     if imgui.is_window_hovered():
         imgui.set_mouse_cursor(imgui.MouseCursor_.hand)
@@ -82,7 +84,7 @@ def _draw_job(ui: Ui, job: Job) -> None:
 
 
 def draw_progress(ui: Ui) -> None:
-    """A box in the middle while modal work is under way."""
+    """Draw a box in the middle of the window while a modal job runs."""
     job = ui.session.jobs.current
     name = "##progress"
     if job is not None and job.modal and ui.session.document is not None:

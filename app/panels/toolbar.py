@@ -1,4 +1,4 @@
-"""The tools at the picture's left edge, and the options of the one in the user's hand."""
+"""The toolbar at the picture's left edge, with the options of the current tool."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, pack_co
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 
 MARGIN = 10.0
-"""Pixels at scale 1, as are the others, between the picture's edge and the bar."""
+"""Distance between the picture's edge and the bar; like the other lengths in pixels at scale 1."""
 GAP = 2.0
 GROUP_GAP = 8.0
 PADDING = 3.0
 BUTTON = 2.1
-"""Side of a button over the font's size."""
+"""Side of a button, in font sizes."""
 
 
 class Toolbar:
-    """A column of tools under the view switch; beside the one in hand the row of its options."""
+    """Draws a column of tools below the view switch, and beside the current tool a row with its options."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
@@ -36,7 +36,7 @@ class Toolbar:
 
 
 def _compute_tops(commands: Iterable[Action], side: float) -> list[float]:
-    """How far each tool is below the first; a gap parts the groups."""
+    """Compute each tool's distance below the first, in pixels; a gap separates the groups."""
     tops, top = [], 0.0
     for command in commands:
         top += scale_pixels(GROUP_GAP) if command.separator else 0.0
@@ -53,14 +53,14 @@ def _draw_options(ui: Ui, left: float, top: float, side: float) -> None:
 
 
 def _draw_plate(left: float, top: float, width: float, height: float) -> None:
-    """What buttons stand on, so that they show on any picture."""
+    """Draw the plate behind buttons, which makes them visible on any picture."""
     edges = scale_pixels(2 * PADDING)
     low, high = ImVec2(left, top), ImVec2(left + width + edges, top + height + edges)
     imgui.get_window_draw_list().add_rect_filled(low, high, pack_color(BACKGROUND, 0.78), scale_pixels(6))
 
 
 def _draw_tool_button(ui: Ui, command: Action, corner: ImVec2, side: float) -> None:
-    """An icon, filled with the accent's colour where the command is on; `corner` is the plate's."""
+    """Draw an icon button, filled with the accent colour if the action is on; `corner` is the plate's top left."""
     imgui.set_cursor_screen_pos(ImVec2(corner.x + scale_pixels(PADDING), corner.y + scale_pixels(PADDING)))
     on = command.checked is not None and command.checked()
     imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.95) if on else rgba(BACKGROUND, 0.0))

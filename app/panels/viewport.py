@@ -1,4 +1,4 @@
-"""The picture in the middle: navigation, pointing, and what is drawn over the splats."""
+"""The viewport: the picture of the scene, camera navigation, pointing, and overlays."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 
 PICTURE = "##picture"
-"""The item that the picture is to the mouse."""
+"""ID of the picture as an ImGui item."""
 DRAG_PIXELS = 4.0
-"""A press that moves further is a drag, not a click; at scale 1, as is the next."""
+"""A press that moves farther than this is a drag, not a click; pixels at scale 1."""
 TURN_PER_PIXEL = 0.005
+"""Radians per pixel at scale 1."""
 FLY_SPEED = 6.0
-"""Metres per second; four times that with Shift."""
+"""Metres per second; four times as fast with Shift."""
 FLY_KEYS = {
     imgui.Key.w: (0.0, 0.0, 1.0),
     imgui.Key.s: (0.0, 0.0, -1.0),
@@ -33,7 +34,7 @@ LIFT_KEYS = {imgui.Key.e: 1.0, imgui.Key.q: -1.0}
 
 
 class ViewportPanel:
-    """Shows the document, moves the camera, and hands clicks to the tool."""
+    """Shows the document, moves the camera, and passes clicks and drags to the current tool."""
 
     def __init__(self, beneath: Sequence[Overlay], handles: Handles, above: Sequence[Overlay]) -> None:
         """What is drawn over the picture: all in this order, though the mouse is offered to the handles first."""
@@ -81,8 +82,11 @@ class ViewportPanel:
             overlay.draw(ui, place)
 
     def _offer_handles(self, ui: Ui, place: Rectangle) -> None:
-        """Draw the handles. They take no press where the mouse was over an item in the frame before: the picture behind
-        them is none, and what was elsewhere does not count where mouse and press come in one frame."""
+        """Draw the handles before the picture's own item, so that they get the mouse first.
+
+        Handles ignore a press if the mouse was over an item in the frame before. The picture must not count as such an
+        item, and neither must whatever was under the mouse before it moved here in this frame.
+        """
         context, moved = imgui.get_current_context(), imgui.get_io().mouse_delta
         hovered_before = context.hovered_id_previous_frame
         if hovered_before == imgui.get_id(PICTURE) or moved.x or moved.y:
@@ -91,7 +95,7 @@ class ViewportPanel:
         context.hovered_id_previous_frame = hovered_before
 
     def _add_picture_button(self, place: Rectangle) -> tuple[bool, bool]:
-        """The picture as one thing to point at and press, where the handles leave it the mouse: hovered, and active."""
+        """Make the picture an ImGui item, unless the handles have the mouse; returns whether hovered and active."""
         imgui.set_next_item_allow_overlap()
         if self._handles.holds_mouse:
             imgui.dummy(ImVec2(place.width, place.height))
@@ -117,7 +121,7 @@ class ViewportPanel:
     def _drag_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
         """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans.
 
-        Where the left button is the tool's, the right one orbits.
+        With a tool that uses the left button, the right button orbits.
         """
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
         button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scale_pixels(DRAG_PIXELS))), None)

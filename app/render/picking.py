@@ -58,16 +58,11 @@ class Picker:
             self._splats, self._answer = PickableSplats(document), None
         pose = camera.world_from_camera.tobytes()
         lens = (camera.fx, camera.fy, camera.cx, camera.cy)
-        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, _collect_versions(document))
+        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, document.versions)
         if self._answer is None or self._answer[0] != key:
             self._splats.update(snapshot.time)
             self._answer = (key, _pick_instances(self._splats, snapshot, column, row))
         return self._answer[1]
-
-
-def _collect_versions(document: Document) -> tuple[Any, ...]:
-    looks = (document.state.version, document.colors.version)
-    return (*looks, document.geometry_version, document.rows_version, document.table_version)
 
 
 def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> PickedInstances:

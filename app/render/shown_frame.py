@@ -29,7 +29,7 @@ class ShownFrame(FrameSnapshot):
         column, row = int(np.floor(x)), int(np.floor(y))
         height, width = self.winner.shape
         inside = 0 <= column < width and 0 <= row < height
-        if self.draft or not inside or self.rows_version != self.document.rows_version:
+        if self.draft or not inside or self.rows_version != self.document.versions.rows:
             return None
         return int(self.winner[row, column])
 

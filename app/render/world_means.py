@@ -33,7 +33,7 @@ class WorldMeans:
         or are new, or None. Rows that are gone are in no range."""
         document, scene = self._document, self._document.scene
         ranges = [self._moves.take(), self._take_new_rows()]
-        key = (time, document.track_version)
+        key = (time, document.versions.tracks)
         if key != self._key:
             poses, self.present = scene.at(time)
             if not np.array_equal(poses, self.poses):

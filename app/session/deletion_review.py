@@ -62,15 +62,14 @@ class DeletionReview:
     """Follows deletions. Undoing what was cleaned up brings the report back, undoing the deletion takes it away."""
 
     def __init__(self, context: SessionContext) -> None:
-        self._state, self._document, self._apply = context.state, context.document, context.apply
-        self._jobs, self._messages = context.jobs, context.messages
+        self._context, self._jobs, self._messages = context, context.jobs, context.messages
         self._finding: DeletionFindings | None = None
         self._filling = False
 
     @property
     def findings(self) -> DeletionFindings | None:
         """What is to be shown; None where nothing is left of the last deletion."""
-        found, document = self._finding, self._document()
+        found, document = self._finding, self._context.document
         return found if found is not None and found.document is document and found.is_current else None
 
     @property
@@ -78,29 +77,31 @@ class DeletionReview:
         """Whether a fill is being worked out."""
         return self._filling
 
-    def deleted(self, ids: Iterable[int]) -> None:
+    def review_instances(self, ids: Iterable[int]) -> None:
         """Look at what deleting whole instances left, unless they were very many; the deletion is the last step of the
         history."""
-        ids, time = tuple(ids), self._state.time
+        ids, time = tuple(ids), self._context.state.time
         if len(ids) > MOST_INSTANCES:
             self._finding = None
             return
         self._look(lambda frozen: report_deletion(frozen, ids, time))
 
-    def deleted_rows(self, rows: Int64[ndarray, " m"]) -> None:
+    def review_rows(self, rows: Int64[ndarray, " m"]) -> None:
         """Look at what deleting some splats left; the deletion is the last step of the history."""
-        time = self._state.time
+        time = self._context.state.time
         self._look(lambda frozen: report_row_deletion(frozen, rows, time))
 
     def absorb(self) -> None:
         """Delete the residue, too."""
         found = self.findings
-        if found is not None and found.residue_count and self._apply(lambda: found.absorption):
+        if found is None or not found.residue_count or found.absorption is None:
+            return
+        if self._context.apply(found.absorption):
             self._messages.info(f"{len(found.report.residue):,} splats of residue deleted")
 
     def fill(self) -> None:
         """Fill the hole with ground from around, worked out beside the window."""
-        found, document = self.findings, self._document()
+        found, document = self.findings, self._context.document
         edit = found.report.make_fill_edit() if found is not None and found.hole is not None else None
         if self._filling or found is None or edit is None or document is None:
             return
@@ -109,7 +110,7 @@ class DeletionReview:
 
         def done(_: object) -> None:
             self._filling = False
-            if self._document() is document and self._apply(lambda: edit):
+            if self._context.document is document and self._context.apply(edit):
                 found.fill_edit = edit
                 self._messages.info(f"Filled a hole of {found.report.hole_area:.1f} m² with synthetic ground")
 
@@ -126,7 +127,7 @@ class DeletionReview:
         self._finding = None
 
     def _look(self, work: Callable[[Document], DeletionReport]) -> None:
-        document = self._document()
+        document = self._context.document
         if document is None:
             return
         deletion, frozen = document.history.done[-1], freeze_document(document)
@@ -141,7 +142,7 @@ class DeletionReview:
             return DeletionFindings(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
 
         def done(found: DeletionFindings) -> None:
-            if self._document() is document and found.is_current:
+            if self._context.document is document and found.is_current:
                 self._finding = found
                 self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")
 

@@ -17,8 +17,7 @@ class ExportController:
     """Keeps the choice of the export dialog, and carries exports out."""
 
     def __init__(self, context: SessionContext, files: DocumentFiles) -> None:
-        self._state, self._document, self._jobs = context.state, context.document, context.jobs
-        self._messages, self._files = context.messages, files
+        self._context, self._files = context, files
         self.choice = ExportChoice()
         self.amounts: dict[What, str] = {}
         """How much there is of each kind; empty where there is nothing."""
@@ -31,7 +30,7 @@ class ExportController:
     def begin(self, what: What = "scene") -> None:
         """Forget the last choice: an export is of the whole scene unless something else is asked for."""
         self.choice = ExportChoice(what)
-        document = self._document()
+        document = self._context.document
         # Once, since counting a million splats takes longer than a frame has; nothing changes while the dialog is open.
         self.amounts = {name: kind.amount(document) for name, kind in KINDS.items()} if document is not None else {}
 
@@ -46,26 +45,26 @@ class ExportController:
         return (folder if os.path.isdir(folder) else folder.parent) / self._proposed_name()
 
     def _proposed_name(self) -> str:
-        source, document = self._files.path, self._document()
+        source, document = self._files.path, self._context.document
         stem = source.name.split(".")[0].removesuffix("_edited") if source else "scene"
         selected = document.find_selected_instances() if document else ()
         if self.choice.what == "selection" and document is not None and len(selected) == 1:
             return f"{stem}_{make_file_name(document.scene.table[selected[0]].name)}.ply"
         return f"{stem}{self.kind.suggestion}"
 
-    def export(self, path: Path, choice: ExportChoice | None = None) -> None:
+    def write(self, path: Path, choice: ExportChoice | None = None) -> None:
         """Write what is chosen, as it is at the shown moment; the last choice of the dialog where none is given."""
-        document = self._document()
+        document = self._context.document
         if document is None:
             return
         if is_source(path, document):
-            self._messages.error(f"{path.name} is what the edits build on; export under another name")
+            self._context.messages.error(f"{path.name} is what the edits build on; export under another name")
             return
-        request = ExportRequest.of(document, path, choice or self.choice, self._state)
+        request = ExportRequest.of(document, path, choice or self.choice, self._context.state)
         write = KINDS[request.choice.what].write
 
         def done(told: str) -> None:
             self._files.last_export = path
-            self._messages.info(told)
+            self._context.messages.info(told)
 
-        self._jobs.submit(f"Exporting {path.name}", lambda: write(request), done)
+        self._context.jobs.submit(f"Exporting {path.name}", lambda: write(request), done)

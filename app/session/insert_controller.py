@@ -32,9 +32,9 @@ EYE_HEIGHT = 1.6
 class InsertController:
     """Opens a scene beside the window and puts it into the open document."""
 
-    def __init__(self, context: SessionContext, moving: MoveController) -> None:
-        self._state, self._document, self._jobs = context.state, context.document, context.jobs
-        self._messages, self._moving = context.messages, moving
+    def __init__(self, context: SessionContext, movement: MoveController) -> None:
+        self._context, self._state, self._jobs = context, context.state, context.jobs
+        self._messages, self._movement = context.messages, movement
 
     def insert(self, path: Path, *others: Path) -> None:
         """Insert all of one or more scene files or folders, a step each; they are selected and taken in hand.
@@ -48,7 +48,7 @@ class InsertController:
 
         One after the other, because the ground is looked for beside the window, in a document that must not change.
         """
-        document, viewpoint, time = self._document(), self._state.viewpoint, self._state.time
+        document, viewpoint, time = self._context.document, self._state.viewpoint, self._state.time
         if document is None or not paths:
             return
         path, others = paths[0], paths[1:]
@@ -61,7 +61,7 @@ class InsertController:
         def done(result: tuple[InsertScene, Spot]) -> None:
             edit, spot = result
             mode = "replace" if edge is None else "add"
-            if self._document() is document and self._moving.apply_and_select(edit, edit.added_instances, mode):
+            if self._context.document is document and self._movement.apply_and_select(edit, edit.added_instances, mode):
                 self._state.tool = "move"
                 self._messages.info(f"Inserted {path.name}{spot.note}")
                 self._insert_next(others, spot.edge)

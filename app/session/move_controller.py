@@ -76,8 +76,7 @@ class MoveController:
     """All methods are about the selected instances at the shown moment."""
 
     def __init__(self, context: SessionContext) -> None:
-        self._state, self._document, self._apply = context.state, context.document, context.apply
-        self._messages = context.messages
+        self._context, self._state, self._messages = context, context.state, context.messages
         self.options = MoveOptions()
         self.drag: Drag | None = None
         """The one under way."""
@@ -88,7 +87,7 @@ class MoveController:
     @property
     def ids(self) -> Ids:
         """The selected instances."""
-        document = self._document()
+        document = self._context.document
         return document.find_selected_instances() if document is not None else ()
 
     @property
@@ -96,7 +95,7 @@ class MoveController:
         """Whether the selection turns about the vertical only."""
         if self.options.yaw_only is not None:
             return self.options.yaw_only
-        document = self._document()
+        document = self._context.document
         if document is None:
             return False
         instances = [document.scene.table[number] for number in self.ids]
@@ -115,7 +114,7 @@ class MoveController:
         if self._lane is not None and self.drag is not None:
             return self._lane[1]
         document, ids, time, place = self._opened, self.ids, self._state.time, self.center()
-        key = (ref(document), ids, time, place.tobytes(), document.track_version)
+        key = (ref(document), ids, time, place.tobytes(), document.versions.tracks)
         if self._lane is None or self._lane[0] != key:
             try:
                 self._lane = (key, find_lane(document, ids, place, time))
@@ -137,7 +136,7 @@ class MoveController:
         if not self.ids:
             return
         half = math.radians(wanted.yaw - before.yaw) / 2
-        self._apply(
+        self._context.apply(
             lambda: MoveInstances(
                 self.ids,
                 _vector(np.subtract(wanted.position, before.position)),
@@ -147,7 +146,7 @@ class MoveController:
                 self._state.time,
                 on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
             ),
-            gesture=gesture,
+            gesture,
         )
 
     def shift_along_lane(self, metres: float, gesture: str | None = None) -> None:
@@ -158,20 +157,20 @@ class MoveController:
             shift = _vector(find_lane(document, ids, self.center(), time) * metres)
             return MoveInstances(ids, shift, time=time, on_ground=ground)
 
-        self._apply(edit, gesture=gesture)
+        self._context.apply(edit, gesture)
 
     def put_on_ground(self) -> None:
         """Set the selection down where it is."""
         ids, time = self.ids, self._state.time
-        self._apply(lambda: MoveInstances(ids, time=time, on_ground=True))
+        self._context.apply(lambda: MoveInstances(ids, time=time, on_ground=True))
 
     def reset(self) -> None:
         """Back to where the scene's file has it."""
-        self._apply(ResetMoves, self.ids)
+        self._context.apply(lambda: ResetMoves(self.ids))
 
     def duplicate(self) -> None:
         """Copy the selection beside itself, along the lane where there is one, select the copy and take it in hand."""
-        document, ids = self._document(), self.ids
+        document, ids = self._context.document, self.ids
         if document is None or not ids:
             return
         lane = self.lane()
@@ -188,7 +187,7 @@ class MoveController:
             added = tuple(entry.id for entry in create_instances(document, [None] * instances))
             return CompoundEdit((edit, SelectInstances(added, mode)), edit.title)
 
-        return self._apply(both)
+        return self._context.apply(both)
 
     # ------------------------------------------------------------------ drags
 
@@ -200,7 +199,7 @@ class MoveController:
     def drag_to(self, shift: Float[ndarray, "3"], rotation: Float[ndarray, "3 3"], scale: float) -> None:
         """Where the drag has come: metres, a rotation matrix and a factor, all since it began."""
         drag = self.drag
-        if drag is None or drag.document is not self._document() or drag.ids != self.ids:
+        if drag is None or drag.document is not self._context.document or drag.ids != self.ids:
             self.drag = None
             return
         lane = self.lane() if self.options.along_lane else None
@@ -227,8 +226,8 @@ class MoveController:
     def give_up_drag(self) -> None:
         """Put everything back to where the drag began."""
         drag, self.drag = self.drag, None
-        if drag is not None and drag.document is self._document() and drag.ids == self.ids:
-            self._apply(lambda: MoveInstances(drag.ids, time=drag.time), gesture=drag.gesture)
+        if drag is not None and drag.document is self._context.document and drag.ids == self.ids:
+            self._context.apply(lambda: MoveInstances(drag.ids, time=drag.time), drag.gesture)
 
     def end_drag(self) -> None:
         """The gizmo was let go."""
@@ -236,7 +235,7 @@ class MoveController:
 
     @property
     def _opened(self) -> Document:
-        document = self._document()
+        document = self._context.document
         assert document is not None, "no document is open"
         return document
 

@@ -25,7 +25,7 @@ class Navigation:
     """Writes camera and time of the view state; dataset cameras and moments come from the open document."""
 
     def __init__(self, context: SessionContext) -> None:
-        self._state, self._document = context.state, context.document
+        self._context, self._state = context, context.state
         self.timeline = Timeline(())
         self.playing = False
         """Whether the drive plays."""
@@ -47,7 +47,7 @@ class Navigation:
 
     def look_through(self, index: int) -> None:
         """Look through a dataset camera, at its moment."""
-        document = self._document()
+        document = self._context.document
         assert document is not None
         view = document.scene.views[index]
         self._state.viewpoint = camera.view_from_camera(view, self._state.viewpoint.pivot_distance)
@@ -56,7 +56,7 @@ class Navigation:
     def set_time(self, time: float) -> None:
         """Show another moment; a dataset camera moves along to its nearest photo, the moment is then the photo's."""
         self._state.time = time
-        current, document = self._state.dataset_view, self._document()
+        current, document = self._state.dataset_view, self._context.document
         if current is not None and document is not None:
             name = document.scene.views[current].name
             self.look_through(self.timeline.find_nearest_view(name, time))
@@ -72,7 +72,7 @@ class Navigation:
 
     def frame(self, ids: tuple[int, ...]) -> None:
         """Bring instances, or everything, into view."""
-        if self._document() is None:
+        if self._context.document is None:
             return
         means = self.compute_world_means(ids)
         if len(means):
@@ -92,7 +92,7 @@ class Navigation:
 
     def look_down(self, ids: tuple[int, ...]) -> None:
         """See instances, or everything, from straight above."""
-        if self._document() is None:
+        if self._context.document is None:
             return
         means = self.compute_world_means(ids)
         if len(means):
@@ -103,7 +103,7 @@ class Navigation:
 
         Of many splats it is every k-th: a place to look from needs no more, and a million take longer than a frame.
         """
-        document = self._document()
+        document = self._context.document
         assert document is not None
         scene = document.scene
         rows = document.find_rows(ids) if ids else np.arange(len(scene))

@@ -25,7 +25,7 @@ class OpenedDocument:
     """How the user looked at it when the project was saved."""
     notes: tuple[str, ...] = ()
     """What the user should know about the project."""
-    findings: tuple[Defect, ...] = ()
+    defects: tuple[Defect, ...] = ()
     """What is odd about the scene's splats."""
     restored: RestoredSession | None = None
     """Where the document was recovered from a dead editor."""
@@ -50,8 +50,8 @@ def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int =
                 notes = (f"{every} was opened, each made larger: {len(document.scene):,} in all",)
     document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
-    findings = tuple(finding for finding in find_defects(document.scene) if len(finding.rows))
-    return OpenedDocument(document, path, view, notes, findings)
+    defects = tuple(defect for defect in find_defects(document.scene) if len(defect.rows))
+    return OpenedDocument(document, path, view, notes, defects)
 
 
 def recover_for_editing(session: RecoverableSession, accept_changed: bool = False) -> OpenedDocument:

@@ -20,8 +20,7 @@ class SelectionBorder:
     """Changes of the selection along its border; those asked for while one is under way follow it, in order."""
 
     def __init__(self, context: SessionContext) -> None:
-        self._state, self._document, self._apply = context.state, context.document, context.apply
-        self._jobs, self._messages = context.jobs, context.messages
+        self._context, self._jobs, self._messages = context, context.jobs, context.messages
         self._job: Job | None = None
         self._following: list[type[BorderEdit]] = []
 
@@ -41,17 +40,17 @@ class SelectionBorder:
             self._start(kind)
 
     def _start(self, kind: type[BorderEdit]) -> None:
-        document = self._document()
+        document = self._context.document
         if document is None:
             return
-        edit = kind(None, self._state.time)
+        edit = kind(None, self._context.state.time)
         if len(document.state.rows_with(Flag.SELECTED)) <= AT_ONCE:
             self._finish(edit)
             return
         frozen = freeze_document(document)
 
         def done(_: None) -> None:
-            if self._document() is document and edit.is_prepared_for(document):
+            if self._context.document is document and edit.is_prepared_for(document):
                 self._finish(edit)
             else:
                 self._following.clear()
@@ -60,5 +59,5 @@ class SelectionBorder:
         self._job = self._jobs.submit(_TITLES[kind], lambda: edit.prepare(frozen), done, modal=False)
 
     def _finish(self, edit: BorderEdit) -> None:
-        if self._apply(lambda: edit) and self._following:
+        if self._context.apply(edit) and self._following:
             self._start(self._following.pop(0))

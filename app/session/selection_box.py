@@ -90,7 +90,7 @@ class SelectionBoxes:
             return _track_box(document, instance.node, time)
         entry = None if len(ids) > 1 else _common_entry(document, document.find_rows(ids))
         if entry is None:
-            key = (tuple(ids), time, document.geometry_version, document.table_version)
+            key = (tuple(ids), time, document.versions.geometry, document.versions.table)
             return self._group.of(document, key, lambda: self._level_box(document, ids, time))
         counts = document.count_states()  # made anew where splats change owner or state, but not where they move
         home = document.transforms.homes[entry]
@@ -102,7 +102,7 @@ class SelectionBoxes:
     def _level_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """Around the bounds of all instances, along the world's axes."""
         table = document.scene.table
-        still = self._still.of(document, (tuple(ids), document.table_version), lambda: _still_bounds(document, ids))
+        still = self._still.of(document, (tuple(ids), document.versions.table), lambda: _still_bounds(document, ids))
         if isinstance(document.deferred, DeferredBounds) and len(still):
             still = document.deferred.move_box(still, ids)
         nodes = [node for node in (table[instance_id].node for instance_id in ids) if node]

@@ -18,7 +18,7 @@ class SoloController:
     """
 
     def __init__(self, context: SessionContext) -> None:
-        self._document, self._apply = context.document, context.apply
+        self._context = context
         self._of: Document | None = None
         self._ids: Ids = ()
         self._step: SoloInstances | None = None
@@ -28,10 +28,10 @@ class SoloController:
     @property
     def ids(self) -> Ids:
         """The instances shown alone; none where everything may be shown."""
-        document = self._document()
+        document = self._context.document
         if document is None or document is not self._of or not self._ids:
             return ()
-        versions = (document.state.version, document.table_version)
+        versions = (document.versions.states, document.versions.table)
         if self._known is None or self._known[:2] != versions:
             self._known = (*versions, self._still_holds(document))
         return self._ids if self._known[2] else ()
@@ -45,25 +45,25 @@ class SoloController:
 
     def enter(self, ids: Ids) -> None:
         """Show these instances and nothing else; from one solo to the next what was hidden before both is kept."""
-        document = self._document()
+        document = self._context.document
         if document is None or not ids:
             return
         hidden = self._hidden_before if self.ids else find_hidden_instances(document)
         step = SoloInstances(ids)
-        if self._apply(lambda: step):
+        if self._context.apply(step):
             self._of, self._ids, self._hidden_before, self._known = document, tuple(ids), hidden, None
             self._step = step
 
     def leave(self) -> None:
         """Show again what was shown before."""
-        document = self._document()
+        document = self._context.document
         if document is None or not self.ids:
             return
         hidden = tuple(i for i in self._hidden_before if i in document.scene.table)
         if hidden:
-            self._apply(CompoundEdit, (ShowAll(), HideInstances(hidden)), "Show all that was shown before")
+            self._context.apply(CompoundEdit((ShowAll(), HideInstances(hidden)), "Show all that was shown before"))
         else:
-            self._apply(ShowAll)
+            self._context.apply(ShowAll)
 
     def toggle(self, ids: Ids) -> None:
         """Show these alone; where they are already, leave."""

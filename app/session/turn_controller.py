@@ -28,7 +28,7 @@ class TurnController:
 
     def __init__(self, context: SessionContext, navigation: Navigation, turned: Callable[[], None]) -> None:
         """`turned` is called whenever the scene was turned, also back by undo."""
-        self._state, self._document, self._apply = context.state, context.document, context.apply
+        self._context, self._state = context, context.state
         self._jobs, self._messages = context.jobs, context.messages
         self._navigation, self._turned = navigation, turned
         self._seen: tuple[Document | None, Float64[ndarray, "3 4"]] = (None, np.eye(3, 4))
@@ -47,14 +47,14 @@ class TurnController:
 
     def look(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:
         """Guess which way is up now, beside the window."""
-        document, stated = self._document(), self._stated
+        document, stated = self._context.document, self._stated
         self.estimate = None
         if document is None:
             return
         frozen, orientation = freeze_document(document), document.orientation
 
         def done(found: UpEstimate) -> None:
-            if self._document() is document and document.orientation is orientation:
+            if self._context.document is document and document.orientation is orientation:
                 self.estimate = found
                 then(found)
 
@@ -68,26 +68,26 @@ class TurnController:
 
     def turn(self, up: Float64[ndarray, "3"], scale: float = 1.0) -> None:
         """Turn the scene so that `up` points up, and scale it; what takes longer than a frame is done aside before."""
-        document = self._document()
+        document = self._context.document
         if document is None:
             return
         x, y, z = up.tolist()
         direction: Vector = (x, y, z)
         edit = TurnScene.make_upright(direction, scale)
         if edit.is_quick:
-            self._apply(lambda: edit)
+            self._context.apply(edit)
             return
         frozen = freeze_document(document)
 
         def done(_: None) -> None:
-            if self._document() is document:
-                self._apply(lambda: edit)
+            if self._context.document is document:
+                self._context.apply(edit)
 
         self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), done)
 
     def tick(self) -> None:
         """Once a frame: where the scene was turned, by whatever edit, undo or redo, the view goes along."""
-        document, (seen, before) = self._document(), self._seen
+        document, (seen, before) = self._context.document, self._seen
         if document is None or document is not seen or document.orientation is before:
             return
         self._seen = (document, document.orientation)

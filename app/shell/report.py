@@ -57,12 +57,12 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         },
         "hovered": session.state.hovered,
         "tool": session.state.tool,
-        "selected": list(session.selected),
+        "selected": list(session.selection.ids),
         "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
         "visible": list(document.find_visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,
-        "unsaved": session.is_unsaved,
+        "unsaved": session.files.is_unsaved,
         "camera": camera
         and {
             "fx": camera.fx,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,11 +25,14 @@ from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.render.warm_up import warm_up
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ReceiveDrop, Request, ShowPanel, do_nothing
 from instdrive_app.shell.display import DisplayError, has_display
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
 from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
 from instdrive_app.tools.registry import create_tools
+
+_log = logging.getLogger(__name__)
 
 
 class EditorWindow:
@@ -59,9 +63,9 @@ class EditorWindow:
         return self._session
 
     @property
-    def dialogs(self) -> frozenset[str]:
-        """Names of the dialogs that can be asked for."""
-        return self._dialogs.names
+    def answers(self) -> frozenset[type[Request]]:
+        """Types of the requests that the window and its dialogs answer."""
+        return self._dialogs.answers | {ShowPanel}
 
     def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
         """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
@@ -151,7 +155,7 @@ class EditorWindow:
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context, self._wake)
-        self._session.wake = self._wake
+        self._session.wake_window = self._wake
         tools = create_tools(self._session, lambda snapshot: view.renderer.read_rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
@@ -167,7 +171,7 @@ class EditorWindow:
         glfw.post_empty_event()
 
     def _take_drop(self, paths: tuple[Path, ...]) -> None:
-        self._session.dropped += paths
+        self._session.requests.put(ReceiveDrop(paths))
 
     def _before_frame(self) -> None:
         self.ui.forget_marks()
@@ -191,13 +195,12 @@ class EditorWindow:
         """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
         session = self._session
         busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
-        busy = busy or session.jumping.under_way
+        busy = busy or session.history.is_jumping
         return busy or not self.ui.view.settled
 
     def _after_panels(self) -> None:
-        if self._session.panel is not None:
-            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self._session.panel)
-            self._session.panel = None
+        while (request := self._session.requests.take(ShowPanel)) is not None:
+            self._show_panel(request.panel)
         self._dialogs.draw(self.ui)
         draw_progress(self.ui)
         draw_toasts(self.ui)
@@ -207,13 +210,19 @@ class EditorWindow:
         if self._steps is None and self._script is not None:
             self._steps = self._script(self)
         if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
-            self._session.quitting = True
+            self._session.is_quitting = True
         parameters = hello_imgui.get_runner_params()
-        if parameters.app_shall_exit and not self._session.quitting:  # the window's own cross
-            self._session.leave(self._session.quit)
-        parameters.app_shall_exit = self._session.quitting
+        if parameters.app_shall_exit and not self._session.is_quitting:  # the window's own cross
+            self._session.files.leave(self._session.quit)
+        parameters.app_shall_exit = self._session.is_quitting
         parameters.fps_idling.enable_idling = self._steps is None
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
+
+    def _show_panel(self, name: str) -> None:
+        if all(docked.name != name for docked in self._panels):
+            _log.error("there is no panel %r to show", name)
+            return
+        hello_imgui.get_runner_params().docking_params.focus_dockable_window(name)
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:
@@ -224,7 +233,7 @@ class EditorWindow:
             self._wants_screenshot = False
 
     def _stop(self) -> None:
-        self._session.wake = lambda: None
+        self._session.wake_window = do_nothing
         if self._ui is not None:
             self._ui.view.release()
             self._ui.textures.release()
@@ -241,7 +250,7 @@ def format_title(session: EditorSession) -> str:
     path = session.files.path
     if session.document is None or path is None:
         return "InstDrive"
-    return f"{path.name} {'•' if session.is_unsaved else '–'} InstDrive"
+    return f"{path.name} {'•' if session.files.is_unsaved else '–'} InstDrive"
 
 
 def require_display() -> None:

@@ -85,7 +85,7 @@ class PickTool:
         modified = click.shift or click.ctrl or click.alt
         last = self._last
         same = last is not None and last[2] == pose and abs(last[0] - click.x) + abs(last[1] - click.y) <= SAME_PLACE
-        self._depth = self._depth + 1 if same and not modified and self._session.selected else 0
+        self._depth = self._depth + 1 if same and not modified and self._session.selection.ids else 0
         self._last = None if modified else (click.x, click.y, pose)
         return self._depth
 
@@ -93,10 +93,10 @@ class PickTool:
         session = self._session
         if instance == 0:
             if not (click.shift or click.ctrl or click.alt):
-                session.clear_selection()
-        elif click.alt and session.has_codewords:
-            session.select_codeword_of(instance)
+                session.selection.clear()
+        elif click.alt and session.selection.has_codewords:
+            session.selection.select_codeword(instance)
         elif click.ctrl:
-            session.select((instance,), "remove")
+            session.selection.select((instance,), "remove")
         else:
-            session.select((instance,), "add" if click.shift else "replace")
+            session.selection.select((instance,), "add" if click.shift else "replace")

@@ -74,9 +74,9 @@ class RegionTool(ABC):
         # A draft may have fewer pixels than the picture shows.
         winners = self._winners(replace(snapshot, draft=False)) if options.region_visible_only else None
         if options.region_splats:
-            session.apply(SelectRows, find_rows_in_region(*place, winners), click.mode)
+            session.history.apply(SelectRows(find_rows_in_region(*place, winners), click.mode))
             return
         ids = find_instances_in_region(*place, winners)
         if not ids and click.mode == "intersect":
-            session.clear_selection()
-        session.select(ids, click.mode)
+            session.selection.clear()
+        session.selection.select(ids, click.mode)

@@ -33,7 +33,7 @@ def evaluate(
     from instdrive_core.evaluation.protocol import evaluate_saved_run
     from instdrive_core.evaluation.tables import (
         IMAGES_ONLY,
-        build_instance_table,
+        build_map_table,
         build_point_table,
         build_summary_table,
         describe_split,
@@ -44,7 +44,7 @@ def evaluate(
     with eval_progress(console) as show:
         evaluation = evaluate_saved_run(run, show)
     if evaluation.has_truth:
-        console.print(build_instance_table(evaluation))
+        console.print(build_map_table(evaluation))
     else:
         clip = evaluation.figures["clip"]
         console.print(f"{clip}: {IMAGES_ONLY}", markup=False, highlight=False, soft_wrap=True)

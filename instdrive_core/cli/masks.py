@@ -56,7 +56,7 @@ def masks(
         raise OptionError(f"--from {imported} is read by --source import only; the source is {source!r}")
     loaded = load_clip(str(clip), options)
     folder = out if out is not None else clip / "masks"
-    total = len(loaded.training_frames())
+    total = len(loaded.training_frames)
 
     def make(on_frame: Callable[[int], None]) -> MaskFolder:
         return make_masks(loaded, source, folder, seed, on_frame, faults, SourceOptions(imported, sam))

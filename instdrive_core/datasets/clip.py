@@ -96,14 +96,17 @@ class Clip:
     notes: tuple[str, ...] = ()
     """What a user should know of the clip before training, e.g. that its scale is unknown."""
 
+    @property
     def training_frames(self) -> tuple[Frame, ...]:
         """Frames that may train."""
         return tuple(frame for frame in self.frames if not frame.view.held_out)
 
+    @property
     def held_out_frames(self) -> tuple[Frame, ...]:
         """Frames of the evaluation split."""
         return tuple(frame for frame in self.frames if frame.view.held_out)
 
+    @property
     def training_sweeps(self) -> tuple[Sweep, ...]:
         """Sweeps that may train."""
         return tuple(sweep for sweep in self.sweeps if not is_held_out(sweep.index))

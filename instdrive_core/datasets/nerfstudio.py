@@ -54,21 +54,21 @@ def load_nerfstudio(path: str | Path, options: ClipOptions) -> Clip:
     if not isinstance(frames, list):
         problem = f"the field 'frames' is a {type(frames).__name__}, expected a list"
         raise DataError(listing, problem, _REMEDY)
-    photos = [_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
-    return build_photo_clip(root, listing, photos, _points(root, content), options)
+    photos = [_read_photo(root, content, frame, f"frames[{row}].") for row, frame in enumerate(frames)]
+    return build_photo_clip(root, listing, photos, _read_points(root, content), options)
 
 
-def _photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto:
+def _read_photo(root: Path, content: dict[str, Any], frame: Any, where: str) -> PosedPhoto:
     listing = root / LISTING
     name = require_field(listing, frame, "file_path", where)
     file = resolve_inner_path(listing, root, name)
     file = next((other for suffix in _SUFFIXES if (other := file.with_name(file.name + suffix)).is_file()), file)
-    camera, lens = _camera(listing, content | frame, file, where)
-    pose = _pose(listing, require_field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
-    return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), lens)
+    camera, distortion = _read_camera(listing, content | frame, file, where)
+    pose = _read_pose(listing, require_field(listing, frame, "transform_matrix", where), f"{where}transform_matrix")
+    return PosedPhoto(file.relative_to(root).as_posix(), file, replace(camera, world_from_camera=pose), distortion)
 
 
-def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Distortion]:
+def _read_camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tuple[Camera, Distortion]:
     """Intrinsics of a photo from its own fields, else those of all.
 
     The size is the photo's where none is given; a missing photo, which nobody will see, counts as one pixel.
@@ -94,21 +94,21 @@ def _camera(listing: Path, known: dict[str, Any], file: Path, where: str) -> tup
     def focal_length(axis: str, pixels: float, default: float | None) -> float:
         if f"fl_{axis}" in known or f"camera_angle_{axis}" not in known:
             return value(f"fl_{axis}", default)
-        return _focal_length(listing, f"{where}camera_angle_{axis}", value(f"camera_angle_{axis}"), pixels)
+        return _compute_focal_length(listing, f"{where}camera_angle_{axis}", value(f"camera_angle_{axis}"), pixels)
 
     fx = focal_length("x", width, None)
     intrinsics = (fx, focal_length("y", height, fx), value("cx", width / 2), value("cy", height / 2))
-    lens = Distortion(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
-    return build_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), lens
+    distortion = Distortion(tuple(value(f"k{order}", 0) for order in range(1, 5)), (value("p1", 0), value("p2", 0)))
+    return build_camera(listing, where.rstrip("."), intrinsics, (int(width), int(height))), distortion
 
 
-def _focal_length(listing: Path, name: str, angle: float, pixels: float) -> float:
+def _compute_focal_length(listing: Path, name: str, angle: float, pixels: float) -> float:
     if not 0 < angle < math.pi:
         raise DataError(listing, f"the field '{name}' is {angle}, expected radians between 0 and π", _REMEDY)
     return pixels / 2 / math.tan(angle / 2)
 
 
-def _pose(listing: Path, value: Any, name: str) -> Float64[ndarray, "4 4"]:
+def _read_pose(listing: Path, value: Any, name: str) -> Float64[ndarray, "4 4"]:
     """World from camera in OpenCV axes."""
     rows = value if isinstance(value, list) else []
     if len(rows) not in (3, 4) or any(not isinstance(row, list) or len(row) != 4 for row in rows):
@@ -125,7 +125,7 @@ def _pose(listing: Path, value: Any, name: str) -> Float64[ndarray, "4 4"]:
     return pose @ _FROM_OPENGL
 
 
-def _points(root: Path, content: dict[str, Any]) -> ListedPoints:
+def _read_points(root: Path, content: dict[str, Any]) -> ListedPoints:
     name = content.get("ply_file_path")
     if name is None:
         return ListedPoints.none()

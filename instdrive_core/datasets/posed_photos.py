@@ -43,7 +43,7 @@ class PosedPhoto:
     """Where it should be."""
     camera: Camera
     """At full size, in the file's world."""
-    lens: Distortion
+    distortion: Distortion
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,14 @@ def build_photo_clip(
         raise DataError(listing, "lists no photo", "Export the data set again")
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
-    ordered = _ordered(root, photos, options.cameras)
+    ordered = _order_photos(root, photos, options.cameras)
     present = [entry for entry in ordered if entry[1].file.is_file()]
-    _say_missing(listing, ordered, present)
-    chosen = [entry for entry in present if _in_range(entry[0], options)]
+    _warn_of_missing(listing, ordered, present)
+    chosen = [entry for entry in present if _is_in_range(entry[0], options)]
     if not chosen:
         raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
     world = find_upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
-    poses = world.poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
+    poses = world.transform_poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
     origin = choose_origin(poses[:, :3, 3])
     poses[:, :3, 3] -= origin
     chosen = [
@@ -107,17 +107,17 @@ def build_photo_clip(
         for (step, photo), pose in zip(chosen, poses, strict=True)
     ]
     scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
-    coverage = _coverage()
+    coverage = _build_coverage_cache()
     return Clip(
         path=str(root),
         name=root.resolve().name,
         origin=origin,
-        frames=tuple(_frame(step, photo, scale, coverage) for step, photo in chosen),
+        frames=tuple(_build_frame(step, photo, scale, coverage) for step, photo in chosen),
         sweeps=(),
         tracks=(),
         class_names={},
         camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
-        points=SparsePoints((world.points(points.points) - origin).astype(np.float32), points.colors),
+        points=SparsePoints((world.transform_points(points.points) - origin).astype(np.float32), points.colors),
         notes=(*world.notes, describe_start(len(points.points))),
     )
 
@@ -148,17 +148,17 @@ def check_points(listing: Path, points: Float64[ndarray, "n 3"]) -> None:
         raise DataError(listing, problem, "Export the points again")
 
 
-def _ordered(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int, PosedPhoto]]:
+def _order_photos(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int, PosedPhoto]]:
     """Photos of the asked cameras with their time steps: their places in their own camera's order."""
     by_camera: dict[str, list[PosedPhoto]] = {}
     for photo in sorted(photos, key=lambda photo: photo.name):
         by_camera.setdefault(get_camera_name(photo), []).append(photo)
-    names = _chosen_cameras(root, tuple(by_camera), asked)
+    names = _choose_cameras(root, tuple(by_camera), asked)
     steps = [(step, rank, photo) for rank, name in enumerate(names) for step, photo in enumerate(by_camera[name])]
     return [(step, photo) for step, _, photo in sorted(steps, key=lambda entry: entry[:2])]
 
 
-def _chosen_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
+def _choose_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
     if asked in _CAMERA_COUNTS:
         return present[: _CAMERA_COUNTS[asked]]
     names = tuple(dict.fromkeys(name.strip() for name in asked.split(",") if name.strip()))
@@ -171,7 +171,9 @@ def _chosen_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[s
     return names
 
 
-def _say_missing(listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]) -> None:
+def _warn_of_missing(
+    listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]
+) -> None:
     missing = [photo.file for _, photo in listed if not photo.file.is_file()]
     if not present:
         problem = f"none of the {len(listed)} photos that it lists is there, e.g. {missing[0]}"
@@ -180,39 +182,43 @@ def _say_missing(listing: Path, listed: list[tuple[int, PosedPhoto]], present: l
         logger.warning("%s: %d of %d photos are missing, e.g. %s", listing, len(missing), len(listed), missing[0])
 
 
-def _in_range(step: int, options: ClipOptions) -> bool:
+def _is_in_range(step: int, options: ClipOptions) -> bool:
     return (options.first_frame or 0) <= step and (options.last_frame is None or step <= options.last_frame)
 
 
 Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]
 
 
-def _coverage() -> Coverage:
+def _build_coverage_cache() -> Coverage:
     """Which pixels undistorted photos fill; photos of one camera share one mask."""
 
     @lru_cache(maxsize=64)
-    def of(fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Distortion) -> ndarray:
-        return find_covered_pixels(Camera(fx, fy, cx, cy, width, height, np.eye(4)), lens)
+    def find_once(
+        fx: float, fy: float, cx: float, cy: float, width: int, height: int, distortion: Distortion
+    ) -> ndarray:
+        return find_covered_pixels(Camera(fx, fy, cx, cy, width, height, np.eye(4)), distortion)
 
-    def coverage(camera: Camera, lens: Distortion) -> ndarray | None:
-        if lens.is_pinhole:
+    def find_coverage(camera: Camera, distortion: Distortion) -> ndarray | None:
+        if distortion.is_pinhole:
             return None
-        return of(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, lens)
+        return find_once(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, distortion)
 
-    return coverage
+    return find_coverage
 
 
-def _frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
+def _build_frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
     full = photo.camera
     camera = full.scale(scale)
     view = CameraView(camera, get_camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
-    load = partial(_load, photo.file, (full.width, full.height), camera, photo.lens)
-    return Frame(view, load, coverage(camera, photo.lens))
+    load = partial(_load_undistorted, photo.file, (full.width, full.height), camera, photo.distortion)
+    return Frame(view, load, coverage(camera, photo.distortion))
 
 
-def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
+def _load_undistorted(
+    file: Path, full_size: tuple[int, int], camera: Camera, distortion: Distortion
+) -> UInt8[ndarray, "h w 3"]:
     image = load_photo(file, full_size, (camera.width, camera.height))
-    return image if lens.is_pinhole else undistort(image, camera, lens)
+    return image if distortion.is_pinhole else undistort(image, camera, distortion)
 
 
 def describe_start(count: int) -> str:

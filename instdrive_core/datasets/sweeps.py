@@ -31,7 +31,7 @@ class SweepCache:
 
     def __init__(self, clip: Clip, held_out: bool = False) -> None:
         self.clip = clip
-        self.sweeps = clip.sweeps if held_out else clip.training_sweeps()
+        self.sweeps = clip.sweeps if held_out else clip.training_sweeps
         self._load = lru_cache(maxsize=3)(lambda position: self.sweeps[position].load())
         self._last: tuple[int, SweepPoints | None] | None = None
         self._times = {frame.view.index: frame.view.time for frame in clip.frames}
@@ -47,24 +47,24 @@ class SweepCache:
         """
         last = self._last
         if last is None or last[0] != index:
-            last = self._last = (index, self._at(index))
+            last = self._last = (index, self._load_at(index))
         return last[1]
 
-    def _at(self, index: int) -> SweepPoints | None:
-        positions = self._neighbours(index)
+    def _load_at(self, index: int) -> SweepPoints | None:
+        positions = self._find_neighbours(index)
         if not positions:
             return None
         if self.sweeps[positions[0]].index == index:
             return self._load(positions[0])
         time = self._times[index]
-        return _joined([self._carried(position, time) for position in positions])
+        return _join_sweeps([self._carry_points(position, time) for position in positions])
 
-    def points_at(self, index: int) -> Float32[ndarray, "n 3"]:
+    def load_positions(self, index: int) -> Float32[ndarray, "n 3"]:
         """Positions only; none where no sweep may be used."""
         found = self.at(index)
         return np.zeros((0, 3), np.float32) if found is None else found.points
 
-    def _neighbours(self, index: int) -> list[int]:
+    def _find_neighbours(self, index: int) -> list[int]:
         """Positions in `sweeps`: the step's own, else the nearest before and after."""
         indices = [sweep.index for sweep in self.sweeps]
         if index in indices:
@@ -73,23 +73,23 @@ class SweepCache:
         after = [position for position, found in enumerate(indices) if found > index]
         return before[-1:] + after[:1]
 
-    def _carried(self, position: int, time: float) -> SweepPoints:
+    def _carry_points(self, position: int, time: float) -> SweepPoints:
         sweep: Sweep = self.sweeps[position]
         found = self._load(position)
         tracks = [track for track in self.clip.tracks if track.moving and track.covers(sweep.time)]
         boxes = _Boxes.at(tracks, sweep.time)
         points, kept = found.points.copy(), np.ones(len(found.points), bool)
-        near = np.flatnonzero(boxes.holding(found.points, SIBLING_REACH) >= 0)
+        near = np.flatnonzero(boxes.find_holders(found.points, SIBLING_REACH) >= 0)
         kept[near[found.sensor[near] != 0]] = False
         stays = np.array([track.covers(time) for track in tracks], bool)
-        kept[near[boxes.take(~stays).holding(found.points[near], BOX_MARGIN) >= 0]] = False
-        carrying = boxes.take(stays)
-        holder = carrying.holding(found.points[near], BOX_MARGIN)
+        kept[near[boxes.select(~stays).find_holders(found.points[near], BOX_MARGIN) >= 0]] = False
+        carrying = boxes.select(stays)
+        holder = carrying.find_holders(found.points[near], BOX_MARGIN)
         for number in np.unique(holder[holder >= 0]):
             motion = carrying.tracks[number].pose_at(time) @ np.linalg.inv(carrying.poses[number])
             rows = near[holder == number]
             points[rows] = found.points[rows] @ motion[:3, :3].T + motion[:3, 3]
-        return _taken(replace(found, points=points), kept)
+        return _select_rows(replace(found, points=points), kept)
 
 
 @dataclass(frozen=True)
@@ -103,10 +103,10 @@ class _Boxes:
     def at(tracks: list[Track], time: float) -> _Boxes:
         return _Boxes(tracks, np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4))
 
-    def take(self, chosen: Bool[ndarray, " b"]) -> _Boxes:
+    def select(self, chosen: Bool[ndarray, " b"]) -> _Boxes:
         return _Boxes([self.tracks[number] for number in np.flatnonzero(chosen)], self.poses[chosen])
 
-    def holding(self, points: Float32[ndarray, "n 3"], margin: float) -> Int32[ndarray, " n"]:
+    def find_holders(self, points: Float32[ndarray, "n 3"], margin: float) -> Int32[ndarray, " n"]:
         """The box, grown by `margin` metres, that holds each point; -1 = none."""
         dimensions = np.array([track.dimensions for track in self.tracks]).reshape(-1, 3)
         return find_box_of_points(points, self.poses, dimensions, margin, BOX_BOTTOM)
@@ -123,7 +123,7 @@ def load_points_at(clip: Clip, index: int, held_out: bool = False) -> SweepPoint
     return SweepCache(clip, held_out).at(index)
 
 
-def _taken(sweep: SweepPoints, kept: Bool[ndarray, " n"]) -> SweepPoints:
+def _select_rows(sweep: SweepPoints, kept: Bool[ndarray, " n"]) -> SweepPoints:
     return SweepPoints(
         sweep.points[kept],
         sweep.intensity[kept],
@@ -133,7 +133,7 @@ def _taken(sweep: SweepPoints, kept: Bool[ndarray, " n"]) -> SweepPoints:
     )
 
 
-def _joined(parts: list[SweepPoints]) -> SweepPoints:
+def _join_sweeps(parts: list[SweepPoints]) -> SweepPoints:
     """All points; classes and instances only where every part has them."""
     classes = [part.classes for part in parts if part.classes is not None]
     labels = [part.instance_labels for part in parts if part.instance_labels is not None]

@@ -31,14 +31,14 @@ class UprightWorld:
     """Metres (assumed) per unit of the file."""
     notes: tuple[str, ...]
 
-    def poses(self, world_from_camera: Float64[ndarray, "n 4 4"]) -> Float64[ndarray, "n 4 4"]:
+    def transform_poses(self, world_from_camera: Float64[ndarray, "n 4 4"]) -> Float64[ndarray, "n 4 4"]:
         """Poses in the clip's world."""
         turned = world_from_camera.copy()
         turned[:, :3, :3] = self.rotation @ world_from_camera[:, :3, :3]
-        turned[:, :3, 3] = self.points(world_from_camera[:, :3, 3])
+        turned[:, :3, 3] = self.transform_points(world_from_camera[:, :3, 3])
         return turned
 
-    def points(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
+    def transform_points(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
         """Points in the clip's world."""
         return points.astype(np.float64) @ self.rotation.T * self.scale
 
@@ -58,11 +58,11 @@ def find_upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Flo
     else:
         rotation = compute_upright_rotation(up)
         turned = "up is estimated from the cameras"
-    scale, unit = _unit(world_from_camera[:, :3, 3], points)
+    scale, unit = _choose_unit(world_from_camera[:, :3, 3], points)
     return UprightWorld(rotation, scale, (turned, f"the scale is unknown: {unit}"))
 
 
-def _unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:
+def _choose_unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:
     """Metres per unit, and how that was chosen."""
     if len(points):
         some = points[:: max(1, len(points) // _MOST_LOOKED_AT)]

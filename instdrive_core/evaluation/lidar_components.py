@@ -30,14 +30,14 @@ def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | No
 
     Points of the training sweeps are joined, those in boxes of moving objects left out.
     """
-    points = _standing_points(clip)
+    points = _gather_standing_points(clip)
     if not len(points):
         return None
     cells = np.unique(np.floor(points / VOXEL).astype(np.int64), axis=0)
     centers = ((cells + 0.5) * VOXEL).astype(np.float32)
     ground = _is_ground(centers)
     components = np.ones(len(cells), np.uint32)
-    components[~ground] = _connected(cells[~ground]) + 2
+    components[~ground] = _connect_cells(cells[~ground]) + 2
     ids = scene.nodes.astype(np.uint32) + components.max()
     background = scene.nodes == 0
     if background.any():
@@ -46,8 +46,8 @@ def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | No
     return ids
 
 
-def _standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
-    sweeps = clip.training_sweeps()
+def _gather_standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
+    sweeps = clip.training_sweeps
     parts = [np.zeros((0, 3), np.float32)]
     for sweep in sweeps[:: max(1, -(-len(sweeps) // MAX_SWEEPS))]:
         points = sweep.load().points
@@ -67,7 +67,7 @@ def _is_ground(points: Float32[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     return points[:, 2] - lowest[tuple(columns.T)] < GROUND_HEIGHT
 
 
-def _connected(cells: Int64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
+def _connect_cells(cells: Int64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
     """Component, from 0 on, of each of n distinct cells; cells that share a corner are connected."""
     if not len(cells):
         return np.zeros(0, np.int64)

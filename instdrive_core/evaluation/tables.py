@@ -60,7 +60,7 @@ def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]
     return rows
 
 
-def build_instance_table(evaluation: Evaluation) -> Table:
+def build_map_table(evaluation: Evaluation) -> Table:
     """The rows of `list_map_rows`, in 80 columns."""
     title = f"Instance maps, {describe_split(evaluation)}"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
@@ -111,20 +111,20 @@ def list_summary_rows(evaluation: Evaluation) -> dict[str, str]:
     }
     if not evaluation.has_truth:
         rows = {name: text for name, text in rows.items() if text != NOT_APPLICABLE}
-    return (rows | (_instance_rows(figures) if evaluation.has_truth else {})) | {
+    return (rows | (_list_instance_rows(figures) if evaluation.has_truth else {})) | {
         "Gaussians / instances": f"{figures['n_gaussians']:,} / {figures['n_instances']:,}",
         "training": f"{figures['train_seconds']:.0f} s, {figures['peak_rss_mb']:,.0f} MB, {figures['backend']}",
     }
 
 
-def _instance_rows(figures: Mapping[str, Any]) -> dict[str, str]:
+def _list_instance_rows(figures: Mapping[str, Any]) -> dict[str, str]:
     click, scene = figures["click"], figures["scene"]
     return {
         "scene mIoU of things / stuff": f"{format_figure(scene['miou_things'])} / {format_figure(scene['miou_stuff'])}",
-        "clicks that hit the object (IoU of the selection > 0.5)": _with_oracle(click, "hit_rate"),
-        "mean IoU of selections": _with_oracle(click, "iou"),
-        "collateral of deleting hits: other pixels changed": _with_oracle(click, "collateral", 4),
-        "residue of deleting hits: weight left in the box": _with_oracle(click, "residue", 4),
+        "clicks that hit the object (IoU of the selection > 0.5)": _format_with_reference(click, "hit_rate"),
+        "mean IoU of selections": _format_with_reference(click, "iou"),
+        "collateral of deleting hits: other pixels changed": _format_with_reference(click, "collateral", 4),
+        "residue of deleting hits: weight left in the box": _format_with_reference(click, "residue", 4),
     }
 
 
@@ -156,7 +156,7 @@ def format_figure(value: float | int | None, digits: int = 3) -> str:
     return str(value) if isinstance(value, int) else f"{value:.{digits}f}"
 
 
-def _with_oracle(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
+def _format_with_reference(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
     """A figure, and what true IDs reach on the same Gaussians where that is known."""
     oracle = scores.get(f"oracle_{key}")
     text = format_figure(scores[key], digits)

@@ -34,7 +34,7 @@ def read_log(run: Path) -> list[LoggedStep]:
     path = run / LOG
     if not path.is_file():
         return []
-    steps = (_step(line) for line in path.read_text(encoding="utf-8", errors="replace").splitlines())
+    steps = (_parse_step(line) for line in path.read_text(encoding="utf-8", errors="replace").splitlines())
     return [step for step in steps if step is not None]
 
 
@@ -54,7 +54,7 @@ def get_term(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
     return np.array([step.terms.get(name, np.nan) for step in steps], np.float64)
 
 
-def _step(line: str) -> LoggedStep | None:
+def _parse_step(line: str) -> LoggedStep | None:
     try:
         fields = json.loads(line)
         psnr = fields.get("psnr")

@@ -39,10 +39,10 @@ def write_contact_sheets(clip: Clip, masks: MaskFolder, path: Path) -> tuple[Pat
     damaged.
     """
     by_camera: dict[str, list[Frame]] = {}
-    for frame in clip.training_frames():
+    for frame in clip.training_frames:
         if frame.key in masks.counts:
             by_camera.setdefault(frame.view.name, []).append(frame)
-    files = [_sheet_file(path, name, alone=len(by_camera) == 1) for name in by_camera]
+    files = [_name_sheet(path, name, alone=len(by_camera) == 1) for name in by_camera]
     for file, frames in zip(files, by_camera.values(), strict=True):
         picture = build_contact_sheet(frames, masks)
         try:
@@ -64,7 +64,7 @@ def build_contact_sheet(frames: Sequence[Frame], masks: MaskFolder) -> Image.Ima
     """Up to `COLUMNS` × `ROWS` photos of one camera, evenly spread over the frames, in their order."""
     count = min(len(frames), COLUMNS * ROWS)
     chosen = [frames[round(number * (len(frames) - 1) / max(1, count - 1))] for number in range(count)]
-    tiles = [_tile(frame, masks.load(frame)) for frame in chosen]
+    tiles = [_build_tile(frame, masks.load(frame)) for frame in chosen]
     width, height = (max(tile.size[side] for tile in tiles) + GAP for side in (0, 1))
     columns = min(COLUMNS, count)
     sheet = Image.new("RGB", (columns * width + GAP, math.ceil(count / columns) * height + GAP), BACKGROUND)
@@ -79,12 +79,12 @@ def paint_masks(image: UInt8[ndarray, "h w 3"], masks: FrameMasks) -> UInt8[ndar
     labels = masks.labels
     colored = MASK_SHARE * colors_from_ids(labels.astype(np.uint32)) + (1 - MASK_SHARE) * grey
     picture = np.where((labels > 0)[..., None], colored, 0.45 * grey)
-    picture[masks.sky & _hatched(labels.shape)] = 220
-    picture[_outlines(labels)] = 255
+    picture[masks.sky & _build_hatching(labels.shape)] = 220
+    picture[_find_outlines(labels)] = 255
     return picture.astype(np.uint8)
 
 
-def _tile(frame: Frame, masks: FrameMasks) -> Image.Image:
+def _build_tile(frame: Frame, masks: FrameMasks) -> Image.Image:
     tile = Image.fromarray(paint_masks(frame.load_image(), masks))
     if tile.width > MAX_WIDTH:
         tile = tile.resize((MAX_WIDTH, round(tile.height * MAX_WIDTH / tile.width)), Image.Resampling.LANCZOS)
@@ -97,7 +97,7 @@ def _tile(frame: Frame, masks: FrameMasks) -> Image.Image:
     return tile
 
 
-def _outlines(labels: UInt16[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
+def _find_outlines(labels: UInt16[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
     """Pixels of a mask whose right or lower neighbour is not of it."""
     outline = np.zeros(labels.shape, bool)
     outline[:, :-1] |= labels[:, :-1] != labels[:, 1:]
@@ -105,12 +105,12 @@ def _outlines(labels: UInt16[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
     return outline
 
 
-def _hatched(shape: tuple[int, ...]) -> Bool[ndarray, "h w"]:
+def _build_hatching(shape: tuple[int, ...]) -> Bool[ndarray, "h w"]:
     """Diagonal lines."""
     return np.indices(shape).sum(axis=0) % HATCH == 0
 
 
-def _sheet_file(path: Path, camera: str, alone: bool) -> Path:
+def _name_sheet(path: Path, camera: str, alone: bool) -> Path:
     if not path.suffix:
         return path / f"{camera}.jpg"
     return path if alone else path.with_stem(f"{path.stem}_{camera}")

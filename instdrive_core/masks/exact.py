@@ -50,7 +50,7 @@ class ExactLabels:
         sized = resample_nearest(labels, frame.view.camera.width, frame.view.camera.height).astype(np.uint32)
         return sized if frame.valid is None else np.where(frame.valid, sized, np.uint32(0))
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
         sky = read_sky_mask(self.folder / "sky" / f"{frame.key}.png")
         return resample_nearest(sky, frame.view.camera.width, frame.view.camera.height)
@@ -64,7 +64,7 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
         raise DataError(file, "expected an object from instance numbers to their facts", _REMEDY)
     instances = {}
     for key, entry in entries.items():
-        number = _instance_number(file, key)
+        number = _parse_instance_number(file, key)
         kind = require_field(file, entry, "kind", f"{key}.")
         if kind not in ("thing", "stuff"):
             raise DataError(file, f"the field '{key}.kind' is {kind!r}, expected 'thing' or 'stuff'", _REMEDY)
@@ -80,7 +80,7 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
     return instances
 
 
-def _instance_number(file: Path, key: str) -> int:
+def _parse_instance_number(file: Path, key: str) -> int:
     try:
         number = parse_whole_number(key)
     except ValueError as error:

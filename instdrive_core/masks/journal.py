@@ -27,7 +27,7 @@ class MaskJournal:
         self.entries: dict[str, dict[str, Any]] = {}
         """Entry of the sidecar by frame key, in the order of writing."""
         self._recipe = recipe
-        lines = _lines(self.file)
+        lines = _read_lines(self.file)
         if recipe is not None and lines and lines[0] == {"recipe": recipe}:
             self.entries = {line["frame"]: line["entry"] for line in lines[1:] if _is_entry(line)}
 
@@ -52,7 +52,7 @@ class MaskJournal:
         self.file.unlink(missing_ok=True)
 
 
-def _lines(file: Path) -> list[Any]:
+def _read_lines(file: Path) -> list[Any]:
     """Lines up to the first that cannot be read."""
     found: list[Any] = []
     try:

@@ -88,8 +88,8 @@ def make_masks(
     Raises DataError where the clip lacks what the source needs or the folder cannot be written, OptionError where an
     option is missing.
     """
-    folder, frames = Path(folder), clip.training_frames()
-    journal = MaskJournal(folder, _recipe(clip, source, seed, faults, options))
+    folder, frames = Path(folder), clip.training_frames
+    journal = MaskJournal(folder, _build_recipe(clip, source, seed, faults, options))
     sizes = {frame.key: (frame.view.camera.width, frame.view.camera.height) for frame in frames}
     journal.keep(lambda key, entry: sizes.get(key) == (entry["width"], entry["height"]) and _has_files(folder, key))
     left = [frame for frame in frames if frame.key not in journal.entries]
@@ -98,7 +98,7 @@ def make_masks(
     def masks() -> Iterator[tuple[str, FrameMasks]]:
         for done, frame in enumerate(left, len(frames) - len(left)):
             on_frame(done)
-            yield frame.key, _frame_masks(labels, frame, seed, faults)
+            yield frame.key, _make_frame_masks(labels, frame, seed, faults)
         on_frame(len(frames))
 
     return write_masks(folder, masks(), source, seed, faults, journal)
@@ -127,15 +127,17 @@ def ensure_masks(
     return make_masks(clip, "annotations", Path(run_dir) / "masks", on_frame=on_frame)
 
 
-def _frame_masks(labels: LabelSource, frame: Frame, seed: int, faults: FaultModel | None) -> FrameMasks:
-    found, sky = labels.load(frame), labels.sky(frame)
+def _make_frame_masks(labels: LabelSource, frame: Frame, seed: int, faults: FaultModel | None) -> FrameMasks:
+    found, sky = labels.load(frame), labels.load_sky(frame)
     if faults is not None:
         closed = sky if frame.valid is None else sky | ~frame.valid
         found = add_faults(found, closed, FAULT_MODELS[faults], frame.key, seed)
     return FrameMasks(shuffle_labels(found, frame.key, seed), sky)
 
 
-def _recipe(clip: Clip, source: Source, seed: int, faults: FaultModel | None, options: SourceOptions) -> dict[str, Any]:
+def _build_recipe(
+    clip: Clip, source: Source, seed: int, faults: FaultModel | None, options: SourceOptions
+) -> dict[str, Any]:
     """All that the masks of a frame depend on, but for its size."""
     recipe: dict[str, Any] = {"clip": str(Path(clip.path).resolve()), "source": source, "seed": seed, "faults": faults}
     if source == "sam":

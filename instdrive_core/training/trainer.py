@@ -25,25 +25,21 @@ from instdrive_core.training.gaussians.densify import (
     is_reset_due,
     reset_opacities,
 )
-from instdrive_core.training.gaussians.exposures import exposure_penalty
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.optimizers import Optimizers
 from instdrive_core.training.gaussians.view_rendering import RenderedView, render_view
-from instdrive_core.training.instances import instance_losses as inst
 from instdrive_core.training.instances.feature_weights import CachedView, blend_features
 from instdrive_core.training.instances.instance_learner import cache_views
-from instdrive_core.training.instances.instance_terms import (
-    compute_pixel_terms,
-    compute_voxel_term,
-    sample_rendered_pixels,
-)
+from instdrive_core.training.instances.instance_losses import segments_from_labels
+from instdrive_core.training.losses.instance_terms import INSTANCE_TERMS, InstanceStep, sample_rendered_pixels
+from instdrive_core.training.losses.loss_term import compute_terms
+from instdrive_core.training.losses.rgb_terms import RGB_TERMS, RgbStep
 from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, Event, Stage, StageStarted, StepDone
 from instdrive_core.training.settings.schedule import (
     choose_view,
     compute_means_lr,
     is_coarse,
-    is_pseudo_supervised,
 )
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
@@ -137,35 +133,28 @@ class Trainer:
         if config.exposure_lr:
             image = backend.expose(image, shared["exposures"][number])
 
-        terms: dict[str, Tensor] = {}
-        terms["rgb"], psnr = backend.photometric_loss(image, view.image, view.valid, config.ssim_weight)
-        if config.depth_weight and len(view.depth_pixels):
-            depth_loss = backend.depth_loss(drawn.depth, drawn.alpha, view.depth_pixels, view.depth_values)
-            terms["depth"] = config.depth_weight * depth_loss
-        if config.sky_weight and view.sky is not None:
-            terms["sky"] = config.sky_weight * backend.sky_loss(drawn.alpha, view.sky)
-        if config.exposure_lr and config.exposure_weight:
-            terms["exposure"] = config.exposure_weight * exposure_penalty(shared["exposures"], number)
+        step = RgbStep(self.config, backend, number, view, drawn, image, shared["exposures"])
+        terms = compute_terms(RGB_TERMS, step)
         if joint:
-            terms |= self._joint_terms(view, drawn)
+            terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
 
         values = self._backward(terms)
         self._descend(drawn)
-        return values, psnr
+        return values, step.psnr
 
     def instance_step(self) -> tuple[dict[str, float], None]:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
         if not self._cache:
             self.continue_on_cpu()
             self._cache = cache_views(self.model, self.store, self.config)
-        terms, seen = self._voxel_terms(Stream.INSTANCE_VOXELS), None
+        step, seen = InstanceStep(self.config, self.iteration, self.model, Stream.INSTANCE_VOXELS), None
         if self._cache:
             view = self._cache[choose_view(self.config.seed, Stream.INSTANCE_VIEWS, self.iteration, len(self._cache))]
-            seen = gather_rows(self.model.parameters["features"], view.rows).requires_grad_(True)
-            pseudo = is_pseudo_supervised(self.config, self.iteration)
-            terms |= compute_pixel_terms(blend_features(seen, view), view.segments, self.config.instances, pseudo)
-        values = self._backward(terms)
-        self._descend_features((view.rows, seen.grad, None) if seen is not None and seen.grad is not None else None)
+            leaf = gather_rows(self.model.parameters["features"], view.rows).requires_grad_(True)
+            step.features, step.segments = blend_features(leaf, view), view.segments
+            seen = (view.rows, leaf)
+        values = self._backward(compute_terms(INSTANCE_TERMS, step))
+        self._descend_features(None if seen is None or seen[1].grad is None else (seen[0], seen[1].grad, None))
         return values, None
 
     # What the steps are made of.
@@ -174,26 +163,15 @@ class Trainer:
         number = choose_view(self.config.seed, Stream.RGB_VIEWS, iteration, len(self.store))
         return number, is_coarse(self.config.geometry, iteration)
 
-    def _joint_terms(self, view: TrainingView, drawn: RenderedView) -> dict[str, Tensor]:
+    def _sample_joint_pixels(self, view: TrainingView, drawn: RenderedView) -> InstanceStep:
+        """Sample the rendered features of an RGB step for the instance losses that ride along."""
         assert view.labels is not None
         assert drawn.features is not None
-        rng, config = make_generator(self.config.seed, Stream.JOINT_PIXELS, self.iteration), self.config.instances
+        rng = make_generator(self.config.seed, Stream.JOINT_PIXELS, self.iteration)
         alpha = drawn.alpha.detach().cpu().numpy()
-        features, labels = sample_rendered_pixels(drawn.features, alpha, view.labels, config, rng)
-        terms = compute_pixel_terms(
-            features, inst.segments_from_labels(labels), config, is_pseudo_supervised(self.config, self.iteration)
-        )
-        return terms | self._voxel_terms(Stream.JOINT_VOXELS)
-
-    def _voxel_terms(self, stream: Stream) -> dict[str, Tensor]:
-        """The voxel loss of all features where it is due. Its gradient is left with them at once: see `voxel_loss`."""
-        features, config = self.model.parameters["features"], self.config.instances
-        if not config.voxel_weight or self.iteration % config.voxel_every:
-            return {}
-        means = self.model.parameters["means"].detach().cpu().numpy()
-        rng = make_generator(self.config.seed, stream, self.iteration)
-        value, features.grad = compute_voxel_term(features, means, self.model.nodes, config, rng)
-        return {"voxel": torch.tensor(value)}
+        features, labels = sample_rendered_pixels(drawn.features, alpha, view.labels, self.config.instances, rng)
+        segments = segments_from_labels(labels)
+        return InstanceStep(self.config, self.iteration, self.model, Stream.JOINT_VOXELS, features, segments)
 
     def _backward(self, terms: dict[str, Tensor]) -> dict[str, float]:
         values = {name: float(term.detach()) for name, term in terms.items()}

@@ -60,10 +60,10 @@ def toy() -> ToyTraining:
             nothing.astype(np.int32),
             nothing.astype(np.float32),
         )
-        for frame in drive.clip.training_frames()
+        for frame in drive.clip.training_frames
     ]
     scene = drive.scene
     times = [view.time for view in views]
     model = build_model(scene.gaussians, scene.nodes, scene.actors, scene.sky.faces, times)
-    held_out = [measure_held_out_view(scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames()]
+    held_out = [measure_held_out_view(scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames]
     return ToyTraining(model, ViewStore.from_views(views), config, drive, held_out)

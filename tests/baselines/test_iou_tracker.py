@@ -13,7 +13,7 @@ from instdrive_core.training.views.view_store import ViewStore
 
 def true_ids(toy, cached):
     """The ground-truth ID of each mask of each cached view."""
-    frames = {frame.key: frame for frame in toy.drive.clip.training_frames()}
+    frames = {frame.key: frame for frame in toy.drive.clip.training_frames}
     for view in cached:
         truth = toy.drive.truth.load(frames[toy.store.facts[view.number].key]).ravel()[view.pixels]
         segment = view.segments.segment.numpy()

@@ -6,8 +6,9 @@ import pytest
 
 from benchmarks.edit_street import edit_street
 from benchmarks.no_loss import Options, main
-from benchmarks.random_edits import RandomEdits, document_digest
+from benchmarks.random_edits import RandomEdits
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.scene.selection import Flag
 
@@ -30,10 +31,10 @@ def test_every_kind_of_edit_is_drawn():
 
 def test_the_digest_sees_single_bits():
     document = Document(edit_street())
-    before = document_digest(document)
+    before = fingerprint(document)
     document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, True)
-    assert document_digest(document) != before
+    assert fingerprint(document) != before
     document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, False)
-    assert document_digest(document) == before
+    assert fingerprint(document) == before
     document.scene.gaussians.means.view("u4")[7, 1] ^= 1
-    assert document_digest(document) != before
+    assert fingerprint(document) != before

@@ -6,6 +6,7 @@ import resource
 import subprocess
 import sys
 import types
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,7 @@ def test_help_lists_every_command(capsys):
 
 def test_version(capsys):
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == "instdrive 0.1.0\n"
+    assert capsys.readouterr().out == f"instdrive {version('instdrive')}\n"
 
 
 def test_help_and_version_cost_little_more_than_starting_python():

@@ -158,7 +158,7 @@ def test_a_point_without_an_end_takes_no_memory(root, model):
     file.write_bytes(file.read_bytes().replace(b"end_header\n", b"end_header\n" + b"10 " * 3_000_000))
     tracemalloc.start()
     try:
-        with pytest.raises(DataError, match=r"points\.ply: point 0 cannot be read"):
+        with pytest.raises(DataError, match=r"points\.ply: a line is longer than"):
             load(root)
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:

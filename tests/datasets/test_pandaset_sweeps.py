@@ -47,7 +47,7 @@ def test_training_never_sees_a_held_out_sweep(clip, monkeypatch, index, sources)
     monkeypatch.setattr(
         cache, "_load", lambda position: (loaded.add(cache.sweeps[position].index), cache.sweeps[position].load())[1]
     )
-    assert len(cache.points_at(index))
+    assert len(cache.load_positions(index))
     assert loaded == sources
     assert 4 not in {sweep.index for sweep in cache.sweeps}
 
@@ -63,7 +63,7 @@ def test_all_cameras_of_a_step_share_its_points(clip):
 def test_a_clip_without_sweeps_has_no_points(clip):
     bare = replace(clip, sweeps=())
     assert load_points_at(bare, 3) is None
-    assert SweepCache(bare).points_at(3).shape == (0, 3)
+    assert SweepCache(bare).load_positions(3).shape == (0, 3)
 
 
 def test_objects_that_are_gone_by_then_are_left_out(clip):

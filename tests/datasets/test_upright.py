@@ -20,7 +20,7 @@ def test_any_turn_of_a_level_drive_is_set_upright():
         turn = np.eye(4)
         turn[:3, :3] = Rotation.random(random_state=seed).as_matrix()
         world = find_upright_world(turn @ drive(30), np.zeros((0, 3)))
-        poses = world.poses(turn @ drive(30))
+        poses = world.transform_poses(turn @ drive(30))
         np.testing.assert_allclose(-poses[:, :3, 1], np.tile([0, 0, 1.0], (20, 1)), atol=1e-9)
         np.testing.assert_allclose(np.ptp(poses[:, 2, 3]), 0, atol=1e-9)
 

@@ -149,7 +149,7 @@ def test_command_prints_a_table_and_writes_the_figures(run, capsys):
 
 
 def test_clip_without_held_out_steps(drive):
-    frames = drive.clip.training_frames()
+    frames = drive.clip.training_frames
     clip = Clip("toy", "toy", np.zeros(3), frames, (), drive.clip.tracks, {}, ("front", "side"))
     with pytest.raises(DataError, match="no held-out time step"):
         evaluate_scene(drive.scene, clip, drive.truth, FACTS)
@@ -169,7 +169,7 @@ def test_what_reports_need_comes_along(drive):
     assert all(row.predicted_id == number for number, row in rows.items()), "the toy's IDs are the true ones"
     assert np.mean([row.iou for row in rows.values()]) == pytest.approx(evaluation.figures["scene"]["miou"])
     assert evaluation.shared_instances == evaluation.shared_codes == {}
-    assert [view.frame.key for view in evaluation.views] == [frame.key for frame in drive.clip.held_out_frames()]
+    assert [view.frame.key for view in evaluation.views] == [frame.key for frame in drive.clip.held_out_frames]
     assert evaluation.views[0].with_ids(evaluation.scene.instance_ids).predicted.any()
 
 

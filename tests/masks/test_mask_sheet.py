@@ -32,7 +32,7 @@ def clip(tmp_path):
 
 @pytest.fixture
 def masks(clip, tmp_path):
-    found = [(frame.key, truth(frame.view.time)) for frame in clip.training_frames()]
+    found = [(frame.key, truth(frame.view.time)) for frame in clip.training_frames]
     labelled = [(key, FrameMasks(labels.astype(np.uint16), labels == SKY)) for key, labels in found]
     return write_masks(tmp_path / "masks", labelled, "exact", 0)
 
@@ -62,7 +62,7 @@ def test_the_sky_is_hatched_and_what_has_no_mask_is_dark():
 
 
 def test_a_sheet_shows_up_to_nine_photos_spread_over_the_clip(clip, masks):
-    frames = [frame for frame in clip.training_frames() if frame.view.name == "front_camera"]
+    frames = [frame for frame in clip.training_frames if frame.view.name == "front_camera"]
     assert len(frames) == 11
     assert build_contact_sheet(frames, masks).size == (3 * (WIDTH + GAP) + GAP, 3 * (HEIGHT + GAP) + GAP)
     sheet = np.asarray(build_contact_sheet([frames[0], frames[-1]], masks))

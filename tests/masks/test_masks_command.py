@@ -78,16 +78,16 @@ def test_imported_masks_and_a_sheet_from_the_command_line(root, tmp_path, capsys
 
 
 def test_an_interrupted_command_says_that_it_goes_on(root, capsys, monkeypatch):
-    real = sources._frame_masks
+    real = sources._make_frame_masks
 
     def stopped(labels, frame, *others):
         if frame.key == "front_camera/03":
             raise KeyboardInterrupt
         return real(labels, frame, *others)
 
-    monkeypatch.setattr(sources, "_frame_masks", stopped)
+    monkeypatch.setattr(sources, "_make_frame_masks", stopped)
     assert main(["masks", str(root)]) == 130
-    monkeypatch.setattr(sources, "_frame_masks", real)
+    monkeypatch.setattr(sources, "_make_frame_masks", real)
     capsys.readouterr()
     assert main(["masks", str(root)]) == 0
     output = capsys.readouterr().out

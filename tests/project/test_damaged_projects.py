@@ -6,7 +6,8 @@ import zipfile
 
 import numpy as np
 import pytest
-from project_cases import VIEW, edited_document, rewrite_json, rewrite_member, snapshot
+from document_snapshot import snapshot
+from project_cases import VIEW, edited_document, rewrite_json, rewrite_member
 from safetensors.numpy import save
 
 from instdrive_core.errors import DataError, UntrustedDataError

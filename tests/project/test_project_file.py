@@ -6,7 +6,8 @@ import zipfile
 
 import numpy as np
 import pytest
-from project_cases import VIEW, assert_same_document, edited_document, rewrite_json, saved_scene, snapshot
+from document_snapshot import snapshot
+from project_cases import VIEW, assert_same_document, edited_document, rewrite_json, saved_scene
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from project_cases import assert_same_document, edited_document, saved_scene, snapshot
+from document_snapshot import snapshot
+from project_cases import assert_same_document, edited_document, saved_scene
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances

@@ -69,7 +69,7 @@ class ToyTruth:
     def load(self, frame: Frame) -> np.ndarray:
         return self.labels[frame.key]
 
-    def sky(self, frame: Frame) -> np.ndarray:
+    def load_sky(self, frame: Frame) -> np.ndarray:
         return self.labels[frame.key] == 0
 
 

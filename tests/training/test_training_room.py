@@ -36,7 +36,7 @@ def test_a_smaller_scale_that_is_proposed_fits_and_a_larger_does_not(tmp_path):
 def test_fewer_cameras_are_proposed_where_photos_are_many(tmp_path):
     root = str(write_small_clip(tmp_path / "clip"))
     clip = load_clip(root, ClipOptions(cameras="front_camera,back_camera"))
-    sizes = [(frame.view.camera.width, frame.view.camera.height) for frame in clip.training_frames()]
+    sizes = [(frame.view.camera.width, frame.view.camera.height) for frame in clip.training_frames]
     with (
         assume_memory(estimate_training_bytes(sizes) - 1),
         pytest.raises(OptionError, match="--cameras front_camera would fit"),

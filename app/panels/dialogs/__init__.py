@@ -51,14 +51,15 @@ class DialogHost:
         return frozenset(self._by_request)
 
     def draw(self, ui: Ui) -> None:
-        """One frame. A request that no dialog answers is logged as an error."""
+        """One frame: opens the dialog for the next request, unless one is open, and draws all."""
         request = ui.session.requests.take_due(is_blocked=imgui.internal.get_top_most_popup_modal() is not None)
         if request is not None:
-            self._open(ui, request)
+            self.open(ui, request)
         for dialog in self._dialogs:
             dialog.draw(ui)
 
-    def _open(self, ui: Ui, request: Request) -> None:
+    def open(self, ui: Ui, request: Request) -> None:
+        """Open the dialog for a request; one that no dialog answers is logged as an error."""
         dialog = self._by_request.get(type(request))
         if dialog is None:
             _log.error("nothing answers the request %r", request)

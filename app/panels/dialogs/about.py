@@ -1,4 +1,4 @@
-"""What version this is, what draws it, and where its log is."""
+"""The About dialog: version, graphics device and log file."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from imgui_bundle import imgui
 from instdrive_app.log_file import get_log_path
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels, scale_size
+from instdrive_app.session.requests import Request, ShowAbout
 
 TITLE = "InstDrive"
 
 
 class AboutDialog:
-    """Facts to copy into a report."""
+    """Shows what a bug report should mention."""
 
-    names: tuple[str, ...] = ("about",)
+    answers: tuple[type[Request], ...] = (ShowAbout,)
 
     def __init__(self) -> None:
         self._copied = False
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: ShowAbout) -> None:
         """Open it."""
         self._copied = False
         imgui.open_popup(TITLE)
@@ -34,7 +35,7 @@ class AboutDialog:
         path = get_log_path()
         for title, fact in (
             ("Version", version("instdrive")),
-            ("Pictures by", ui.view.backend),
+            ("Drawn by", ui.view.backend),
             ("Log file", str(path)),
         ):
             draw_dim_text(title)

@@ -1,4 +1,4 @@
-"""The command palette: every command by a few letters of its name."""
+"""The command palette: finds any action by a few letters of its name."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import format_title
 from instdrive_app.panels.widgets.theme import DIM, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.session.requests import Request, ShowPalette
 
 TITLE = "##palette"
 ROWS = 11
 
 
 class CommandPalette:
-    """Type, choose with the arrow keys or the mouse, Enter runs."""
+    """Lists the actions that match what is typed; arrow keys or the mouse choose one, Enter runs it."""
 
-    names: tuple[str, ...] = ("palette",)
+    answers: tuple[type[Request], ...] = (ShowPalette,)
 
     def __init__(self) -> None:
         self._typed = ""
         self._chosen = 0
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: ShowPalette) -> None:
         """Open it, with nothing typed."""
         self._typed, self._chosen = "", 0
         imgui.open_popup(TITLE)
@@ -73,7 +74,7 @@ class CommandPalette:
         clicked, line = None, imgui.get_text_line_height_with_spacing()
         if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
             if not found:
-                draw_dim_text("No command has such a name")
+                draw_dim_text("No action matches")
             for number, command in enumerate(found):
                 if self._draw_row(ui, command, number == self._chosen):
                     clicked = command

@@ -1,4 +1,4 @@
-"""What can be done with each of the files that were dropped onto the window."""
+"""Sorts dropped files by what can be done with them."""
 
 from __future__ import annotations
 
@@ -13,37 +13,36 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES
 from instdrive_core.wording import format_count
 
 _MOST_REPORTED = 3
-"""Problems that are told of one drop; of more, their number."""
+"""Problems of one drop that are spelled out; further ones are only counted."""
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
-"""How a web page's link begins when it is dropped; a drive's letter is shorter."""
+"""Matches the beginning of a link dropped from a web browser; a Windows drive has only one letter."""
 
 
 @dataclass(frozen=True)
 class DroppedFiles:
-    """Files and folders of one drop, in its order."""
+    """The files and folders of one drop, in its order."""
 
     scenes: tuple[Path, ...]
     """Can be opened or inserted."""
     projects: tuple[Path, ...]
     """Can be opened only."""
     openable: tuple[Path, ...]
-    """Both."""
+    """Scenes and projects together."""
     problems: tuple[str, ...]
-    """Why the others are left, a sentence each."""
+    """Why the other files cannot be opened, one sentence each."""
 
     @property
     def complaint(self) -> str:
-        """The problems as one message; empty where there are none."""
-        told = list(self.problems[:_MOST_REPORTED])
+        """All problems in one message; empty if there are none."""
+        sentences = list(self.problems[:_MOST_REPORTED])
         if len(self.problems) > _MOST_REPORTED:
-            told.append(
-                f"So it is with {format_count(len(self.problems) - _MOST_REPORTED, 'other')} of what was dropped"
-            )
-        return ". ".join(told)
+            rest = format_count(len(self.problems) - _MOST_REPORTED, "other")
+            sentences.append(f"{rest} cannot be opened either")
+        return ". ".join(sentences)
 
 
 def sort_dropped(paths: Iterable[Path]) -> DroppedFiles:
-    """Look at what was dropped."""
+    """Sort dropped paths into scenes, projects and problems; repeated paths count once."""
     openable, problems = [], []
     for path in dict.fromkeys(paths):
         problem = _find_problem(path)
@@ -57,16 +56,16 @@ def sort_dropped(paths: Iterable[Path]) -> DroppedFiles:
 
 
 def _find_problem(path: Path) -> str:
-    """Why a path cannot be opened; empty where it can."""
+    """Why a path cannot be opened; empty if it can."""
     if find_name_problem(path):
         return find_name_problem(path)
     if not PURPOSES["open"].find_problem(path):
         return ""
     if os.path.isdir(path):
-        return f"The folder {path.name or path} holds no scene. Drop a run's folder or one that holds a scene"
+        return f"The folder {path.name or path} contains no scene. Drop a training run's folder or a scene folder"
     if os.path.exists(path):
-        return f"{path.name} is no scene or project that can be opened"
+        return f"{path.name} is not a scene or project that can be opened"
     if _ADDRESS.match(str(path)):
         address = str(path).replace(":/", "://", 1)  # a Path has one slash for two
         return f"{address} is not on this computer. Download it, then drop the file"
-    return f"{path} cannot be found. It may have been moved, or must not be read"
+    return f"{path} was not found. It may have been moved, or you may not be allowed to read it"

@@ -1,4 +1,4 @@
-"""Asking for a path: by the desktop's own dialog where there is one, else by a file browser in the window."""
+"""Asks for a path with the desktop's own dialog or, if there is none, with a file browser in the window."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, ho
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import DIM, ERROR, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon
+from instdrive_app.session.requests import AskExport, AskPath, Request, do_nothing
 
 DESKTOP_TOOLS = ("zenity", "kdialog", "matedialog", "qarma")
 RELIST_SECONDS = 1.0
-"""A folder that is shown is read again so often."""
+"""Interval at which the folder on screen is read again."""
 _STAY = imgui.SelectableFlags_.no_auto_close_popups
 
 
 class FileBrowser:
-    """One dialog for all `PURPOSES`; what is done with the answer is the purpose's."""
+    """One dialog for all `PURPOSES`; each purpose knows what to do with the answer."""
 
-    names: tuple[str, ...] = tuple({*PURPOSES, *ExportOptions.names})
+    answers: tuple[type[Request], ...] = (AskPath, AskExport)
 
     def __init__(self) -> None:
         self._export = ExportOptions()
@@ -36,26 +37,28 @@ class FileBrowser:
         self._purpose = PURPOSES["open"]
         self._folder = find_working_folder()
         self._text = ""
-        self._shown = False
+        self._then = do_nothing
+        """What follows a save; a user who enters no name wants to stay, so that nothing follows."""
         self._pending: desktop.open_file | desktop.save_file | None = None
         self._listed: tuple[tuple[Path, tuple[str, ...]], float, list[FolderEntry]] | None = None
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: AskPath | AskExport) -> None:
         """Ask for a path, in the folder of the file used last."""
-        self._options = self._export if name in self._export.names else None
-        if self._options is not None:
+        self._listed = None
+        if isinstance(request, AskExport):
             # Never the desktop's dialog: it has no room for what is asked beside the path.
-            self._text, self._listed = self._options.begin(ui.session, name), None
+            self._options, self._then = self._export, do_nothing
+            self._text = self._options.begin(ui.session, request.what)
             self._purpose = self._options.build_purpose(ui.session)
             imgui.open_popup(self._purpose.title)
             return
-        purpose = self._purpose = PURPOSES[name]
+        self._options, self._then = None, request.then
+        purpose = self._purpose = PURPOSES[request.purpose]
         files = ui.session.files
         current = files.project or files.path
         folder = current.resolve().parent if current else find_working_folder()
         stem = current.name.split(".")[0].removesuffix("_edited") if current else "scene"
         self._text = str(folder / f"{stem}{purpose.suggestion}") if purpose.writes else f"{folder}/"
-        self._listed = None
         if not has_desktop_dialogs():
             imgui.open_popup(purpose.title)
             return
@@ -76,11 +79,7 @@ class FileBrowser:
                 self._text = options.draw(ui, self._text)
                 self._purpose = options.build_purpose(ui.session)
             self._draw_browser(ui, self._purpose)
-            self._shown = True
             imgui.end_popup()
-        elif self._shown:
-            self._shown = False
-            self._purpose.on_close(ui.session)
 
     def _take_answer(self, ui: Ui) -> None:
         assert self._pending is not None
@@ -94,8 +93,7 @@ class FileBrowser:
             if problem:
                 ui.session.messages.error(f"{path}: {problem}")
             else:
-                self._purpose.act(ui.session, path)
-        self._purpose.on_close(ui.session)
+                self._purpose.act(ui.session, path, self._then)
 
     def _draw_browser(self, ui: Ui, purpose: FilePurpose) -> None:
         if imgui.is_window_appearing():
@@ -119,7 +117,7 @@ class FileBrowser:
         else:
             draw_dim_text(_describe_consequence(purpose, path))
         if draw_confirm_buttons(ui, purpose.verb, entered, not problem):
-            purpose.act(ui.session, path)
+            purpose.act(ui.session, path, self._then)
 
     def _draw_places(self, ui: Ui) -> None:
         places = {"ICON_FA_HOUSE": Path.home(), "ICON_FA_FOLDER_TREE": find_working_folder()}
@@ -143,7 +141,7 @@ class FileBrowser:
         em, fixed = imgui.get_font_size(), imgui.TableColumnFlags_.width_fixed
         imgui.table_setup_column("Name", imgui.TableColumnFlags_.width_stretch)
         imgui.table_setup_column("Size", fixed, 4.5 * em)
-        imgui.table_setup_column("Changed", fixed, 7 * em)
+        imgui.table_setup_column("Modified", fixed, 7 * em)
         imgui.table_setup_scroll_freeze(0, 1)
         imgui.table_headers_row()
         if folder.parent != folder:
@@ -165,7 +163,7 @@ class FileBrowser:
                 self._show_folder(entry.path)
             elif not self._purpose.writes and imgui.is_mouse_double_clicked(0):
                 imgui.close_current_popup()
-                self._purpose.act(ui.session, entry.path)
+                self._purpose.act(ui.session, entry.path, self._then)
             else:
                 self._choose(entry.path)
         ui.mark(f"browser.{entry.path.name}")
@@ -180,7 +178,7 @@ class FileBrowser:
         return self._listed[2]
 
     def _show_folder(self, folder: Path) -> None:
-        """Show another folder; the name of a file to be written stays."""
+        """Show another folder; the name of a file to be written is kept."""
         name = Path(self._text).name if self._purpose.writes else ""
         self._text = str(folder / name) if name else f"{str(folder).rstrip('/')}/"
 
@@ -189,14 +187,15 @@ class FileBrowser:
 
 
 def _describe_consequence(purpose: FilePurpose, path: Path) -> str:
-    """What happens to what is there."""
+    """Say what happens to an existing file or folder."""
     if purpose.writes and os.path.isfile(path):
-        return "The file there is replaced."
+        return "The existing file will be replaced."
     if purpose.writes and os.path.isdir(path):
-        return "The scene there is replaced." if purpose.suffixes else "Files of the same names there are replaced."
+        scene, files = "The existing scene will be replaced.", "Existing files with the same names will be replaced."
+        return scene if purpose.suffixes else files
     return " "
 
 
 def has_desktop_dialogs() -> bool:
-    """Whether the desktop brings file dialogs; on Linux they are programs that may be missing."""
+    """Whether the desktop has file dialogs; on Linux these are separate programs that may be missing."""
     return not sys.platform.startswith("linux") or any(shutil.which(tool) for tool in DESKTOP_TOOLS)

@@ -1,4 +1,4 @@
-"""What is odd about a scene's splats, told when it is opened, and offered for removal."""
+"""Offers to remove odd splats that were found when a scene was opened."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
+from instdrive_app.session.requests import OfferCleanup, Request
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.scene.lint import HARMFUL
 
@@ -14,16 +15,16 @@ TITLE = "Odd splats"
 
 
 class FindingsDialog:
-    """A box to tick for each kind of oddity; removing is one step that can be undone."""
+    """Lists the kinds of odd splats with a checkbox each; removal is one step that can be undone."""
 
-    names: tuple[str, ...] = ("findings",)
+    answers: tuple[type[Request], ...] = (OfferCleanup,)
 
     def __init__(self) -> None:
         self._chosen: dict[str, bool] = {}
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: OfferCleanup) -> None:
         """Open it with the harmful kinds ticked."""
-        self._chosen = {finding.kind: finding.kind in HARMFUL for finding in ui.session.findings}
+        self._chosen = {finding.kind: finding.kind in HARMFUL for finding in ui.session.files.defects}
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
@@ -32,8 +33,8 @@ class FindingsDialog:
         center_next_window(ImVec2(38 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        findings = ui.session.findings
-        imgui.text_wrapped("Some splats of this scene may show up as haze or spikes, or trouble other programs.")
+        findings = ui.session.files.defects
+        imgui.text_wrapped("Some splats of this scene may look like haze or spikes, or trouble other programs.")
         imgui.spacing()
         for finding in findings:
             _, self._chosen[finding.kind] = imgui.checkbox(f"##{finding.kind}", self._chosen.get(finding.kind, False))
@@ -46,5 +47,5 @@ class FindingsDialog:
             imgui.pop_text_wrap_pos()
         rows = [finding.rows for finding in findings if self._chosen.get(finding.kind)]
         if draw_confirm_buttons(ui, "Remove", False, any(map(len, rows)), cancel="Keep all"):
-            ui.session.apply(DeleteRows, np.unique(np.concatenate(rows)))
+            ui.session.history.apply(DeleteRows(np.unique(np.concatenate(rows))))
         imgui.end_popup()

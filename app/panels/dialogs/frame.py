@@ -1,4 +1,4 @@
-"""What dialogs share: their place and the two buttons at their end."""
+"""What dialogs share: their place in the window, and the two buttons at the bottom."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ BUTTON_WIDTH = 92.0
 
 
 def center_next_window(size: ImVec2, always: bool = False) -> None:
-    """Place the next window in the middle, never larger than the editor's; a height of 0 fits its content.
+    """Place the next window in the middle, never larger than the editor's window; a height of 0 fits its content.
 
-    Where not `always`, it can be moved away. What changes its size while it is open would else leave the middle.
+    Without `always` the user can move it. `always` keeps a window centred that changes its size while it is open.
     """
     viewport, edge = imgui.get_main_viewport(), scale_pixels(16)
     most = ImVec2(viewport.size.x - edge, viewport.size.y - edge)
@@ -26,14 +26,14 @@ def center_next_window(size: ImVec2, always: bool = False) -> None:
 
 
 def is_enter_pressed() -> bool:
-    """Whether Enter was pressed in a dialog that was open before, and not while text is typed."""
+    """Whether Enter was pressed in a dialog that was open already, and not while text is typed."""
     keys = (imgui.Key.enter, imgui.Key.keypad_enter)
     typed = imgui.get_io().want_text_input or imgui.is_window_appearing()
     return not typed and any(imgui.is_key_pressed(key, False) for key in keys)
 
 
 def _is_escape_pressed() -> bool:
-    """Whether Escape was meant for the dialog: a list that is open in it goes first."""
+    """Whether Escape was pressed and meant for the dialog: a list that is open in it closes first."""
     pressed = imgui.is_key_pressed(imgui.Key.escape)
     if pressed and imgui.is_popup_open("", imgui.PopupFlags_.any_popup_id):
         imgui.internal.close_popup_to_level(1, True)
@@ -42,9 +42,10 @@ def _is_escape_pressed() -> bool:
 
 
 def draw_confirm_buttons(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
-    """The two buttons at the end of a dialog; closes it where one is pressed, or Escape, or Enter.
+    """Draw the two buttons at the bottom of a dialog; returns whether the user confirmed.
 
-    `entered` tells that Enter ended a line of text; elsewhere it is taken here.
+    A button, Escape or Enter closes the dialog. `entered` says that Enter ended a line of text in this frame; Enter
+    pressed elsewhere is noticed here.
     """
     entered |= is_enter_pressed()
     imgui.spacing()

@@ -1,4 +1,4 @@
-"""Questions that have to be answered before something goes on."""
+"""Modal questions with a button for each answer."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
 from instdrive_app.panels.widgets.ui import Ui
 
 Answers = dict[str, Callable[[], None]]
-"""Title of each button and what it does, the least first; the last one is the proposed one, the first Escape's."""
+"""Title of each button and what it does. The first answers Escape; the last is highlighted and answers Enter."""
 
 
 def draw_question(ui: Ui, title: str, text: str, answers: Answers) -> None:
-    """Draw a question while its popup is open; an answer closes it. Marks: ``draw_question.TITLE OF BUTTON``."""
+    """Draw a question while its popup is open; an answer closes the popup. Marks: ``question.TITLE OF BUTTON``."""
     em = imgui.get_font_size()
     center_next_window(ImVec2(30 * em, 0))
     if not imgui.begin_popup_modal(title, None, imgui.WindowFlags_.no_saved_settings)[0]:

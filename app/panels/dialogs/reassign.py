@@ -1,4 +1,4 @@
-"""Asking which instance shall get the selected splats."""
+"""Asks which instance the selected splats are assigned to."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, draw_fitted_selectable, draw_swatch, get_icon, scale_size
+from instdrive_app.session.requests import AskReassign, Request
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
 TITLE = "Reassign the selected splats"
 NEW, NONE = -1, 0
-"""Beside instance IDs: a new instance, no instance."""
+"""Targets beside instance IDs: a new instance, and no instance."""
 
 
 class ReassignDialog:
-    """A new instance, any that there is, or none; the list can be searched."""
+    """Offers a new instance, no instance, and a searchable list of all instances."""
 
-    names: tuple[str, ...] = ("reassign",)
+    answers: tuple[type[Request], ...] = (AskReassign,)
 
     def __init__(self) -> None:
         self._rows, self._search, self._target, self._count = InstanceRows(), "", NEW, 0
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: AskReassign) -> None:
         """Open it with nothing searched for and a new instance proposed."""
         document = ui.session.document
         if document is None:
@@ -37,7 +38,7 @@ class ReassignDialog:
         center_next_window(scale_size(380, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        draw_dim_text(f"{format_count(self._count, 'splat')} will be part of")
+        draw_dim_text(f"{format_count(self._count, 'splat')} will be assigned to")
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here()
         imgui.set_next_item_width(-1)

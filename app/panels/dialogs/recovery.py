@@ -1,4 +1,4 @@
-"""Offering the work of editors that ended without saving."""
+"""Offers the work of editors that ended without saving."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.dialogs.frame import center_next_window
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.session.requests import OfferRecovery, Request
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.wording import format_count
 
@@ -14,11 +15,11 @@ TITLE = "Recover unsaved work"
 
 
 class RecoveryDialog:
-    """A row per document: recover it, discard it, or leave it for later."""
+    """Shows one row per document, to recover it, discard it, or leave it for later."""
 
-    names: tuple[str, ...] = ("recovery",)
+    answers: tuple[type[Request], ...] = (OfferRecovery,)
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: OfferRecovery) -> None:
         """Open it."""
         imgui.open_popup(TITLE)
 
@@ -30,7 +31,7 @@ class RecoveryDialog:
             return
         imgui.text_wrapped("The editor ended without saving these documents. Their edits were kept.")
         imgui.spacing()
-        for number, session in enumerate(list(ui.session.autosave.recoverable)):
+        for number, session in enumerate(list(ui.session.files.autosave.recoverable)):
             imgui.push_id(number)
             self._draw_row(ui, session, number)
             imgui.pop_id()
@@ -38,7 +39,7 @@ class RecoveryDialog:
         imgui.set_cursor_pos_x(imgui.get_window_width() - 7 * em - imgui.get_style().window_padding.x)
         later = imgui.button("Later", ImVec2(7 * em, 0)) or imgui.is_key_pressed(imgui.Key.escape)
         ui.mark("recovery.later")
-        if later or not ui.session.autosave.recoverable:
+        if later or not ui.session.files.autosave.recoverable:
             imgui.close_current_popup()
         imgui.end_popup()
 
@@ -71,7 +72,7 @@ class RecoveryDialog:
         else:
             draw_dim_text(str(session.path.parent))
         if discarded:
-            ui.session.autosave.discard(session)
+            ui.session.files.autosave.discard(session)
         if recovered:
-            ui.session.recover(session)
+            ui.session.files.recover(session)
             imgui.close_current_popup()

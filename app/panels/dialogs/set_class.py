@@ -1,4 +1,4 @@
-"""Asking for the class of instances."""
+"""Asks for the class of some instances."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_fitted_selectable, scale_size
+from instdrive_app.session.requests import AskClass, Request
 
 TITLE = "Set class"
 
 
 class ClassDialog:
-    """A class of the scene by a click, or any other by typing; an empty one means unknown."""
+    """Offers the scene's classes, and a field to type any other; an empty name means unknown."""
 
-    names: tuple[str, ...] = ("class",)
+    answers: tuple[type[Request], ...] = (AskClass,)
 
     def __init__(self) -> None:
         self._ids: tuple[int, ...] = ()
         self._text = ""
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: AskClass) -> None:
         """Open it with the present class, where there is one."""
         document = ui.session.document
-        self._ids = ui.session.asked_about
+        self._ids = request.ids
         if document is None or not self._ids:
             return
         classes = {document.scene.table[i].class_name for i in self._ids}

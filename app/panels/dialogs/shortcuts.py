@@ -1,4 +1,4 @@
-"""The sheet of keys and mouse moves."""
+"""The sheet of keyboard shortcuts and mouse gestures."""
 
 from __future__ import annotations
 
@@ -11,40 +11,41 @@ from instdrive_app.action import format_shortcut
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
 from instdrive_app.panels.menus import format_title
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
+from instdrive_app.session.requests import Request, ShowShortcuts
 
 TITLE = "Keys and mouse"
 MOUSE = (
-    ("Click", "Select; again there: the one behind"),
+    ("Click", "Select; click again for what is behind"),
     ("Shift + click", "Add to the selection"),
     ("Ctrl + click", "Remove from the selection"),
     ("Alt + click", "Select the whole codeword"),
-    ("Shift + Ctrl", "With a region: keep what is inside"),
+    ("Shift + Ctrl", "With a region: keep only what is inside"),
     ("Right click", "Menu"),
-    ("Left drag", "Orbit around what is under the cursor; region tools: select"),
+    ("Left drag", "Orbit around the point under the cursor; region tools: select"),
     ("Right drag", "Look around; region tools: orbit"),
     ("Middle, Shift + drag", "Pan"),
-    ("Wheel", "Nearer, farther"),
-    ("W A S D, Q E", "Fly; with Shift: faster"),
-    ("Up, Down, Home, End", "In the list: go to a row; Shift extends"),
+    ("Wheel", "Move closer or away"),
+    ("W A S D, Q E", "Fly; faster with Shift"),
+    ("Up, Down, Home, End", "In the list: go to a row; Shift extends the selection"),
 )
 COLUMNS = 3
 
 
 @dataclass(frozen=True)
 class ShortcutGroup:
-    """What is listed under one heading."""
+    """The shortcuts under one heading."""
 
     title: str
     rows: tuple[tuple[str, str], ...]
-    """Keys and what they do."""
+    """Keys, and what they do."""
 
 
 class ShortcutSheet:
-    """Everything that has a key, menu by menu."""
+    """Lists every action that has a shortcut, menu by menu, and the mouse gestures."""
 
-    names: tuple[str, ...] = ("shortcuts",)
+    answers: tuple[type[Request], ...] = (ShowShortcuts,)
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: ShowShortcuts) -> None:
         """Open it."""
         imgui.open_popup(TITLE)
 
@@ -73,26 +74,26 @@ class ShortcutSheet:
             return
         for column in balance_columns(_collect_groups(ui), COLUMNS):
             imgui.table_next_column()
-            for section in column:
-                _draw_group(ui, section)
+            for group in column:
+                _draw_group(ui, group)
         imgui.end_table()
 
 
-def balance_columns(sections: Sequence[ShortcutGroup], columns: int) -> list[list[ShortcutGroup]]:
-    """The sections in order, parted so that the longest column is as short as it can be."""
-    heights = [len(section.rows) + 2 for section in sections]
+def balance_columns(groups: Sequence[ShortcutGroup], columns: int) -> list[list[ShortcutGroup]]:
+    """Distribute groups over columns, in order, so that the longest column is as short as possible."""
+    heights = [len(group.rows) + 2 for group in groups]
     limit = max(heights, default=0)
     while True:
-        parted: list[list[ShortcutGroup]] = [[]]
-        filled = 0
-        for section, height in zip(sections, heights, strict=True):
-            if filled and filled + height > limit:
-                parted.append([])
-                filled = 0
-            parted[-1].append(section)
-            filled += height
-        if len(parted) <= columns:
-            return parted
+        filled: list[list[ShortcutGroup]] = [[]]
+        height_so_far = 0
+        for group, height in zip(groups, heights, strict=True):
+            if height_so_far and height_so_far + height > limit:
+                filled.append([])
+                height_so_far = 0
+            filled[-1].append(group)
+            height_so_far += height
+        if len(filled) <= columns:
+            return filled
         limit += 1
 
 
@@ -106,14 +107,14 @@ def _collect_groups(ui: Ui) -> list[ShortcutGroup]:
             if command.shortcuts
         ]
         found.append(ShortcutGroup(menu, tuple(rows)))
-    return [*(section for section in found if section.rows), ShortcutGroup("Mouse", MOUSE)]
+    return [*(group for group in found if group.rows), ShortcutGroup("Mouse", MOUSE)]
 
 
-def _draw_group(ui: Ui, section: ShortcutGroup) -> None:
+def _draw_group(ui: Ui, group: ShortcutGroup) -> None:
     imgui.push_font(ui.fonts.bold, 0.0)
-    imgui.text(section.title)
+    imgui.text(group.title)
     imgui.pop_font()
-    for key, action in section.rows:
+    for key, action in group.rows:
         draw_dim_text(key)
         imgui.same_line(imgui.get_font_size() * 9.5)
         imgui.text_wrapped(action)

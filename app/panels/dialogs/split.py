@@ -1,4 +1,4 @@
-"""Asking how far apart the parts of an instance must be to become instances of their own."""
+"""Asks how far apart the parts of an instance must be to become instances of their own."""
 
 from __future__ import annotations
 
@@ -6,30 +6,31 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_bounded_slider, draw_dim_text, scale_size
+from instdrive_app.session.requests import AskSplit, Request
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.split import DEFAULT_GAP, SplitInstance
 
 TITLE = "Split by component"
 MOST_SIZES = 6
-"""Sizes of parts that are told one by one."""
+"""Parts whose sizes are listed one by one."""
 
 
 class SplitDialog:
-    """Shows beforehand, worked out beside the window, which parts a gap gives."""
+    """Previews the parts that a gap gives; they are computed on another thread."""
 
-    names: tuple[str, ...] = ("split",)
+    answers: tuple[type[Request], ...] = (AskSplit,)
 
     def __init__(self) -> None:
         self._instance, self._gap = 0, DEFAULT_GAP
         self._split = SplitInstance(1)
         self._sizes: tuple[int, ...] | None = None
-        """Of the parts that `_split` makes; None while they are looked for."""
+        """Splats in each part that `_split` makes; None while they are computed."""
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Open it for the first instance asked about."""
-        if not ui.session.asked_about or ui.session.document is None:
+    def open(self, ui: Ui, request: AskSplit) -> None:
+        """Open it for an instance of the document."""
+        if ui.session.document is None:
             return
-        self._instance = ui.session.asked_about[0]
+        self._instance = request.instance
         self._preview(ui)
         imgui.open_popup(TITLE)
 
@@ -77,6 +78,6 @@ def _describe_parts(sizes: tuple[int, ...] | None) -> str:
     if sizes is None:
         return "Looking for parts…"
     if len(sizes) < 2:
-        return "It hangs together; try a smaller gap."
+        return "The instance is all one part; try a smaller gap."
     shown = " · ".join(f"{size:,}" for size in sizes[:MOST_SIZES])
     return f"{len(sizes)} parts of {shown}{' …' if len(sizes) > MOST_SIZES else ''} splats"

@@ -1,4 +1,4 @@
-"""Sliders for hue, brightness, contrast and so on of the selected instances, live while they are dragged."""
+"""Sliders for hue, brightness, contrast and so on of the selected instances; drags take effect live."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Ids = tuple[int, ...]
 
 
 class Slider(NamedTuple):
-    """How an amount is shown: times `scale`, in `form`, up to `high`."""
+    """How an amount is shown: multiplied by `scale`, in the C format `form`, between `low` and `high`."""
 
     title: str
     form: str
@@ -36,9 +36,9 @@ SLIDERS: dict[AdjustKind, Slider] = {
     "temperature": Slider("Warmth", "%+.0f", 100.0, -100.0, 100.0),
     "opacity": Slider("Opacity", "%.0f %%", 100.0, 0.0, 100.0),
 }
-"""Brightness, contrast and saturation go to 200 % by dragging and to 400 % by typing (Ctrl + click)."""
+"""Dragging sets brightness, contrast and saturation to 200 % at most, typing (Ctrl + click) to 400 %."""
 HINTS: dict[AdjustKind, str] = {
-    "hue": "Turns colours around the circle of hues; light and shade stay",
+    "hue": "Rotates colours around the colour wheel; light and shade stay",
     "brightness": "Multiplies all colours",
     "contrast": "Spreads colours away from their mean",
     "saturation": "0 % is grey",
@@ -48,7 +48,7 @@ HINTS: dict[AdjustKind, str] = {
 
 
 class AdjustSection:
-    """What each slider shows is what the instances have: it follows undo, and is found again when selected again."""
+    """Shows the adjustments that the instances have, so that the sliders follow undo and the selection."""
 
     title: str = "Adjustments"
 
@@ -64,7 +64,7 @@ class AdjustSection:
             self._draw_slider(ui, kind, ids, look.amounts[kind], label)
         imgui.begin_disabled(not look.recolored)
         if imgui.button(f"{get_icon('ICON_FA_ROTATE_LEFT')}  Reset colours", ImVec2(-1, 0)):
-            ui.session.reset_colors(ids)
+            ui.session.colors.reset(ids)
         imgui.end_disabled()
         ui.mark("inspector.reset_colors")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
@@ -90,8 +90,8 @@ class AdjustSection:
             imgui.set_tooltip(f"{HINTS[kind]}. Ctrl + click to type")
         if changed and isfinite(value):
             low, high, _ = RANGES[kind]
-            # What is typed as 130 % is to be kept as 1.3, not as its neighbour in single precision.
-            ui.session.adjust(ids, kind, min(max(round(value / slider.scale, 4), low), high), gesture)
+            # A typed 130 % must become 1.3, not its neighbour in single precision.
+            ui.session.colors.adjust(ids, kind, min(max(round(value / slider.scale, 4), low), high), gesture)
         imgui.same_line(0, scale_pixels(4))
         self._draw_reset(ui, kind, ids, mixed or abs(amount - neutral) > 1e-6)
 
@@ -100,13 +100,13 @@ class AdjustSection:
         imgui.push_style_color(imgui.Col_.button, rgba(DIM, 0.0))
         size = imgui.get_frame_height()
         if imgui.button(f"{get_icon('ICON_FA_ROTATE_LEFT')}##{kind}", ImVec2(size, 0)) and possible:
-            ui.session.adjust(ids, kind, RANGES[kind].neutral)
+            ui.session.colors.adjust(ids, kind, RANGES[kind].neutral)
         imgui.pop_style_color(2)
         ui.mark(f"inspector.adjust.{kind}.reset")
         if possible and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(f"Reset {SLIDERS[kind].title.lower()}")
 
     def _find_look(self, document: Document, ids: Ids) -> AdjustmentSummary:
-        """Looked up again only where something has changed."""
-        key = (ids, document.colors.version, document.state.version, document.table_version)
+        """Look up the instances' adjustments; the answer is kept until something changes."""
+        key = (ids, document.versions.colors, document.versions.states, document.versions.table)
         return self._look.of(document, key, lambda: summarize_adjustments(document, ids))

@@ -1,4 +1,4 @@
-"""What is known of the selected instances; the class can be changed in place."""
+"""Facts about the selected instances; the class can be changed in place."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Ids = tuple[int, ...]
 
 
 class FactsSection:
-    """One instance in full, several in sum."""
+    """Shows all facts of one instance, or totals of several."""
 
     title: str = ""
 
@@ -45,10 +45,10 @@ class FactsSection:
             draw_fact("Splats", f"{drawn:,}")
         if selected < drawn:
             draw_fact("Selected", f"{selected:,} of the splats")
-            draw_dim_text("What is below changes whole instances")
+            draw_dim_text("Changes below affect whole instances")
 
     def _sum_up(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
-        """Classes, and splats drawn and selected; looked up again only where something has changed."""
+        """Classes, and numbers of splats drawn and selected; kept until something changes."""
 
         def in_sum() -> tuple[set[str], int, int]:
             counts = document.count_states()
@@ -56,7 +56,7 @@ class FactsSection:
             drawn, selected = int(counts.drawn[chosen].sum()), int(counts.selected[chosen].sum())
             return {document.scene.table[i].class_name for i in ids}, drawn, selected
 
-        return self._known.of(document, (ids, document.state.version, document.table_version), in_sum)
+        return self._known.of(document, (ids, document.versions.states, document.versions.table), in_sum)
 
     def _draw_class_popup(self, ui: Ui, document: Document, ids: Ids) -> None:
         if not imgui.begin_popup("##known classes"):
@@ -71,14 +71,14 @@ class FactsSection:
 
 
 class TextField:
-    """A line of text that is applied by Enter or by leaving it, and taken back by Escape."""
+    """A text field: Enter or leaving it applies the text, Escape restores it."""
 
     def __init__(self, name: str) -> None:
         self._id = name
         self._text: str | None = None
 
     def draw(self, ui: Ui, mark: str, present: str, hint: str = "", free: float = 0.0) -> str | None:
-        """One frame, `free` pixels short of the right edge; returns the text where it was changed, else None."""
+        """Draw one frame, `free` pixels short of the right edge; returns the text if it was changed, else None."""
         imgui.set_next_item_width(imgui.get_content_region_avail().x - free)
         shown = present if self._text is None else self._text
         entered, text = imgui.input_text_with_hint(

@@ -1,7 +1,8 @@
-"""The selected instances: facts, colour, adjustments, and whatever other sections there are."""
+"""The inspector panel: a heading, buttons, and the sections for the selected instances."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from imgui_bundle import ImVec2, imgui
@@ -27,27 +28,26 @@ BUTTONS = ("edit.delete", "edit.hide", "edit.lock", "edit.solo", "view.frame", "
 
 @runtime_checkable
 class InspectorSection(Protocol):
-    """A part of the inspector, one file each; a new one is a file and a line below."""
+    """A part of the inspector, one file each; a new one is a file and a line in `SECTIONS`."""
 
     title: str
-    """On the line above it, which folds it; empty = no line."""
+    """Title of the line above it, which folds it; empty for no such line."""
 
     def draw(self, ui: Ui, document: Document, ids: tuple[int, ...]) -> None:
-        """One frame for the selected instances, at least one."""
+        """Draw one frame for the selected instances, of which there is at least one."""
         ...
 
 
+SECTIONS: tuple[Callable[[], InspectorSection], ...] = (FactsSection, RecolorSection, PlacementSection, AdjustSection)
+"""The sections from top to bottom."""
+
+
 class InspectorPanel:
-    """One instance in full, several in sum."""
+    """Shows the selected instances and lets the user change them."""
 
     def __init__(self) -> None:
         self._name = TextField("name")
-        self._sections: tuple[InspectorSection, ...] = (
-            FactsSection(),
-            RecolorSection(),
-            PlacementSection(),
-            AdjustSection(),
-        )
+        self._sections = tuple(create() for create in SECTIONS)
 
     def draw(self, ui: Ui) -> None:
         """One frame."""
@@ -61,7 +61,7 @@ class InspectorPanel:
         _draw_buttons(ui)
         for section in self._sections:
             if ui.session.document is not document or ui.session.selection.ids != ids:
-                return  # a button above has changed what is selected
+                return  # a button above has changed the selection
             if section.title and not _draw_section_header(ui, section.title):
                 continue
             imgui.push_id(section.title)
@@ -70,7 +70,7 @@ class InspectorPanel:
             imgui.spacing()
 
     def _draw_heading(self, ui: Ui, document: Document, ids: tuple[int, ...]) -> None:
-        """Swatch, name and number; the name is a field to type another one into."""
+        """Draw swatch, name and number; the name is a field that renames the instance."""
         imgui.align_text_to_frame_padding()
         imgui.push_font(ui.fonts.bold, 0.0)
         instance, number = document.scene.table[ids[0]], f"#{ids[0]}"
@@ -97,19 +97,19 @@ class InspectorPanel:
 
 def _advise(ui: Ui, document: Document | None) -> str:
     if document is None:
-        return "What is known of the selected object appears here."
+        return "Facts about the selected object appear here."
     if not ui.session.selection.is_empty:
-        return "The selected splats belong to no instance. Labels, Reassign gives them to one."
+        return "The selected splats belong to no instance. Labels › Reassign assigns them to one."
     if not len(document.scene.table):
         return (
-            "This scene has no instances to click. Select splats by rectangle or lasso; "
-            "Labels, New instance makes one of them."
+            "This scene has no instances to click. Select splats with the rectangle or the lasso; "
+            "Labels › New instance turns them into one."
         )
     return "Click an object in the view to inspect and edit it."
 
 
 def _draw_framed_swatch(instance: Instance) -> None:
-    """As `swatch`, as high as the field beside it: so what follows on the line keeps its place."""
+    """Draw a swatch as high as the field beside it, so that what follows on the line keeps its place."""
     size, height, at = imgui.get_text_line_height() * 0.8, imgui.get_frame_height(), imgui.get_cursor_screen_pos()
     top = at.y + (height - size) / 2
     color = imgui.get_color_u32(get_swatch_color(instance))

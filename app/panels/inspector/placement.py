@@ -1,4 +1,4 @@
-"""Where the selection is, in numbers to type or drag, and what moves are bound to."""
+"""The selection's position, rotation and scale as numbers to type or drag, and constraints on moves."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.move import SCALE_LIMITS
 
 FARTHEST = 1e6
-"""Metres, or degrees, that can be typed."""
+"""Largest number of metres or degrees that can be typed."""
 Ids = tuple[int, ...]
 
 
 class PlacementSection:
-    """Every number is applied at once; one drag, or one typed number, is one step of the history."""
+    """Applies every number at once; one drag, or one typed number, is one step of the history."""
 
     title: str = "Placement"
 
@@ -29,19 +29,19 @@ class PlacementSection:
             NumberField(axis, "%.2f", 0.02, -FARTHEST, FARTHEST, f"{axis} of the centre in the world, metres")
             for axis in "xyz"
         )
-        yaw = "Turn about the vertical: of what drives in the world, of other things since they were trained"
+        yaw = "Rotation about the vertical: moving objects in the world, others since they were trained"
         self._yaw = NumberField("yaw", "%.1f°", 0.5, -FARTHEST, FARTHEST, yaw)
-        self._scale = NumberField("scale", "× %.3f", 0.005, *SCALE_LIMITS, "Relative to the size it was trained with")
-        self._lane = NumberField("lane", "%+.2f m", 0.02, -FARTHEST, FARTHEST, "Metres along the lane from here")
+        self._scale = NumberField("scale", "× %.3f", 0.005, *SCALE_LIMITS, "Relative to the trained size")
+        self._lane = NumberField("lane", "%+.2f m", 0.02, -FARTHEST, FARTHEST, "Metres to move along the lane")
         self._before: Placement | None = None
         self._in_hand: tuple[object, ...] | None = None
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
         """One frame."""
-        moving = ui.session.moving
+        moving = ui.session.movement
         present = moving.placement()
         if self._before is None or not any(field.in_use for field in (*self._position, self._yaw, self._scale)):
-            self._before = present  # what a drag changes is told from where it began
+            self._before = present  # a drag counts from where it began
         self._draw_position(ui, present)
         draw_widget_label("Yaw, scale")
         half = (imgui.get_content_region_avail().x - imgui.get_style().item_inner_spacing.x) / 2
@@ -59,12 +59,12 @@ class PlacementSection:
                 moving.shift_along_lane(entered.value, entered.gesture)
         _draw_commands(ui)
         if any(document.scene.table[i].node for i in ids):
-            draw_dim_text("Its whole track is moved" if len(ids) == 1 else "Of what drives, the whole track is moved")
+            draw_dim_text("Moves its whole track" if len(ids) == 1 else "Moves the whole tracks of moving objects")
         self._scroll_into_view(ui, ids)
 
     def _scroll_into_view(self, ui: Ui, ids: Ids) -> None:
-        """Where something is taken up to be moved, its numbers are looked for."""
-        moving = ui.session.moving
+        """Scroll the numbers into view when the user is about to move something."""
+        moving = ui.session.movement
         in_hand = (ui.tool.operation, moving.options.along_lane, ids) if ui.tool.operation else None
         if in_hand is not None and in_hand != self._in_hand:
             imgui.spacing()  # a line of its own: of the last widgets' line only the upper half would be seen
@@ -87,12 +87,12 @@ class PlacementSection:
         position = list(self._before.position)
         position[axis] = entered.value
         x, y, z = position
-        ui.session.moving.place(self._before, replace(self._before, position=(x, y, z)), entered.gesture)
+        ui.session.movement.place(self._before, replace(self._before, position=(x, y, z)), entered.gesture)
 
 
 def _draw_commands(ui: Ui) -> None:
     commands = ui.session.actions
-    draw_widget_label("Bound to")
+    draw_widget_label("Constrain")
     for name in SWITCHES:
         draw_action_button(ui, commands[name], scale_size(34, 0))
         imgui.same_line(0, scale_pixels(4))

@@ -1,4 +1,4 @@
-"""The right-click menu of an instance, the same in the viewport and in the list."""
+"""The context menu of an instance, the same in the viewport and in the list."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from instdrive_app.panels.widgets.ui import (
     scale_pixels,
 )
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskClass, AskName, AskSplit
 from instdrive_core.edits.document.document import Document
 
 Ids = tuple[int, ...]
@@ -27,11 +28,11 @@ WIDEST = 260.0
 
 
 def draw_instance_menu(ui: Ui, instance_id: int) -> None:
-    """Menu items for one instance, or for the whole selection where the instance belongs to it."""
+    """Draw the menu's items for one instance, or for the whole selection if the instance is part of it."""
     document = ui.session.document
     if document is None or instance_id not in document.scene.table:
         return
-    ids = ui.session.selected if instance_id in ui.session.selected else (instance_id,)
+    ids = ui.session.selection.ids if instance_id in ui.session.selection.ids else (instance_id,)
     instance = document.scene.table[instance_id]
     draw_swatch(instance)
     imgui.same_line()
@@ -48,7 +49,7 @@ def draw_instance_menu(ui: Ui, instance_id: int) -> None:
     imgui.begin_disabled(locked)
     _draw_repairs(ui, document, instance_id, ids)
     imgui.separator()
-    _draw_item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.reset_colors(ids))
+    _draw_item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.colors.reset(ids))
     imgui.dummy(ImVec2(0, 1))
     if draw_preset_row(ui, "menu", ids):
         imgui.close_current_popup()
@@ -65,27 +66,33 @@ def _draw_visibility(ui: Ui, document: Document, ids: Ids, locked: bool) -> None
     session = ui.session
     counts = document.count_states()
     hidden = not counts.drawn[np.isin(counts.ids, ids)].any()
-    solo = set(ids) == set(session.solo.ids)
+    solo = set(ids) == set(session.visibility.solo.ids)
     _draw_item(ui, "delete", "edit.delete", "Delete", lambda: _delete(session, ids), not locked)
-    _draw_item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.hide(ids, not hidden))
-    _draw_item(ui, "lock", "edit.lock", "Unlock" if locked else "Lock", lambda: session.lock(ids, not locked))
+    _draw_item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.visibility.hide(ids, not hidden))
     _draw_item(
-        ui, "solo", "edit.solo", "Show all again" if solo else "Show only this", lambda: session.solo.toggle(ids)
+        ui, "lock", "edit.lock", "Unlock" if locked else "Lock", lambda: session.visibility.lock(ids, not locked)
+    )
+    _draw_item(
+        ui,
+        "solo",
+        "edit.solo",
+        "Show all again" if solo else "Show only this",
+        lambda: session.visibility.solo.toggle(ids),
     )
     _draw_item(ui, "frame", "view.frame", "Frame", lambda: session.navigation.frame(ids))
 
 
 def _delete(session: EditorSession, ids: Ids) -> None:
-    if ids == session.selected:  # as the key does: of a part of an instance no more than the part
-        session.delete_selection()
+    if ids == session.selection.ids:  # as the key does: of a part of an instance no more than the part
+        session.deletion.delete_selection()
     else:
-        session.delete(ids)
+        session.deletion.delete(ids)
 
 
 def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     session = ui.session
     if len(ids) == 1:
-        _draw_item(ui, "rename", "edit.rename", "Rename…", lambda: session.ask_name(instance_id))
+        _draw_item(ui, "rename", "edit.rename", "Rename…", lambda: session.requests.put(AskName(instance_id)))
     opened = begin_icon_submenu("ICON_FA_TAG", "Set class")
     ui.mark("menu.classes")
     if opened:
@@ -96,7 +103,7 @@ def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
             ui.mark(f"menu.class.{name}")
         imgui.separator()
         if imgui.menu_item("Other…", "", False)[0]:
-            session.ask("class", ids)
+            session.requests.put(AskClass(ids))
         ui.mark("menu.class")
         imgui.end_menu()
 
@@ -106,12 +113,18 @@ def _draw_kinds(ui: Ui, document: Document, instance_id: int) -> None:
     what = (
         f"class {fit_text(instance.class_name, scale_pixels(WIDEST / 2))}"
         if instance.class_name
-        else "what has no class"
+        else "instances without a class"
     )
-    _draw_item(ui, "select_class", "select.class", f"Select {what}", lambda: session.select_class(instance.class_name))
+    _draw_item(
+        ui,
+        "select_class",
+        "select.class",
+        f"Select {what}",
+        lambda: session.selection.select_class(instance.class_name),
+    )
     if document.scene.code_bits:
         title = f"Select codeword {instance.codeword}"
-        _draw_item(ui, "codeword", "select.codeword", title, lambda: session.select_codeword_of(instance_id))
+        _draw_item(ui, "codeword", "select.codeword", title, lambda: session.selection.select_codeword(instance_id))
 
 
 def _draw_repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
@@ -120,17 +133,19 @@ def _draw_repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> Non
         title = f"Merge {len(ids)} instances into this"
         _draw_item(ui, "merge", "labels.merge", title, lambda: session.labels.merge(ids, instance_id))
     else:
-        _draw_item(ui, "split", "labels.split", "Split by component…", lambda: session.ask("split", ids))
+        _draw_item(
+            ui, "split", "labels.split", "Split by component…", lambda: session.requests.put(AskSplit(instance_id))
+        )
     _draw_item(ui, "absorb", "labels.absorb", "Absorb floaters", lambda: session.labels.absorb(ids))
-    if session.selected and instance_id not in session.selected:
-        title = "Give the selected splats to this"
+    if session.selection.ids and instance_id not in session.selection.ids:
+        title = "Assign the selected splats to this"
         _draw_item(ui, "reassign", "labels.reassign", title, lambda: session.labels.reassign(instance_id))
 
 
 def _draw_item(
     ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True
 ) -> None:
-    """An item that does what a command does, to the menu's instances; icon and shortcut are the command's."""
+    """Draw an item that does to the menu's instances what an action does; icon and shortcut are the action's."""
     command = ui.session.actions[command_id]
     shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
     if draw_icon_menu_item(command.icon, title, shortcut, enabled=enabled):

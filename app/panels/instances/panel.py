@@ -1,4 +1,4 @@
-"""The list of instances, in step with the view: what is selected, hovered, hidden, locked or shown alone."""
+"""The list of instances, in step with the view: selected, hovered, hidden, locked or shown alone."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from instdrive_app.panels.instances.row import BIT_SIZE, COLUMNS, Row, RowPainte
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
 from instdrive_app.panels.widgets.ui import Ui, get_icon, scale_pixels, scale_size
+from instdrive_app.session.requests import AskName
 from instdrive_core.edits.document.document import Document
 from instdrive_core.wording import format_count
 
@@ -20,16 +21,15 @@ WALKING: dict[imgui.Key, Step] = {
     imgui.Key.home: "first",
     imgui.Key.end: "last",
 }
-"""Keys that go through the list while it has the keyboard; in the field for the search the first two."""
+"""Keys that walk through the focused list; in the search field only the first two do."""
 OWN_SHORTCUTS = frozenset({"Home", "Shift+Home"})
-"""Of commands, which mean something else then."""
+"""Shortcuts of actions that mean something else while the list is focused."""
 UNKNOWN = "unknown"
-"""How the class that is none is called."""
+"""Name shown for instances without a class."""
 
 
 class InstancesPanel:
-    """Search, filter by class, sort; select (Shift: a range, Ctrl: one more; also by keys), hide, lock, show alone,
-    rename."""
+    """Searches, filters by class and sorts; selects (Shift: a range, Ctrl: one more), hides, locks, solos and renames."""
 
     def __init__(self) -> None:
         self._rows, self._query = InstanceRows(), Query()
@@ -81,7 +81,7 @@ class InstancesPanel:
         imgui.set_item_tooltip("Show the codeword of each instance, bit by bit")
 
     def _draw_class_chips(self, ui: Ui) -> None:
-        """One button per class: a click lists that class only, another one all again. As many as fit into a line."""
+        """Draw one button per class, as many as fit into a line; a click lists only that class, a second one all."""
         if len(self._rows.classes) < 2:
             return
         imgui.push_style_var(imgui.StyleVar_.frame_rounding, imgui.get_text_line_height() / 2)
@@ -92,7 +92,7 @@ class InstancesPanel:
             imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x,
         )
         chosen = self._query.class_name
-        # The chosen one comes first, so that it is never among those that do not fit.
+        # The chosen class comes first, so that it always fits.
         order = sorted(self._rows.classes, key=lambda item: item[0] != chosen)
         left: list[tuple[str, int]] = []
         for number, (name, count) in enumerate(order):
@@ -120,7 +120,7 @@ class InstancesPanel:
         imgui.pop_style_color(2 if on else 1)
         ui.mark(f"instances.class.{name or UNKNOWN}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("List all classes again" if on else f"List {name or 'instances without a class'} only")
+            imgui.set_tooltip("List all classes again" if on else f"List only {name or 'instances without a class'}")
 
     def _draw_other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
         if imgui.button("…##classes"):
@@ -134,8 +134,8 @@ class InstancesPanel:
             imgui.end_popup()
 
     def _draw_banner(self, ui: Ui, document: Document) -> None:
-        """What keeps instances out of the list or the view, and the way back."""
-        solo, shown = ui.session.solo.ids, len(self._rows.ids)
+        """Say what keeps instances out of the list or the view, with a button to undo it."""
+        solo, shown = ui.session.visibility.solo.ids, len(self._rows.ids)
         if shown < self._rows.total:
             self._draw_notice(
                 ui,
@@ -147,8 +147,10 @@ class InstancesPanel:
             )
         if solo:
             left = len(document.find_visible_instances())
-            what = f"Only {format_count(left, 'instance')} shown" if left else "All that is left is hidden"
-            self._draw_notice(ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave())
+            what = f"Only {format_count(left, 'instance')} shown" if left else "Everything is hidden"
+            self._draw_notice(
+                ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.visibility.solo.leave()
+            )
 
     def _draw_notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
         imgui.align_text_to_frame_padding()
@@ -163,28 +165,28 @@ class InstancesPanel:
 
     def _select_shown(self, ui: Ui) -> None:
         self._own_click = True
-        ui.session.select(self._rows.ids)
+        ui.session.selection.select(self._rows.ids)
 
     # ------------------------------------------------------------------ by keys
 
     def _handle_keys(self, ui: Ui, document: Document) -> None:
-        """Arrows, Home and End go from row to row, with Shift they extend the selection; Enter renames."""
+        """Walk from row to row by arrows, Home and End; Shift extends the selection, Enter renames."""
         io = imgui.get_io()
         if ui.popup_open or not imgui.is_window_focused(imgui.FocusedFlags_.child_windows):
             return
         typing = io.want_text_input or self._painter.renamed != 0
         if not typing:
             ui.claimed_shortcuts = OWN_SHORTCUTS
-            if imgui.is_key_pressed(imgui.Key.enter, False) and len(ui.session.selected) == 1:
-                ui.session.renamed = ui.session.selected[0]
+            if imgui.is_key_pressed(imgui.Key.enter, False) and len(ui.session.selection.ids) == 1:
+                ui.session.requests.put(AskName(ui.session.selection.ids[0]))
         for key, step in WALKING.items():
             allowed = not typing or (self._types_search and step in ("up", "down"))
             if allowed and not io.key_ctrl and not io.key_alt and imgui.is_key_pressed(key):
                 self._step(ui, document, step, io.key_shift)
 
     def _step(self, ui: Ui, document: Document, step: Step, extends: bool) -> None:
-        ids, selected = self._rows.ids, ui.session.selected
-        if self._walk.cursor not in selected:  # something else was selected since, in the view say
+        ids, selected = self._rows.ids, ui.session.selection.ids
+        if self._walk.cursor not in selected:  # something else was selected since, for example in the view
             start = next((i for i in selected if i in self._rows.place), 0)
             self._walk = Walk(start, start)
         self._walk = self._walk.advance(step, extends, ids, lambda i: not document.summarize_instance(i).is_locked)
@@ -193,7 +195,7 @@ class InstancesPanel:
         self._own_click, self._scroll_to = True, self._walk.cursor
         chosen = self._walk.list_range(ids) if extends else (self._walk.cursor,)
         if chosen != selected:
-            ui.session.select(chosen)
+            ui.session.selection.select(chosen)
 
     # ------------------------------------------------------------------ the list
 
@@ -236,7 +238,7 @@ class InstancesPanel:
             self._rows.update(document, self._query)
 
     def _draw_rows(self, ui: Ui, document: Document) -> None:
-        selected, solo = ui.session.selected, ui.session.solo.ids
+        selected, solo = ui.session.selection.ids, ui.session.visibility.solo.ids
         chosen = set(selected)
         scroll_to = self._find_newly_selected(selected)
         if self._painter.renamed and self._painter.is_new:
@@ -263,10 +265,10 @@ class InstancesPanel:
         if not self._rows.instances:
             imgui.table_next_row()
             imgui.table_set_column_index([column.name for column in COLUMNS].index("Name"))
-            imgui.text_disabled("No instances" if not self._rows.total else "None found")
+            imgui.text_disabled("No instances" if not self._rows.total else "No matches")
 
     def _find_newly_selected(self, selected: tuple[int, ...]) -> int | None:
-        """The row to scroll to: the first that was selected elsewhere since the last frame."""
+        """Find the row to scroll to: the first one selected elsewhere since the last frame."""
         if selected == self._selected_before:
             return None
         before, own = set(self._selected_before), self._own_click
@@ -279,30 +281,30 @@ class InstancesPanel:
         self._own_click = True
         if io.key_shift and self._walk.anchor in self._rows.place:
             self._walk = replace(self._walk, cursor=instance)
-            session.select(self._walk.list_range(self._rows.ids), "add" if io.key_ctrl else "replace")
+            session.selection.select(self._walk.list_range(self._rows.ids), "add" if io.key_ctrl else "replace")
             return
         self._walk = Walk(instance, instance)
         if row.summary.is_locked:
-            session.messages.info(f"{row.instance.name} is locked: unlock it in order to select it")
+            session.messages.info(f"{row.instance.name} is locked. Unlock it to select it")
         elif io.key_ctrl:
-            session.select((instance,), "remove" if row.selected else "add")
+            session.selection.select((instance,), "remove" if row.selected else "add")
         else:
-            session.select((instance,))
+            session.selection.select((instance,))
 
     def _take_rename(self, ui: Ui) -> None:
-        """Where the user wants to rename an instance, let it be done in its row, and see that the row is there."""
+        """Start renaming in the instance's row if the user asked for it, and make sure that the list shows the row."""
         session = ui.session
-        if not session.renamed or session.document is None:
+        request = session.requests.take(AskName)
+        if request is None or session.document is None:
             return
-        if session.renamed in session.document.scene.table:
-            if session.renamed not in self._rows.place:
+        if request.instance in session.document.scene.table:
+            if request.instance not in self._rows.place:
                 self._query = replace(self._query, search="", class_name=None)
-            self._painter.rename(session.document.scene.table[session.renamed])
-        session.renamed = 0
+            self._painter.rename(session.document.scene.table[request.instance])
 
 
 def _keep_in_view() -> None:
-    """Scroll by as much as the last item, of a row, is out of what is seen of the list below its frozen header."""
+    """Scroll just as far as the last item's row is outside the visible list below its frozen header."""
     top, height = imgui.get_window_pos().y, imgui.get_window_height()
     row = imgui.get_item_rect_max().y - imgui.get_item_rect_min().y + 2 * imgui.get_style().cell_padding.y
     above = top + row - (imgui.get_item_rect_min().y - imgui.get_style().cell_padding.y)

@@ -21,13 +21,13 @@ class Column(NamedTuple):
     name: str
     header: str
     width: float
-    """In font sizes, or a share of the rest where it stretches."""
+    """Width in font sizes, or a share of the remaining width if the column stretches."""
     stretches: bool = False
     flags: int = 0
 
 
 BIT_SIZE = 4.0
-"""Pixels of a bit's square at scale 1; one more is between two."""
+"""Side of a bit's square, in pixels at scale 1; the gap between two is one pixel."""
 _FIXED = imgui.TableColumnFlags_
 COLUMNS = (
     Column("Colour", "##colour", 0.8, flags=_FIXED.no_sort | _FIXED.no_resize | _FIXED.no_hide),
@@ -54,28 +54,28 @@ class Row(NamedTuple):
 
 
 class RowPainter:
-    """Draws rows, and the field for the new name in the one that is renamed."""
+    """Draws rows, with a name field in the row that is being renamed."""
 
     def __init__(self) -> None:
         self.renamed = 0
-        """The instance whose name is being typed; 0 = none."""
+        """The instance whose name is being typed; 0 for none."""
         self.is_new = False
-        """Whether the field for the name has not been drawn yet."""
+        """Whether the name field has not been drawn yet."""
         self._name = ""
         self._drawn = self._missed_press = False
 
     def begin(self) -> None:
-        """Before the rows of a frame. A name whose row was scrolled away or filtered out is given up."""
+        """Prepare for the rows of a frame; stop renaming if the row was scrolled away or filtered out."""
         if self.renamed and not self.is_new and not self._drawn:
             self.renamed = 0
         self._drawn = False
 
     def rename(self, instance: Instance) -> None:
-        """From the next frame on, let the user type a name in the instance's row."""
+        """Let the user type a name in the instance's row, from the next frame on."""
         self.renamed, self.is_new, self._name = instance.id, True, instance.name
 
     def draw(self, ui: Ui, row: Row) -> bool:
-        """One row of the present table; returns whether it was clicked."""
+        """Draw one row of the present table; returns whether it was clicked."""
         instance = row.instance
         imgui.push_id(instance.id)
         imgui.table_next_row()
@@ -105,7 +105,7 @@ class RowPainter:
         return clicked or (self._missed_press and not imgui.is_any_item_active())
 
     def _draw_number(self, ui: Ui, row: Row) -> bool:
-        """The number, and with it the whole row as one thing to click, point at and open a menu on."""
+        """Draw the number, and make the whole row one item to click, point at and open a menu on."""
         instance, state = row.instance, ui.session.state
         imgui.table_set_column_index(_PLACE["#"])
         if state.hovered == instance.id and not row.selected:
@@ -162,15 +162,15 @@ class RowPainter:
                 0.6 if hidden else 1.0,
                 False,
                 "Show" if hidden else "Hide",
-                lambda: session.hide(ids, not hidden),
+                lambda: session.visibility.hide(ids, not hidden),
             ),
             (
                 "Locked",
                 "ICON_FA_LOCK" if locked else "ICON_FA_LOCK_OPEN",
                 1.0 if locked else 0.35,
                 locked,
-                "Unlock" if locked else "Lock: it can be neither selected nor edited",
-                lambda: session.lock(ids, not locked),
+                "Unlock" if locked else "Lock, so that it cannot be selected or edited",
+                lambda: session.visibility.lock(ids, not locked),
             ),
             (
                 "Solo",
@@ -178,7 +178,7 @@ class RowPainter:
                 1.0 if row.solo else 0.35,
                 row.solo,
                 "Show all again" if row.solo else "Show only this",
-                lambda: session.solo.leave() if row.solo else session.solo.enter(ids),
+                lambda: session.visibility.solo.leave() if row.solo else session.visibility.solo.enter(ids),
             ),
         )
         for column, symbol, weight, on, hint, action in switches:
@@ -196,9 +196,9 @@ class RowPainter:
 
 
 def _misses_press() -> bool:
-    """Whether the last item was pressed in the very frame in which the mouse came to it, as where a frame lasts long.
+    """Whether the last item was pressed in the same frame in which the mouse reached it, as happens in long frames.
 
-    An item that others may overlap becomes active only where it was pointed at in the frame before, too.
+    ImGui activates an item that others may overlap only if the mouse was over it in the frame before, too.
     """
     return imgui.is_item_hovered() and imgui.is_mouse_clicked(0) and not imgui.is_item_active()
 

@@ -1,4 +1,4 @@
-"""Which camera the viewport looks through."""
+"""A tag with the name of the camera that the viewport looks through."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixel
 
 
 class CameraTag:
-    """Through which camera the viewport looks, at the top right."""
+    """Names the current camera at the picture's top right."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""

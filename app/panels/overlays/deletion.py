@@ -1,4 +1,4 @@
-"""What the last deletion left: residue as dots, the hole hatched, and a box that says so and cleans up."""
+"""What the last deletion left behind: residue as dots, the hole hatched, and a box with buttons to repair both."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from instdrive_core.scene.scene import Scene
 from instdrive_core.wording import format_count
 
 MAX_DOTS = 1500
-"""Of more residue, dots are thinned out."""
+"""Dots drawn at most; more residue is thinned out."""
 DOT = 2.5
-"""Radius in pixels at scale 1, as are the others."""
+"""Radius of a dot; like the other lengths in pixels at scale 1."""
 MARGIN, PADDING, LINE_GAP, BUTTON_GAP = 10.0, 10.0, 6.0, 16.0
 LEGEND_HEIGHT = 56.0
-"""Of what other views have in the same corner."""
+"""Height of what views other than colour show in the same corner."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """One line of the box: what is left, and the command that removes it."""
+    """One line of the box: what is left, and the action that repairs it."""
 
     text: str
     button: str
@@ -39,14 +39,14 @@ class _Line:
 
 
 class DeletionOverlay:
-    """Drawn while something is left of the last deletion."""
+    """Shows the review of the last deletion, as long as there is one."""
 
     def __init__(self) -> None:
         self._pattern: tuple[Hole, HolePattern] | None = None
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
-        found, document, snapshot = ui.session.aftermath.findings, ui.session.document, ui.view.snapshot
+        found, document, snapshot = ui.session.deletion.review.findings, ui.session.document, ui.view.snapshot
         if found is None or document is None or snapshot is None:
             return
         draw = imgui.get_window_draw_list()
@@ -67,7 +67,7 @@ class DeletionOverlay:
 def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> None:
     draw, origin = imgui.get_window_draw_list(), ImVec2(place.x, place.y)
     stripes, hatching, outline = pattern.project(camera)
-    # Without the soft edges of `add_quad_filled`, which would show where stripes meet.
+    # `add_quad_filled` would draw soft edges, which show where stripes meet.
     draw.prim_reserve(6 * len(stripes), 4 * len(stripes))
     blank, color = imgui.get_font_tex_uv_white_pixel(), pack_color(ACCENT, 0.18)
     for corners in stripes:
@@ -80,7 +80,7 @@ def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> Non
 
 
 def _place_residue(found: DeletionFindings, scene: Scene, time: float) -> Float64[ndarray, "r 3"]:
-    """Places of the residue, some of it where there is much."""
+    """World positions (metres) of at most `MAX_DOTS` splats of residue at a time in seconds."""
     step = -(-len(found.residue) // MAX_DOTS)
     places, nodes = found.residue[::step], found.nodes[::step]
     if not nodes.any():
@@ -131,7 +131,7 @@ def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
         text = f"{format_count(found.residue_count, 'splat')} of residue"
         lines.append(_Line(text, f"{get_icon('ICON_FA_BROOM')}  Absorb floaters", commands["aftermath.absorb"]))
     if found.hole is not None:
-        words = "Filling…" if ui.session.aftermath.is_filling else "Fill hole"
+        words = "Filling…" if ui.session.deletion.review.is_filling else "Fill hole"
         text = f"Hole of {found.hole.area:.1f} m²"
         if found.hole.shadow_area:
             text += f" and a shadow of {found.hole.shadow_area:.1f} m²"
@@ -140,7 +140,7 @@ def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
 
 
 def _block_clicks(low: ImVec2, high: ImVec2) -> None:
-    """Clicks beside the buttons are not for the picture behind."""
+    """Keep clicks beside the buttons from the picture behind."""
     imgui.set_cursor_screen_pos(low)
     imgui.set_next_item_allow_overlap()
     imgui.invisible_button("##aftermath", ImVec2(high.x - low.x, high.y - low.y))
@@ -162,4 +162,4 @@ def _draw_close_button(ui: Ui, right: float, top: float) -> None:
     imgui.pop_style_color()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip("Show this report no longer")
+        imgui.set_tooltip("Close this report")

@@ -1,4 +1,4 @@
-"""The scale of the depth view."""
+"""The colour scale of the depth view."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from instdrive_app.state import ViewMode
 
 
 class DepthLegend:
-    """The ramp with metres at its ends and in the middle."""
+    """Draws the colour ramp with metres at its ends and in the middle."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""

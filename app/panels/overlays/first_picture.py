@@ -1,4 +1,4 @@
-"""Why there is no picture yet."""
+"""A notice while the first picture takes long."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from instdrive_app.panels.widgets.theme import DIM, TEXT, Color, pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 
 WAIT_SECONDS = 0.7
-"""Without a picture after which the user is told; resizing takes less."""
+"""Time without a picture after which the notice appears; resizing the window takes less."""
 LONG_WAIT_SECONDS = 3.0
-"""Which only compiling takes."""
+"""Time without a picture that only compiling can explain."""
 
 
 class FirstPictureNotice:
-    """Says so where no frame of the viewport's size comes for a while: the very first start compiles kernels."""
+    """Explains a missing picture: the very first start compiles kernels."""
 
     def __init__(self) -> None:
         self._since = 0.0
@@ -30,7 +30,7 @@ class FirstPictureNotice:
         middle = place.y + place.height / 2
         _draw_centered("Preparing the view…", place, middle - scale_pixels(12), TEXT)
         if waited > LONG_WAIT_SECONDS:
-            why = "The first start compiles the drawing code for this processor: about half a minute, once."
+            why = "The first start compiles the drawing code for this processor. This takes about half a minute, once."
             _draw_centered(why, place, middle + scale_pixels(12), DIM)
         ui.marks["viewport.preparing"] = (place.x, middle, place.x + place.width, middle + 1)
 

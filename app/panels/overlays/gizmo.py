@@ -1,4 +1,4 @@
-"""The handles that move, turn and scale the selection, and the box and the lane that show what they act on."""
+"""The handles that move, rotate and scale the selection, with the selection's box and lane."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ guizmo = imguizmo.im_guizmo
 HANDLE_PIXELS = 84.0
 """Length of the gizmo's axes, at scale 1."""
 MARK = 5.0
-"""Half the side, in pixels, of what is reported of a handle."""
+"""Half the side, in pixels, of the mark of a handle."""
 LINES = {
     "translation_line_thickness": 3.0,
     "translation_line_arrow_size": 6.0,
@@ -31,29 +31,30 @@ LINES = {
     "hatched_axis_line_thickness": 6.0,
     "center_circle_size": 6.0,
 }
-"""Of ImGuizmo's style, in pixels at scale 1."""
+"""Lengths of ImGuizmo's style, in pixels at scale 1."""
 SNAPS: dict[Operation, float] = {"move": 0.25, "rotate": 5.0, "scale": 0.1}
 """Steps while Ctrl is held: metres, degrees, and a factor."""
 NEAR, FAR = 0.05, 4000.0
+"""Metres between which ImGuizmo's projection places things."""
 RING = 1.2
-"""Radius of the rings over the length of the axes."""
+"""Radius of the rings, as a multiple of the axes' length."""
 LANE_METRES = 15.0
-"""Shown of the lane, to either side."""
+"""Length of lane shown to either side."""
 
 
 class Gizmo:
-    """Drawn while a tool with handles is in hand and something is selected."""
+    """Shows handles while the current tool has an operation and something is selected."""
 
     def __init__(self) -> None:
         self.holds_mouse: bool = False
         self._given_up = False
-        """Whether Escape ended the drag, and the button is still pressed."""
+        """Whether Escape ended the drag while the button is still pressed."""
         self._matrix = np.eye(4)
-        """The gizmo's, relative to where it stood when it was grasped; its axes as long as things were scaled."""
+        """The gizmo's pose relative to where the drag began; the columns' lengths are the scale."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
-        operation, moving, snapshot = ui.tool.operation, ui.session.moving, ui.view.snapshot
+        operation, moving, snapshot = ui.tool.operation, ui.session.movement, ui.view.snapshot
         if operation is None or not moving.ids or snapshot is None:
             self.holds_mouse = False
             moving.end_drag()
@@ -73,8 +74,8 @@ class Gizmo:
     def _manipulate(
         self, ui: Ui, place: Rectangle, camera: Camera, operation: Operation, axes: Float64[ndarray, "3 3"]
     ) -> None:
-        """Let ImGuizmo turn the mouse into a matrix, in coordinates around where the drag began, and apply that."""
-        moving = ui.session.moving
+        """Let ImGuizmo turn mouse movement into a matrix, relative to where the drag began, and apply it."""
+        moving = ui.session.movement
         center = moving.center() if moving.drag is None else moving.drag.center
         if moving.drag is None:
             self._matrix = np.eye(4)
@@ -114,18 +115,21 @@ class Gizmo:
 
 
 def choose_gizmo_axes(moving: MoveController, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
-    """Columns x, y, z: those of the box without its tilt; y along the lane where things move along it."""
+    """The handles' axes as columns x, y, z: the box's without its tilt; y follows the lane if moves are bound to it."""
     lane = moving.lane() if operation == "move" and moving.options.along_lane else None
     return box.upright_axes if lane is None else upright(lane)
 
 
 def compute_gl_view(camera: Camera) -> Float64[ndarray, "4 4"]:
-    """World to camera in OpenGL's axes (y up, z backwards)."""
+    """Compute the transform from the world to OpenGL's camera axes (y up, z backwards)."""
     return np.diag([1.0, -1.0, -1.0, 1.0]) @ camera.camera_from_world
 
 
 def compute_gl_projection(camera: Camera) -> Float64[ndarray, "4 4"]:
-    """Camera (OpenGL's axes) to clip space, so that a point falls on the pixel that `Camera.project` says."""
+    """Compute the transform from OpenGL's camera axes to clip space.
+
+    A point falls on the same pixel as by `Camera.project`.
+    """
     width, height = camera.width, camera.height
     depth = (NEAR + FAR) / (NEAR - FAR)
     return np.array(
@@ -141,7 +145,10 @@ def compute_gl_projection(camera: Camera) -> Float64[ndarray, "4 4"]:
 def extract_change(
     matrix: Float64[ndarray, "4 4"], axes: Float64[ndarray, "3 3"]
 ) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3 3"], float]:
-    """What a gizmo's matrix, whose columns were `axes`, has done: shift, rotation, and the scale of its handle."""
+    """Split a gizmo's matrix, whose columns were `axes`, into shift (metres), rotation and scale.
+
+    Scaling is uniform: the handle that was pulled farthest counts.
+    """
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     farthest = int(np.argmax(np.abs(np.log(lengths))))  # things scale evenly: the handle that was pulled counts
     left, _, right = np.linalg.svd(matrix[:3, :3] / lengths @ axes.T)  # ImGuizmo adds up turns in 32 bits
@@ -149,7 +156,7 @@ def extract_change(
 
 
 def _to_matrix16(matrix: Float64[ndarray, "4 4"]) -> guizmo.Matrix16:
-    """Column by column."""
+    """Convert to ImGuizmo's matrix, column by column."""
     return guizmo.Matrix16(matrix.T.reshape(-1).tolist())
 
 
@@ -164,7 +171,7 @@ def _configure_gizmo(moving: MoveController, place: Rectangle, operation: Operat
     style = guizmo.get_style()
     for name, pixels in LINES.items():
         setattr(style, name, scale_pixels(pixels))
-    guizmo.set_axis_mask(False, False, moves and options.lift_to_ground and not options.along_lane)
+    guizmo.set_axis_mask(False, False, moves and options.on_ground and not options.along_lane)
 
 
 def _choose_handles(moving: MoveController, operation: Operation) -> guizmo.OPERATION:
@@ -185,7 +192,7 @@ def _mark_handles(
     center: Float64[ndarray, "3"],
     axes: Float64[ndarray, "3 3"],
 ) -> None:
-    """Tell whoever drives the window where the handles are."""
+    """Mark where the handles are, for whatever drives the window."""
     depth = float((camera.camera_from_world @ [*center, 1.0])[2])
     length = scale_pixels(HANDLE_PIXELS) * depth / camera.fx
     ends = {name: center + 0.8 * length * axes[:, column] for column, name in enumerate("xyz")}

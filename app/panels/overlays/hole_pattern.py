@@ -1,4 +1,4 @@
-"""A hole in the ground as stripes, hatching and outline on the ground, ready to be seen through a camera."""
+"""The pattern that shows a hole in the ground: stripes, hatching and outline."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 
 NEAREST = 0.1
-"""Metres before the camera within which nothing is drawn."""
+"""Distance from the camera, in metres, within which nothing is drawn."""
 HATCH_CELLS = 2
 """Cells between two lines of the hatching."""
 STRIPE_CELLS = 5
-"""Cells at most in a stripe: one that reaches behind the camera is left out."""
+"""Cells in a stripe at most: short stripes, because one that reaches behind the camera is left out."""
 
 Pixels = list[list[list[float]]]
-"""Corners of shapes, x and y in the picture."""
+"""Corners of shapes: x and y in pixels of the picture."""
 
 
 @dataclass(frozen=True)
 class HolePattern:
-    """Shapes on the ground, metres in the world."""
+    """Shapes on the ground, in the world's metres."""
 
     stripes: Float64[ndarray, "q 4 3"]
-    """Together the hole's area."""
+    """Quadrilaterals that cover the hole together."""
     hatching: Float64[ndarray, "h 2 3"]
     outline: Float64[ndarray, "o 2 3"]
 
     def project(self, camera: Camera) -> tuple[Pixels, Pixels, Pixels]:
-        """Stripes, hatching and outline in the picture of a camera."""
+        """Project stripes, hatching and outline into a camera's picture."""
         return (
             project_shapes(self.stripes, camera),
             project_shapes(self.hatching, camera),
@@ -41,7 +41,7 @@ class HolePattern:
 
 
 def build_hole_pattern(hole: Hole) -> HolePattern:
-    """Of all cells that a fill would fill: those never seen, and the shadow."""
+    """Build the pattern of all cells that a fill would cover: those never seen, and the shadow."""
     cells = np.concatenate([hole.cells, hole.shadow])
     low = cells.min(axis=0) - 1
     filled = np.zeros(cells.max(axis=0) - low + 2, bool)
@@ -56,14 +56,14 @@ def build_hole_pattern(hole: Hole) -> HolePattern:
 
 
 def project_shapes(shapes: Float64[ndarray, "k c 3"], camera: Camera) -> Pixels:
-    """Corners in the picture of the shapes that lie wholly before the camera."""
+    """Project shapes into a camera's picture; those not wholly in front of the camera are left out."""
     pixels, depths = camera.project(shapes.reshape(-1, 3))
     before = (depths > NEAREST).reshape(shapes.shape[:2]).all(axis=1)
     return pixels.reshape(*shapes.shape[:2], 2)[before].tolist()
 
 
 def _build_stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
-    """Corners of runs along axis 0."""
+    """Corners of runs of cells along axis 0."""
     quads = []
     for across in np.flatnonzero(filled.any(axis=0)).tolist():
         edges = np.diff(filled[:, across].astype(np.int8), prepend=0, append=0)
@@ -76,14 +76,14 @@ def _build_stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
 
 
 def _build_hatching(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "h 2 2"]:
-    """A diagonal in each cell of every other diagonal row: together long lines."""
+    """One diagonal for each cell of every other diagonal row; together they form long lines."""
     cells = np.argwhere(filled)
     cells = cells[(cells[:, 0] - cells[:, 1]) % HATCH_CELLS == 0]
     return np.stack([cells, cells + 1], axis=1)
 
 
 def _build_outline(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "o 2 2"]:
-    """The sides between cells of the hole and others."""
+    """Edges between the hole's cells and others."""
     step_along, step_across = np.eye(2, dtype=np.int64)
     along = np.argwhere(filled[:, 1:] != filled[:, :-1]) + step_across
     across = np.argwhere(filled[1:] != filled[:-1]) + step_along

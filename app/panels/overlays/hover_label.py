@@ -1,4 +1,4 @@
-"""What is under the cursor, next to it."""
+"""A label beside the cursor for the instance under it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_swatch, fit_text
 from instdrive_core.wording import format_count
 
 WIDEST = 320.0
-"""Pixels, at scale 1, of the longest line that is shown."""
+"""Longest line shown, in pixels at scale 1."""
 BOLD = 1.1
-"""Bold letters are so much wider, at most."""
+"""How much wider bold letters are, at most."""
 
 
 class HoverLabel:
-    """What is under the cursor, next to it."""
+    """Shows name, class, number and size of the hovered instance."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""

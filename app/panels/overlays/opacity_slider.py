@@ -1,4 +1,4 @@
-"""The opacity that a splat needs in the ID views."""
+"""A slider for the opacity that a splat needs to appear in the ID views."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from instdrive_app.state import ViewMode
 
 
 class OpacitySlider:
-    """From which opacity on splats are drawn in the ID views and can be clicked."""
+    """Sets the opacity from which splats are drawn in the ID views and can be clicked."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
@@ -21,7 +21,7 @@ class OpacitySlider:
         imgui.set_cursor_screen_pos(ImVec2(place.x + margin, bottom))
         imgui.set_next_item_width(scale_pixels(200))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(BACKGROUND, 0.85))
-        state, form = ui.session.state, "Opacity from %.2f"
+        state, form = ui.session.state, "Minimum opacity %.2f"
         _, state.id_opacity = draw_bounded_slider("##id opacity", state.id_opacity, 0.0, 0.95, form)
         imgui.pop_style_color()
         ui.mark("viewport.opacity")

@@ -1,4 +1,4 @@
-"""The dataset camera's photo or masks: over the splats, or beside them."""
+"""The dataset camera's photo or masks, over the splats or beside them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GAP = 2
 
 
 def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
-    """Where the splats go in the viewport, and where the photo does while it is shown beside them."""
+    """Divide the viewport: the part for the splats, and the one for the photo if it is shown beside them."""
     state = ui.session.state
     if not state.reference_beside or state.reference is Reference.NONE or state.dataset_view is None:
         return whole, None
@@ -23,10 +23,10 @@ def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | Non
 
 
 class ReferenceOverlay:
-    """Photo or masks as the user has chosen in the timeline; only dataset cameras have them."""
+    """Shows photo or masks as chosen in the timeline; only dataset cameras have them."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """Over the splats, as opaque as the slider says, and exactly where the film is."""
+        """Draw the photo over the splats exactly where the camera's film is, as opaque as the slider says."""
         state = ui.session.state
         if state.reference is Reference.NONE or state.reference_beside or state.dataset_view is None:
             return
@@ -38,7 +38,7 @@ class ReferenceOverlay:
             _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
 
     def draw_beside(self, ui: Ui, place: Rectangle) -> None:
-        """In its own half, with the pointer's place marked in both."""
+        """Draw the photo in its own half, and a cross where the pointer is in the other half."""
         draw = imgui.get_window_draw_list()
         corner = ImVec2(place.x + place.width, place.y + place.height)
         draw.add_rect_filled(ImVec2(place.x, place.y), corner, pack_color(BACKGROUND))
@@ -80,7 +80,7 @@ def _draw_image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
 
 
 def _explain_missing(ui: Ui) -> str:
-    """Why there is no picture of this camera and moment; empty where there may be one soon."""
+    """Why there is no picture of this camera and time; empty if there may be one soon."""
     document, state = ui.session.document, ui.session.state
     if document is None or state.dataset_view is None:
         return ""
@@ -88,7 +88,7 @@ def _explain_missing(ui: Ui) -> str:
 
 
 def _draw_plate(left: float, top: float, text: str) -> None:
-    """Words that show on any picture."""
+    """Draw text on a dark plate, which makes it readable on any picture."""
     draw, size = imgui.get_window_draw_list(), imgui.calc_text_size(text)
     wide, high = scale_pixels(10), scale_pixels(5)
     corner = ImVec2(left + _measure_plate(text), top + size.y + 2 * high)

@@ -1,4 +1,4 @@
-"""The line of the region that is being dragged."""
+"""The outline of the region that is being dragged."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Point, choose_selection_mode
 
 DASH = 5.0
-"""Pixels of a dash, and of the gap after it."""
+"""Length of a dash, and of the gap after it, in pixels."""
 PACE = 24.0
-"""Pixels per second that the dashes march."""
-MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "keep what is inside"}
+"""Speed of the marching dashes, in pixels per second."""
+MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "keep only what is inside"}
 
 
 class RegionOutline:
-    """A dark line with light dashes on it, which show on any picture, and what the keys held will do."""
+    """Draws a dark line with light dashes, visible on any picture, and what the modifier keys will do."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""
@@ -40,7 +40,7 @@ class RegionOutline:
 
 
 def compute_dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray, "d 4"]:
-    """Start and end (x, y each) of the straight pieces of dashes along a closed line, marched on by `shift` pixels."""
+    """Compute the dashes along a closed line, moved on by `shift` pixels: start x, y and end x, y of each piece."""
     corners = np.array([*outline, outline[0]])
     lengths = np.hypot(*np.diff(corners, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(lengths)])

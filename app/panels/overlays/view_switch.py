@@ -1,4 +1,4 @@
-"""The buttons that choose the view mode, at the top left."""
+"""The buttons that choose the view mode, at the picture's top left."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixel
 from instdrive_app.state import ViewMode
 
 WORDS_FROM = 40
-"""Widths of the picture, in font sizes, from which buttons have words."""
+"""Width of the picture, in font sizes, from which buttons have words."""
 
 
 class ViewSwitch:
-    """Four buttons, the present mode highlighted."""
+    """Draws one button per view mode and highlights the present one."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """One frame."""

@@ -11,7 +11,7 @@ from instdrive_app.panels.widgets.ui import Rectangle, scale_pixels
 from instdrive_core.scene.camera import Camera
 
 NEAREST = 0.05
-"""Metres before the camera where lines are cut off."""
+"""Distance from the camera, in metres, where lines are cut off."""
 DASH_METRES = 0.5
 """Length of a dash and of the gap after it."""
 
@@ -23,14 +23,14 @@ class WorldPen:
         self._camera, self._place, self._thickness = camera, place, scale_pixels(thickness)
 
     def project(self, point: Float[ndarray, "3"]) -> tuple[float, float] | None:
-        """Where a world point is in the window; None behind the camera."""
+        """Window position (pixels) of a world point; None behind the camera."""
         pixels, depths = self._camera.project(np.asarray(point)[None])
         if depths[0] < NEAREST:
             return None
         return self._place.x + float(pixels[0, 0]), self._place.y + float(pixels[0, 1])
 
     def draw_line(self, start: Float[ndarray, "3"], end: Float[ndarray, "3"], color: int) -> None:
-        """A straight line; what lies behind the camera is left out."""
+        """Draw a straight line; the part behind the camera is left out."""
         ends = self._clip(np.stack([start, end]))
         if ends is None:
             return
@@ -39,7 +39,7 @@ class WorldPen:
         imgui.get_window_draw_list().add_line(first, last, color, self._thickness)
 
     def draw_dashes(self, start: Float[ndarray, "3"], end: Float[ndarray, "3"], color: int) -> None:
-        """A line with gaps."""
+        """Draw a dashed line."""
         count = max(int(np.linalg.norm(end - start) / DASH_METRES), 1)
         places = np.linspace(start, end, count + 1)
         for first, last in zip(places[:-1:2], places[1::2], strict=False):

@@ -8,7 +8,7 @@ from instdrive_app.panels.widgets.theme import ACCENT, DIM, HOVER, pack_color, r
 
 
 def draw_bit_squares(codeword: int, bits: int, size: float, gap: float) -> None:
-    """Set bits filled, the others dark; as many rows as the space at hand asks for; the number as the tooltip."""
+    """Draw a codeword's bits, set ones filled, wrapped to the width at hand; the tooltip shows the number."""
     at, draw = imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
     pitch = size + gap
     per_row = max(int((imgui.get_content_region_avail().x + gap) / pitch), 1)

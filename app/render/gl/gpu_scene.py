@@ -11,6 +11,7 @@ from instdrive_app.render.gl.programs import set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH, ArrayTexture
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
@@ -47,7 +48,7 @@ class GpuScene:
         self._dirty_colors = document.colors.dirty_reader()
         self._dirty_transforms = document.transforms.dirty_reader()
         self._hidden, self._ids = np.zeros(0, np.uint8), np.zeros(0, np.uint32)
-        self._versions: tuple[int, ...] = (-1, -1, -1, -1, -1)
+        self._versions: DocumentVersions | None = None
         self._pose_texels = np.zeros((0, 4, 4), np.float32)
         self.look_version = 0
         """Rises when the blended picture would change: visibility, colours, places."""
@@ -80,25 +81,19 @@ class GpuScene:
         Without `wait`, one call uploads the stored parameters of a limited number of new splats; see `complete`.
         """
         document = self._document
-        before = self._versions
-        self._versions = (
-            document.rows_version,
-            document.state.version,
-            document.colors.version,
-            document.transforms.version,
-            document.table_version,
-        )
-        rows, states, colors, transforms, table = (old != new for old, new in zip(before, self._versions, strict=True))
-        if rows:
+        before, now = self._versions, document.versions
+        self._versions = now
+        rows_changed = before is None or now.rows != before.rows
+        if rows_changed:
             self._make_room()
         self._upload_parameters(wait)
-        if states or rows:
+        if before is None or rows_changed or now.states != before.states:
             self._update_states()
-        if colors or rows:
+        if before is None or rows_changed or now.colors != before.colors:
             self._update_colors()
-        if transforms or rows:
+        if before is None or rows_changed or now.transforms != before.transforms:
             self._update_transforms()
-        if table or rows:
+        if before is None or rows_changed or now.table != before.table:
             self._update_ids()
         self._update_places(time)
         self._update_sky()

@@ -90,7 +90,7 @@ class GlRenderer:
         if marked:
             self._draw_rows(targets, snapshot)
         shown = (make_snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
-        shown = (*shown, marked and self._document.state.version)
+        shown = (*shown, marked and self._document.versions.states)
         if self._keys.get("shown") == shown:
             return
         self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)

@@ -18,6 +18,7 @@ from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -54,38 +55,32 @@ class SceneWatcher:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._state: SceneState | None = None
-        self._versions: tuple[int, ...] = ()
+        self._versions = document.versions
 
     def take_state(self) -> SceneState:
         """The present state: the same object as before where nothing has changed."""
         document = self._document
-        versions = (
-            *(document.rows_version, document.table_version, document.state.version),
-            *(document.colors.version, document.transforms.version, document.track_version),
-        )
-        if self._state is None or versions[0] != self._versions[0]:
+        versions = document.versions
+        if self._state is None or versions.rows != self._versions.rows:
             self._state = _copy_document(document)
-        else:
-            self._state = self._update_parts(self._state, versions)
+        elif versions != self._versions:
+            self._state = self._update_parts(self._state, self._versions, versions)
         self._versions = versions
         return self._state
 
-    def _update_parts(self, state: SceneState, versions: tuple[int, ...]) -> SceneState:
+    def _update_parts(self, state: SceneState, before: DocumentVersions, now: DocumentVersions) -> SceneState:
         document, parts = self._document, {}
-        _, table, flags, colors, moves, tracks = (
-            now != before for now, before in zip(versions, self._versions, strict=True)
-        )
-        if table and not np.array_equal(document.scene.instance_ids, state.instance_ids):
+        if now.table != before.table and not np.array_equal(document.scene.instance_ids, state.instance_ids):
             parts |= {"instance_ids": document.scene.instance_ids.copy()}
-        if flags:
+        if now.states != before.states:
             parts |= {"flags": document.state.flags.copy()}
-        if colors:
+        if now.colors != before.colors:
             parts |= _copy_colors(document)
-        if moves:
+        if now.transforms != before.transforms:
             parts |= _copy_moves(document)
-        if tracks:
+        if now.tracks != before.tracks:
             parts |= {"actors": document.scene.actors, "nodes": document.scene.nodes.copy()}
-        if document.scene.sky is not state.sky:  # turned with the scene
+        if now.surroundings != before.surroundings:
             parts |= {"sky": document.scene.sky}
         return replace(state, **parts) if parts else state
 
@@ -101,7 +96,7 @@ def _copy_document(document: Document) -> SceneState:
         actors=scene.actors,
         sky=scene.sky,
         antialiased=scene.antialiased,
-        rows_version=document.rows_version,
+        rows_version=document.versions.rows,
         **_copy_colors(document),
         **_copy_moves(document),
     )

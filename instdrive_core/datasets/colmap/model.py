@@ -65,7 +65,10 @@ class ColmapModel:
 def build_colmap_camera(
     file: Path, camera_id: int, model: str, size: tuple[int, int], values: Sequence[float]
 ) -> tuple[Camera, Distortion]:
-    """Pinhole and lens of one entry. Raises DataError for models that no pinhole photo can be made of here."""
+    """Build the pinhole camera, without a pose, and the lens distortion of one entry.
+
+    Raises DataError for camera models whose photos cannot be made pinhole photos here.
+    """
     where = f"camera {camera_id}"
     if model not in PARAMETERS or len(values) != PARAMETERS[model]:
         problem = f"{where}: the model is {model!r} with {len(values)} parameters, which COLMAP does not know"
@@ -78,17 +81,17 @@ def build_colmap_camera(
         raise DataError(file, f"{where}: the distortion is {rest}, expected numbers", REMEDY)
     match model:
         case "SIMPLE_PINHOLE" | "PINHOLE":
-            lens = Distortion()
+            distortion = Distortion()
         case "SIMPLE_RADIAL" | "RADIAL":
-            lens = Distortion(rest)
+            distortion = Distortion(rest)
         case "OPENCV":
-            lens = Distortion(rest[:2], (rest[2], rest[3]))
+            distortion = Distortion(rest[:2], (rest[2], rest[3]))
         case "FULL_OPENCV":
-            lens = Distortion((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
+            distortion = Distortion((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
         case _:
             problem = f"{where}: the model {model} is none that can be turned into a pinhole"
             raise DataError(file, problem, "Run 'colmap image_undistorter' and give its output folder")
-    return camera, lens
+    return camera, distortion
 
 
 def invert_colmap_pose(

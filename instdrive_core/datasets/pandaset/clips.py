@@ -79,13 +79,13 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
-    times = _step_times(root)
-    cameras = [_load_camera(root / "camera" / name) for name in _camera_names(root, options.cameras)]
+    times = _read_step_times(root)
+    cameras = [_load_camera(root / "camera" / name) for name in _choose_cameras(root, options.cameras)]
     last_photo = max((max(camera.photos) for camera in cameras if camera.photos), default=-1)
     if last_photo >= len(times):
         problem = f"there is a photo of step {last_photo}, yet {len(times)} timestamps"
         raise DataError(root, problem, "Get the sequence's JSON files again, or remove photos without a timestamp")
-    cameras = [_in_range(camera, options) for camera in cameras]
+    cameras = [_keep_asked_frames(camera, options) for camera in cameras]
     if not any(camera.photos for camera in cameras):
         steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
         raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
@@ -93,14 +93,14 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         if not camera.photos:
             logger.warning("%s: no photo of the chosen frames; going on without it", root / "camera" / camera.name)
     cameras = [camera for camera in cameras if camera.photos]
-    origin = _origin(cameras)
-    scale = options.scale or _default_scale(cameras)
+    origin = _choose_origin(cameras)
+    scale = options.scale or _choose_scale(cameras)
     has_ego = not (root / "labels").is_dir()  # synthetic clips show no recording car
-    frames = [frame for camera in cameras for frame in _frames_of(camera, origin, times, scale, has_ego)]
+    frames = [frame for camera in cameras for frame in _build_frames(camera, origin, times, scale, has_ego)]
     order = {camera.name: rank for rank, camera in enumerate(cameras)}
     frames.sort(key=lambda frame: (frame.view.index, order[frame.view.name]))
     first, last = frames[0].view.index, frames[-1].view.index
-    classes = _class_names(root)
+    classes = _read_class_names(root)
     sweeps = [
         Sweep(index, times[index], partial(load_sweep, root, index, origin))
         for index in sorted(list_numbered_files(root / "lidar"))
@@ -133,7 +133,7 @@ def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".
     return found
 
 
-def _step_times(root: Path) -> list[float]:
+def _read_step_times(root: Path) -> list[float]:
     """Seconds of all listed time steps since the first."""
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
@@ -145,7 +145,7 @@ def _step_times(root: Path) -> list[float]:
     raise DataError(root, "has no timestamps ('meta/timestamps.json' is missing)", "Get the sequence's JSON files")
 
 
-def _camera_names(root: Path, asked: str) -> tuple[str, ...]:
+def _choose_cameras(root: Path, asked: str) -> tuple[str, ...]:
     present = sorted(folder.name for folder in (root / "camera").iterdir() if folder.is_dir())
     if asked in CAMERA_SETS:
         names = tuple(name for name in CAMERA_SETS[asked] if name in present)
@@ -187,12 +187,12 @@ def _load_camera(folder: Path) -> _CameraFiles:
     return _CameraFiles(
         folder.name,
         Camera(fx, fy, cx, cy, width, height, np.eye(4)),
-        np.array([_pose(poses_file, index, pose) for index, pose in enumerate(poses)]).reshape(-1, 4, 4),
+        np.array([_parse_pose(poses_file, index, pose) for index, pose in enumerate(poses)]).reshape(-1, 4, 4),
         photos,
     )
 
 
-def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
+def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
     position, heading = (require_field(file, entry, key, f"[{index}].") for key in ("position", "heading"))
     quat = [
         require_number(file, require_field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}")
@@ -212,27 +212,27 @@ def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
     return pose
 
 
-def _in_range(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
+def _keep_asked_frames(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
     """The camera with its photos reduced to the asked frames."""
     first = -math.inf if options.first_frame is None else options.first_frame
     last = math.inf if options.last_frame is None else options.last_frame
     return replace(camera, photos={index: photo for index, photo in camera.photos.items() if first <= index <= last})
 
 
-def _origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
+def _choose_origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
     return choose_origin(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
 
 
-def _default_scale(cameras: list[_CameraFiles]) -> float:
+def _choose_scale(cameras: list[_CameraFiles]) -> float:
     return min(1.0, DEFAULT_WIDTH / cameras[0].camera.width)
 
 
-def _frames_of(
+def _build_frames(
     camera: _CameraFiles, origin: Float64[ndarray, "3"], times: list[float], scale: float, has_ego: bool
 ) -> list[Frame]:
     full_size = (camera.camera.width, camera.camera.height)
     scaled = camera.camera.scale(scale)
-    valid = _ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
+    valid = _build_ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
     frames = []
     for index, photo in sorted(camera.photos.items()):
         pose = camera.poses[index].copy()
@@ -243,13 +243,13 @@ def _frames_of(
     return frames
 
 
-def _ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:
+def _build_ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:
     valid = np.ones((camera.height, camera.width), bool)
     valid[camera.height - int(np.ceil(camera.height * EGO_ROWS)) :] = False
     return valid
 
 
-def _class_names(root: Path) -> dict[int, str]:
+def _read_class_names(root: Path) -> dict[int, str]:
     file = root / "annotations" / "semseg" / "classes.json"
     if not file.is_file():
         return {}

@@ -46,11 +46,11 @@ def load_tracks(folder: Path, indices: range, times: list[float], origin: Float6
     Raises DataError where a file is damaged.
     """
     cuboids = [cuboid for index in indices for cuboid in _load_cuboids(folder, index)]
-    identity = _merged_siblings(cuboids)
+    identity = _merge_siblings(cuboids)
     by_object: dict[str, dict[int, _Cuboid]] = defaultdict(dict)
     for cuboid in sorted(cuboids, key=lambda cuboid: (cuboid.sensor == 1, cuboid.uuid != identity[cuboid.uuid])):
         by_object[identity[cuboid.uuid]].setdefault(cuboid.index, cuboid)
-    return tuple(_track(uuid, by_object[uuid], times, origin) for uuid in sorted(by_object))
+    return tuple(_build_track(uuid, by_object[uuid], times, origin) for uuid in sorted(by_object))
 
 
 def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
@@ -94,7 +94,7 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
         raise DataError(file, problem, "Get the file again") from error
 
 
-def _merged_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
+def _merge_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
     """The uuid that stands for each uuid's object: of two siblings the spinning LiDAR's, else the first by name."""
     sensors: dict[str, set[int]] = defaultdict(set)
     for cuboid in cuboids:
@@ -115,7 +115,7 @@ def _merged_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
     return {uuid: root(uuid) for uuid in identity}
 
 
-def _track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], origin: Float64[ndarray, "3"]) -> Track:
+def _build_track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], origin: Float64[ndarray, "3"]) -> Track:
     indices = sorted(cuboids)
     poses = np.tile(np.eye(4), (len(indices), 1, 1))
     for pose, index in zip(poses, indices, strict=True):

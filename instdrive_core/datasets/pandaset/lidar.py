@@ -35,8 +35,8 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPo
     if file is None:
         raise DataError(root / "lidar", f"the sweep {index:02d} is missing", "Load the clip again")
     table = read_pickle(file)
-    columns = [_numeric_column(file, table, name) for name in ("x", "y", "z", "i")]
-    sensor = _bytes_of(file, table, "d") if "d" in table else np.zeros(len(columns[0]), np.uint8)
+    columns = [_read_numeric_column(file, table, name) for name in ("x", "y", "z", "i")]
+    sensor = _read_byte_column(file, table, "d") if "d" in table else np.zeros(len(columns[0]), np.uint8)
     if max(np.abs(column).max(initial=0) for column in columns[:3]) >= FARTHEST:
         raise DataError(file, f"a point lies farther than {FARTHEST:g} m", "Get the file again")
     points = np.stack(columns[:3], axis=1) - origin
@@ -49,7 +49,7 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"]) -> SweepPo
     )
 
 
-def _numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64[ndarray, " n"]:
+def _read_numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64[ndarray, " n"]:
     if name not in table:
         raise DataError(file, f"the column '{name}' is missing, found {', '.join(table)}", "Get the file again")
     if table[name].dtype.kind not in "fiu":
@@ -60,9 +60,9 @@ def _numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64
     return column
 
 
-def _bytes_of(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray, " n"]:
+def _read_byte_column(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray, " n"]:
     """A column of small whole numbers: classes, or which LiDAR it was."""
-    column = _numeric_column(file, table, name)
+    column = _read_numeric_column(file, table, name)
     wrong = np.flatnonzero((column < 0) | (column > 255) | (column != np.floor(column)))
     if len(wrong):
         problem = f"the column '{name}' holds {column[wrong[0]]:g} in row {wrong[0]}, not a whole number from 0 to 255"
@@ -75,7 +75,7 @@ def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | 
     file = find_numbered_pickle(root / "annotations" / "semseg", index)
     if file is None:
         return None
-    classes = _bytes_of(file, read_pickle(file), "class")
+    classes = _read_byte_column(file, read_pickle(file), "class")
     if len(classes) != count:
         logger.warning("%s: %d classes for %d points; going on without them", file, len(classes), count)
         return None

@@ -75,32 +75,32 @@ def write_cuboids(folder: Path, step: int, street: Street, time: float) -> None:
     dimensions = np.stack([actor.dimensions for actor in street.actors])
     actors = street.actors
     columns: dict[str, ndarray] = {
-        "uuid": _objects([str(actor.uuid) for actor in actors]),
-        "label": _objects([actor.label for actor in actors]),
+        "uuid": _build_object_column([str(actor.uuid) for actor in actors]),
+        "label": _build_object_column([actor.label for actor in actors]),
         "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]),
         "stationary": np.array([actor.route.speed == 0 for actor in actors]),
         "camera_used": np.full(len(actors), -1, np.int64),
     }
     columns |= {f"position.{axis}": poses[:, k, 3].copy() for k, axis in enumerate("xyz")}
     columns |= {f"dimensions.{axis}": dimensions[:, k].copy() for k, axis in enumerate("xyz")}
-    columns |= _attributes(actors)
+    columns |= _build_attributes(actors)
     write_table(folder / "annotations" / "cuboids" / f"{step:02d}.pkl.gz", columns)
 
 
-def _attributes(actors: Sequence[Actor]) -> dict[str, ndarray]:
+def _build_attributes(actors: Sequence[Actor]) -> dict[str, ndarray]:
     """The columns behind the boxes, in PandaSet's order; NaN where an attribute does not apply."""
     people = [actor.behavior is not None for actor in actors]
     return {
-        "attributes.object_motion": _objects([actor.motion or np.nan for actor in actors]),
-        "cuboids.sibling_id": _objects(["-"] * len(actors)),
+        "attributes.object_motion": _build_object_column([actor.motion or np.nan for actor in actors]),
+        "cuboids.sibling_id": _build_object_column(["-"] * len(actors)),
         "cuboids.sensor_id": np.full(len(actors), -1, np.int64),
-        "attributes.rider_status": _objects([actor.rider or np.nan for actor in actors]),
-        "attributes.pedestrian_behavior": _objects([actor.behavior or np.nan for actor in actors]),
-        "attributes.pedestrian_age": _objects(["Adult" if person else np.nan for person in people]),
+        "attributes.rider_status": _build_object_column([actor.rider or np.nan for actor in actors]),
+        "attributes.pedestrian_behavior": _build_object_column([actor.behavior or np.nan for actor in actors]),
+        "attributes.pedestrian_age": _build_object_column(["Adult" if person else np.nan for person in people]),
     }
 
 
-def _objects(values: Sequence[object]) -> ndarray:
+def _build_object_column(values: Sequence[object]) -> ndarray:
     column = np.empty(len(values), object)
     column[:] = values
     return column

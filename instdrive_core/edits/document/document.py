@@ -16,12 +16,15 @@ from instdrive_core.edits.document.history import History
 from instdrive_core.edits.document.row_index import RowIndex
 from instdrive_core.edits.document.row_kernels import count_flags
 from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.errors import EditError
+from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.dirty_rows import DirtyRows
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag, SplatState
+from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 from instdrive_core.scene.transforms import Similarity, TransformPalette, compute_current_means
 
@@ -88,21 +91,16 @@ class Document:
         self.colors = ColorPalette(len(scene))
         self.transforms = TransformPalette(len(scene))
         self.history = History()
-        self.table_version = 0
-        """Rises when the instance table or the instance IDs change."""
         self.open_scene: Callable[[Path], Scene] | None = None
         """How edits that insert files open them; whoever knows formats says so."""
         self._buffers = RowBuffers()
-        self.track_version = 0
-        """Rises when an actor's track changes."""
         self.orientation: Similarity = np.eye(3, 4)
-        """From the file's axes to the world's: what turned the whole scene. Written by `edits/turn_scene.py`."""
-        self.rows_version = 0
-        """Rises when splats are added, or taken away again by undo."""
+        """From the file's axes to the world's: what turned the whole scene. Written by `replace_surroundings`."""
+        self._rows_version = self._track_version = self._table_version = self._surroundings_version = 0
         self.new_rows = DirtyRows(len(scene))
         """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
         self.first_free_id = _find_first_free_id(scene)
-        """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
+        """No splat has or had this instance ID or a higher one; written by `bases/relabel.py`."""
         self.can_defer_bounds = False
         """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
         self._outermost: Edit | None = None
@@ -114,9 +112,17 @@ class Document:
         self._counts: tuple[int, InstanceCounts] | None = None
 
     @property
-    def geometry_version(self) -> tuple[int, int]:
-        """Changes when splats or tracks move."""
-        return self.transforms.version, self.track_version
+    def versions(self) -> DocumentVersions:
+        """Counters of all changes so far: another value means that something visible may be different."""
+        return DocumentVersions(
+            self._rows_version,
+            self.state.version,
+            self.colors.version,
+            self.transforms.version,
+            self._track_version,
+            self._table_version,
+            self._surroundings_version,
+        )
 
     def apply(self, edit: Edit, gesture: str | None = None) -> None:
         """Do an edit and push it on the history; one that changes nothing is not pushed.
@@ -189,7 +195,7 @@ class Document:
         known = {track.id for track in self.scene.actors}
         self._first_tracks |= {track.id: track for track in actors if track.id not in known}
         self.scene.actors = actors
-        self.track_version += 1
+        self._track_version += 1
 
     def get_first_track(self, node: int) -> Track:
         """An actor's track before any edit of it: as it came with the scene, or with the edit that added it."""
@@ -203,6 +209,11 @@ class Document:
     def set_first_tracks(self, tracks: Mapping[str, Track]) -> None:
         """Say anew how tracks were before any edit: for edits of the whole scene, which are no edits of one track."""
         self._first_tracks = dict(tracks)
+
+    def replace_surroundings(self, views: tuple[CameraView, ...], sky: Sky | None, orientation: Similarity) -> None:
+        """Replace the photos' cameras, the sky, and what turned the whole scene: for edits of the whole scene."""
+        self.scene.views, self.scene.sky, self.orientation = views, sky, orientation
+        self._surroundings_version += 1
 
     def append_rows(self, added: Scene) -> None:
         """Add splats at the end, neither coloured nor moved, with no state bit set; told by edits of kind `AppendEdit`.
@@ -238,7 +249,7 @@ class Document:
 
     def _note_rows_changed(self) -> None:
         self._by_codeword = None
-        self.rows_version += 1
+        self._rows_version += 1
         self.note_instances_changed(ids_changed=True)
 
     def count_states(self) -> InstanceCounts:
@@ -270,7 +281,7 @@ class Document:
 
     def note_instances_changed(self, ids_changed: bool) -> None:
         """Told by edits of the table; `ids_changed` where they wrote `scene.instance_ids` too."""
-        self.table_version += 1
+        self._table_version += 1
         if ids_changed:
             self._by_instance, self._counts = None, None
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from copy import copy, deepcopy
-
-import numpy as np
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import InstanceTable
@@ -27,14 +24,6 @@ def freeze_document(document: Document) -> Document:
     frozen = Document(scene)
     for flag in Flag:
         frozen.state.change(document.state.rows_with(flag), flag, True)
-    frozen.transforms, frozen.orientation = deepcopy(document.transforms), document.orientation
+    frozen.transforms = deepcopy(document.transforms)
+    frozen.replace_surroundings(scene.views, scene.sky, document.orientation)
     return frozen
-
-
-def fingerprint(document: Document) -> bytes:
-    """Equal for equal contents: labels, moves, and which splats are deleted or locked."""
-    digest = hashlib.blake2b(digest_size=16)
-    flags = document.state.flags & np.uint8(Flag.DELETED | Flag.LOCKED)
-    for array in (flags, document.scene.instance_ids, document.transforms.indices, document.transforms.values):
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.digest()

@@ -14,7 +14,7 @@ from instdrive_core.edits.bases.flags import FlagChange
 from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, get_instance
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.queries.compact_objects import build_body, is_compact, keep_main_node
 from instdrive_core.errors import EditError
 from instdrive_core.instances.floaters import match_floaters
@@ -56,11 +56,11 @@ class AbsorbFloaters(RelabelEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError where the instance is no compact body.
         """
-        self._found = (fingerprint(document), find_instance_floaters(document, self.id))
+        self._found = (fingerprint(document, CONTENT), find_instance_floaters(document, self.id))
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether the strays are known of a document with this content."""
-        return self._found is not None and self._found[0] == fingerprint(document)
+        return self._found is not None and self._found[0] == fingerprint(document, CONTENT)
 
     def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """The strays to the instance."""
@@ -76,8 +76,9 @@ class AbsorbFloaters(RelabelEdit):
             return False
         self._flags_done = []
         if gone:
+            assert self._rows is not None
             for flag, on in ((Flag.SELECTED, False), (Flag.DELETED, True)):
-                changed = document.state.change(_get_written_rows(self), flag, on)
+                changed = document.state.change(self._rows, flag, on)
                 self._flags_done.append(FlagChange(changed, flag, on))
         return True
 
@@ -183,8 +184,3 @@ def _find_scraps(
         if np.count_nonzero(inside) > count / 2:
             scraps.append(other)
     return scraps
-
-
-def _get_written_rows(edit: RelabelEdit) -> ndarray:
-    assert edit._rows is not None
-    return edit._rows

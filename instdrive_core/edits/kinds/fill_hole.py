@@ -20,7 +20,7 @@ from instdrive_core.edits.bases.parameters import (
 )
 from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
 from instdrive_core.edits.holes.cast_shadow import find_shaded_cells
 from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill
 from instdrive_core.edits.holes.ground_grid import GroundGrid
@@ -97,7 +97,7 @@ class FillHole(AppendEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError where there is no ground to copy.
         """
-        key = fingerprint(document)
+        key = fingerprint(document, CONTENT)
         if self._filling is None or self._planned_for != key:
             self._filling, self._planned_for = self._plan(document), key
 

@@ -16,7 +16,7 @@ from numpy import ndarray
 from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, keep_selectable
 from instdrive_core.edits.bases.parameters import is_number
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint
+from instdrive_core.edits.document.fingerprint import CONTENT, Part, fingerprint
 from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.errors import EditError
 from instdrive_core.instances.proximity import estimate_spacing, find_rows_near
@@ -82,10 +82,10 @@ class BorderEdit(FlagEdit):
         return self._found[1]
 
     def _content(self, document: Document) -> bytes:
-        """Equal where the same is found: what `fingerprint` tells, what is selected or hidden, and who is where."""
+        """Equal where the same is found: by what is where, what is selected or hidden, and where actors are."""
         poses, present = document.scene.at(self.time)
-        digest = hashlib.blake2b(fingerprint(document), digest_size=16)
-        for array in (document.state.flags, poses, present):
+        digest = hashlib.blake2b(fingerprint(document, (*CONTENT, Part.VISIBILITY)), digest_size=16)
+        for array in (poses, present):
             digest.update(np.ascontiguousarray(array).data)
         return digest.digest()
 

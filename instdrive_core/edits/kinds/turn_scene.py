@@ -16,7 +16,8 @@ from instdrive_core.edits.bases.relabel import recount_instances, restore_entrie
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.entries import add_changed_entries
-from instdrive_core.edits.document.frozen_copy import fingerprint, freeze_document
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Bounds, Instance
@@ -125,7 +126,7 @@ class TurnScene(Edit):
         matrix = np.c_[self.linear, np.zeros(3)]
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
-        key = b"" if self.is_quick else fingerprint(document)
+        key = b"" if self.is_quick else fingerprint(document, CONTENT)
         scene, palette = document.scene, document.transforms
         size = len(palette)
         entries = self._add_entries(document, matrix)
@@ -134,10 +135,9 @@ class TurnScene(Edit):
         first = document.first_tracks
         self._before = _Before(before, size, scene.actors, first, table, scene.views, scene.sky, document.orientation)
         self._turn_tracks(document, matrix)
-        scene.views = tuple(transform_view(view, matrix) for view in scene.views)
-        if scene.sky is not None:
-            scene.sky = rotate_sky(scene.sky, self.linear / self.scale)
-        document.orientation = compose_transforms(matrix, document.orientation)
+        views = tuple(transform_view(view, matrix) for view in scene.views)
+        sky = None if scene.sky is None else rotate_sky(scene.sky, self.linear / self.scale)
+        document.replace_surroundings(views, sky, compose_transforms(matrix, document.orientation))
         if self.is_quick:
             self._turn_table(document, matrix)
         else:
@@ -159,7 +159,7 @@ class TurnScene(Edit):
         document.set_first_tracks(before.first_tracks)
         document.set_actors(before.actors)
         restore_entries(document, before.table)
-        scene.views, scene.sky, document.orientation = before.views, before.sky, before.orientation
+        document.replace_surroundings(before.views, before.sky, before.orientation)
         document.note_instances_changed(ids_changed=False)
 
     def _add_entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:

@@ -21,7 +21,7 @@ def find_box_silhouette(
     """
     half = np.asarray(dimensions) / 2
     silhouette = np.zeros((camera.height, camera.width), bool)
-    pixels = _pixels_around(camera, world_from_box, half)
+    pixels = _list_pixels_around(camera, world_from_box, half)
     directions = camera.rays_of_pixels(pixels) @ world_from_box[:3, :3]
     directions = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
     start = (camera.position - world_from_box[:3, 3]) @ world_from_box[:3, :3]
@@ -41,7 +41,7 @@ def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float)
     return shown
 
 
-def _pixels_around(
+def _list_pixels_around(
     camera: Camera, world_from_box: Float64[ndarray, "4 4"], half: Float64[ndarray, "3"]
 ) -> Int64[ndarray, " p"]:
     """Flat indices of a rectangle that holds the whole silhouette; corners behind the camera leave no smaller one

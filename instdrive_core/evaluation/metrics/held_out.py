@@ -36,14 +36,14 @@ class HeldOutView:
     psnr_actors: float | None
     """None where no moving object's box is in view."""
 
-    def labelled(self, predicted: ndarray) -> LabelledView:
+    def with_map(self, predicted: ndarray) -> LabelledView:
         """This view with a predicted map."""
         return LabelledView(self.frame.view.name, self.frame.view.time, self.truth, predicted)
 
     def with_ids(self, instance_ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> LabelledView:
         """This view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
         padded = np.append(instance_ids, np.zeros(1, instance_ids.dtype))
-        return self.labelled(padded[self.winner])  # winner -1 reads the last: 0
+        return self.with_map(padded[self.winner])  # winner -1 reads the last: 0
 
 
 def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:
@@ -59,7 +59,7 @@ def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: 
         image = apply_exposure(image, scene.exposures.at(frame.view.name, time))
     image = np.clip(image, 0, 1)
     valid = np.ones(image.shape[:2], bool) if frame.valid is None else frame.valid
-    ignored, sky = ~valid, ground_truth.sky(frame)
+    ignored, sky = ~valid, ground_truth.load_sky(frame)
     if sky is not None:
         ignored = ignored | sky
     codewords = None

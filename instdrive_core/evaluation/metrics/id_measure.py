@@ -48,26 +48,26 @@ class IdMeasure:
     boxes: dict[int, Track]
     """By ID of the ground truth."""
 
-    def shown(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
+    def draw_maps(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
         """The views with the maps that the IDs make."""
         return [view.with_ids(ids) for view in self.views]
 
-    def of_kind(self, kind: str) -> set[int]:
+    def select_truth_ids(self, kind: str) -> set[int]:
         """IDs of the ground truth that are ``thing`` or ``stuff``."""
         return {instance.id for instance in self.instances.values() if instance.kind == kind}
 
     def scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
         """`per_view`, `scene` and `lidar`; `codes` as in `score_points`."""
-        shown = self.shown(ids)
+        shown = self.draw_maps(ids)
         return {
             "per_view": score_views(shown),
-            "scene": score_scene(shown, self.of_kind("thing"), self.of_kind("stuff")),
+            "scene": score_scene(shown, self.select_truth_ids("thing"), self.select_truth_ids("stuff")),
             "lidar": score_points(self.sweeps, self.supports, ids, codes),
         }
 
-    def click_scores(self, ids: UInt32[ndarray, " n"], progress: Callable[[int, int], None]) -> dict[str, Any]:
+    def score_clicks(self, ids: UInt32[ndarray, " n"], progress: Callable[[int, int], None]) -> dict[str, Any]:
         """`click`; progress counts views."""
-        clicks = click_things(self.shown(ids), self.of_kind("thing"), SEED)
+        clicks = click_things(self.draw_maps(ids), self.select_truth_ids("thing"), SEED)
         named = replace(self.scene, instance_ids=ids)
         deleted = score_deletions(
             named, self.views, clicks, self.boxes, SEED, lambda _, done, total: progress(done, total)
@@ -77,7 +77,7 @@ class IdMeasure:
     def objects(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> tuple[ObjectRow, ...]:
         """A row per object. Codes are those of the Gaussians that pixels stand for: blended features invent codes along
         borders."""
-        return list_object_rows(self.shown(ids), None if codes is None else self.shown(codes), self.instances)
+        return list_object_rows(self.draw_maps(ids), None if codes is None else self.draw_maps(codes), self.instances)
 
 
 def prepare_id_measure(

@@ -62,7 +62,7 @@ def score_points(
     truth = np.concatenate([np.zeros(0, np.uint32), *(sweep.truth for sweep in sweeps)])
     if not truth.any():
         return dict.fromkeys(LIDAR_KEYS)
-    found = _joined([vote_point_ids(support, ids) for support in supports])
+    found = _join_parts([vote_point_ids(support, ids) for support in supports])
     counts = count_confusion(truth, found.ids)
     confidences = compute_mean_shares(found, counts.predicted_ids)
     figures: dict[str, Any] = {
@@ -71,14 +71,14 @@ def score_points(
         "ap25": average_precision(counts, confidences, (0.25,), MIN_POINTS),
         "miou": match_one_to_one(counts).mean_iou(),
         "vmeasure": v_measure(counts),
-        **_sharing(counts, "instance"),
+        **_score_sharing(counts, "instance"),
         "instances_to_cover": _mean(count_covering_ids(counts)),
         "codes_per_object": None,
         "objects_per_code": None,
     }
     if codes is not None:
-        coded = _joined([vote_point_ids(support, codes) for support in supports])
-        figures |= _sharing(count_confusion(truth, coded.ids), "code")
+        coded = _join_parts([vote_point_ids(support, codes) for support in supports])
+        figures |= _score_sharing(count_confusion(truth, coded.ids), "code")
     return figures
 
 
@@ -98,21 +98,21 @@ def v_measure(counts: Confusion) -> float:
     nameless = counts.truth_areas - counts.shared.sum(axis=1)
     table = np.column_stack([counts.shared, nameless]).astype(np.float64)
     table /= table.sum()
-    truth, predicted = _entropy(table.sum(axis=1)), _entropy(table.sum(axis=0))
-    mutual = truth + predicted - _entropy(table.ravel())
+    truth, predicted = _compute_entropy(table.sum(axis=1)), _compute_entropy(table.sum(axis=0))
+    mutual = truth + predicted - _compute_entropy(table.ravel())
     homogeneity = mutual / truth if truth > 0 else 1.0
     completeness = mutual / predicted if predicted > 0 else 1.0
     both = homogeneity + completeness
     return 2 * homogeneity * completeness / both if both > 0 else 0.0
 
 
-def _entropy(shares: Float64[ndarray, " n"]) -> float:
+def _compute_entropy(shares: Float64[ndarray, " n"]) -> float:
     """Natural units."""
     some = shares[shares > 0]
     return float(-(some * np.log(some)).sum())
 
 
-def _sharing(counts: Confusion, what: str) -> dict[str, float | None]:
+def _score_sharing(counts: Confusion, what: str) -> dict[str, float | None]:
     held = find_holdings(counts)
     return {
         f"{what}s_per_object": compute_mean_count(list(held.values())),
@@ -124,5 +124,5 @@ def _mean(values: Sequence[int]) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 
-def _joined(parts: Sequence[PointIds]) -> PointIds:
+def _join_parts(parts: Sequence[PointIds]) -> PointIds:
     return PointIds(np.concatenate([part.ids for part in parts]), np.concatenate([part.shares for part in parts]))

@@ -52,15 +52,15 @@ def label_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
     """
     sweeps = []
     for sweep in clip.sweeps:
-        frames = [frame for frame in clip.held_out_frames() if frame.view.index == sweep.index]
+        frames = [frame for frame in clip.held_out_frames if frame.view.index == sweep.index]
         if not is_held_out(sweep.index) or not frames:
             continue
         found = sweep.load()
-        labels = _labels(clip, sweep, found, ground_truth)
+        labels = _label_points(clip, sweep, found, ground_truth)
         if labels is not None:
             seen = is_in_view(found.points, frames)
             sweeps.append(LabelledSweep(sweep.time, found.points[seen], labels[seen]))
-    return _without_tiny(sweeps)
+    return _drop_tiny_objects(sweeps)
 
 
 def is_in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
@@ -77,15 +77,17 @@ def is_in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool
     return seen
 
 
-def _labels(clip: Clip, sweep: Sweep, found: SweepPoints, ground_truth: GroundTruth) -> UInt32[ndarray, " n"] | None:
+def _label_points(
+    clip: Clip, sweep: Sweep, found: SweepPoints, ground_truth: GroundTruth
+) -> UInt32[ndarray, " n"] | None:
     if ground_truth.source == "exact":
         return found.instance_labels
     if found.classes is None:
         return None
-    return _annotated(clip, sweep.time, replace(found, classes=found.classes), ground_truth.instances)
+    return _label_by_annotations(clip, sweep.time, replace(found, classes=found.classes), ground_truth.instances)
 
 
-def _annotated(
+def _label_by_annotations(
     clip: Clip, time: float, found: SweepPoints, instances: Mapping[int, GroundTruthInstance]
 ) -> UInt32[ndarray, " n"]:
     """IDs by box and class."""
@@ -109,7 +111,7 @@ def _annotated(
     return ids.astype(np.uint32)
 
 
-def _without_tiny(sweeps: list[LabelledSweep]) -> list[LabelledSweep]:
+def _drop_tiny_objects(sweeps: list[LabelledSweep]) -> list[LabelledSweep]:
     """Objects under `MIN_POINTS` in all sweeps together set to 0."""
     if not sweeps:
         return []

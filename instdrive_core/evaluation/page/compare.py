@@ -109,7 +109,7 @@ def _run_views(run: Path) -> _RunViews:
     facts = read_run_facts(run)
     scene, clip = read_scene_folder(run), load_clip(facts["clip"], build_clip_options(facts))
     ground_truth = find_ground_truth(clip)
-    frames = clip.held_out_frames()
+    frames = clip.held_out_frames
     steps = sorted({frame.view.index for frame in frames})
     measured = [
         measure_held_out_view(scene, clip, frame, ground_truth)

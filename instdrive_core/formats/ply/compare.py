@@ -8,7 +8,8 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.files.ply_header import read_ply_header
-from instdrive_core.formats.ply.inria import collect_columns, read_chunks
+from instdrive_core.files.ply_rows import read_ply_chunks
+from instdrive_core.formats.ply.inria import collect_columns
 from instdrive_core.progress import report
 from instdrive_core.scene.scene import Scene
 
@@ -26,7 +27,7 @@ def find_changed_value(path: Path, scene: Scene) -> str:
         if header.dtype.names != tuple(columns):
             return f"the columns are {', '.join(header.dtype.names or ())}, not {', '.join(columns)}"
         start = 0
-        for chunk in read_chunks(file, header, path):
+        for chunk in read_ply_chunks(file, header, path):
             for name, column in columns.items():
                 found, wanted = chunk[name], column[start : start + len(chunk)]
                 if found.tobytes() != wanted.tobytes():

@@ -86,7 +86,7 @@ def _tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
 
 
 def _table(element: PlyElement, order: str, offset: int) -> Table:
-    return Table(offset, element.count, element.dtype(order))
+    return Table(offset, element.count, element.build_dtype(order))
 
 
 def _check_length(end: int, is_all: bool, path: Path, file_size: int) -> None:

@@ -86,24 +86,24 @@ def build_cloud(clip: Clip, held_out: bool) -> LabelledCloud:
     fits = np.array([find_fitting_classes(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
     static: list[tuple[ndarray, ndarray]] = []
     models: dict[int, list[ndarray]] = {number: [] for number in tracks}
-    for sweep in clip.sweeps if held_out else clip.training_sweeps():
+    for sweep in clip.sweeps if held_out else clip.training_sweeps:
         points, ids, on_objects = _split_sweep(sweep, tracks, id_of_class, fits)
-        static.append(_thinned(points, ids, STATIC_VOXEL))
+        static.append(_thin_points(points, ids, STATIC_VOXEL))
         for number, local in on_objects.items():
             models[number].append(local)
     points = np.concatenate([np.zeros((0, 3), np.float32), *(part for part, _ in static)])
     ids = np.concatenate([np.zeros(0, np.uint32), *(part for _, part in static)])
-    points, ids = _thinned(points, ids, STATIC_VOXEL)
+    points, ids = _thin_points(points, ids, STATIC_VOXEL)
     return LabelledCloud(
         points,
         ids,
-        {number: _model(tracks[number], parts) for number, parts in models.items()},
+        {number: _build_model(tracks[number], parts) for number, parts in models.items()},
         tracks,
-        _instances(stuff_ids, tracks),
+        _list_instances(stuff_ids, tracks),
     )
 
 
-def _instances(stuff_ids: dict[str, int], tracks: dict[int, Track]) -> dict[int, GroundTruthInstance]:
+def _list_instances(stuff_ids: dict[str, int], tracks: dict[int, Track]) -> dict[int, GroundTruthInstance]:
     instances = {number: GroundTruthInstance(number, name, name, "stuff") for name, number in stuff_ids.items()}
     for number, track in tracks.items():
         name = f"{track.label} {track.id[:8]}"
@@ -207,7 +207,7 @@ def assign_boxes(
     return box, near_moving
 
 
-def _thinned(
+def _thin_points(
     points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], cell: float
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"]]:
     """One point per cell, with the cell's most frequent ID."""
@@ -224,16 +224,16 @@ def _thinned(
     return points[first[best]], ids[first[best]]
 
 
-def _model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
+def _build_model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
     """An object's points, vehicles completed by their mirror image, around a core that any such object fills."""
-    points = _without_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
+    points = _drop_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
     if track.label in VEHICLES:
         points = np.concatenate([points, points * np.array([-1, 1, 1], np.float32)])
-    points, _ = _thinned(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
-    return np.concatenate([points, _core(track)])
+    points, _ = _thin_points(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
+    return np.concatenate([points, _build_core(track)])
 
 
-def _without_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
+def _drop_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
     """The points without small clusters apart from the rest, such as twigs above a roof."""
     if not len(points):
         return points
@@ -247,7 +247,7 @@ def _without_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
     return points[np.bincount(cluster)[cluster] >= STRAY_SHARE * len(points)]
 
 
-def _core(track: Track) -> Float32[ndarray, "m 3"]:
+def _build_core(track: Track) -> Float32[ndarray, "m 3"]:
     """Points inside the box where the object surely is: LiDAR misses dark paint and windows.
 
     Shares of the box: a vehicle's body and the part of its cabin that all kinds of vehicles have, else a trunk.

@@ -58,7 +58,7 @@ class AnnotationLabels:
         self._cloud = build_cloud(clip, held_out)
         self._sky = 1 + max(self.instances, default=0)
         self._things = range(min(self._cloud.tracks, default=self._sky), self._sky)
-        self._sky_colors = self._gathered_colors(clip)
+        self._sky_colors = self._learn_colors(clip)
         self._last: tuple[str, Int32[ndarray, "h w"]] | None = None
 
     @property
@@ -68,50 +68,50 @@ class AnnotationLabels:
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
         """IDs at the frame's size; 0 = unknown, sky or ego vehicle."""
-        labels = self._labels(frame)
+        labels = self._load_labels(frame)
         kept = (labels > UNKNOWN) & (labels != self._sky)
         if frame.valid is not None:
             kept &= frame.valid
         return np.where(kept, labels, 0).astype(np.uint32)
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
-        return self._labels(frame) == self._sky
+        return self._load_labels(frame) == self._sky
 
-    def _labels(self, frame: Frame) -> Int32[ndarray, "h w"]:
+    def _load_labels(self, frame: Frame) -> Int32[ndarray, "h w"]:
         """Labels with the sky as one of them; -1 where nothing is known. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
-            self._last = (frame.key, self._made(frame))
+            self._last = (frame.key, self._make_labels(frame))
         return self._last[1]
 
-    def _made(self, frame: Frame) -> Int32[ndarray, "h w"]:
+    def _make_labels(self, frame: Frame) -> Int32[ndarray, "h w"]:
         image, camera = frame.load_image(), frame.view.camera
-        labels = self._drawn(frame)
+        labels = self._draw(frame)
         things = ndimage.binary_dilation(labels >= self._things.start, iterations=THING_REACH)
         labels[find_sky_seeds(labels != OPEN, image, camera, self._sky_colors)] = self._sky
         opened = open_borders(labels, BORDER)
-        filled = spread_labels(opened, image, self._limits(camera.width), things, self._things)
+        filled = spread_labels(opened, image, self._compute_limits(camera.width), things, self._things)
         seams = np.full(self._sky + 1, SEAM, np.float32)
         return spread_labels(filled, np.zeros_like(image), seams, things, self._things)
 
-    def _drawn(self, frame: Frame) -> Int32[ndarray, "h w"]:
+    def _draw(self, frame: Frame) -> Int32[ndarray, "h w"]:
         """IDs where points were drawn, else OPEN."""
         drawn, depths = draw_points(self._cloud.points, self._cloud.ids, frame.view.camera, POINT_SIZE)
         draw_objects(self._cloud, frame.view, drawn, depths)
         return np.where(np.isfinite(depths), drawn.astype(np.int32), OPEN)
 
-    def _gathered_colors(self, clip: Clip) -> SkyColors:
+    def _learn_colors(self, clip: Clip) -> SkyColors:
         """What sky and surfaces look like in a few steps of the clip."""
         colors = SkyColors()
-        steps = sorted({frame.view.index for frame in clip.training_frames()})
+        steps = sorted({frame.view.index for frame in clip.training_frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
-        for frame in clip.training_frames():
+        for frame in clip.training_frames:
             if frame.view.index in chosen:
-                image, surface = frame.load_image(), self._drawn(frame) != OPEN
+                image, surface = frame.load_image(), self._draw(frame) != OPEN
                 colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
         return colors
 
-    def _limits(self, width: int) -> Float32[ndarray, " l"]:
+    def _compute_limits(self, width: int) -> Float32[ndarray, " l"]:
         limits = np.full(self._sky + 1, REACH, np.float32)
         limits[[number for number, one in self.instances.items() if one.class_name in WIDE_SURFACES]] = WIDE_REACH
         limits[self._sky] = SKY_REACH

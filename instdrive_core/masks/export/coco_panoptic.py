@@ -50,7 +50,7 @@ def write_coco_panoptic(
         number = len(images) + 1
         picture = f"{found.view.name}_{found.view.index:02d}.png"
         save_png(folder / PICTURES / picture, pack_ids(found.ids))
-        images.append(_image(number, found))
+        images.append(_describe_image(number, found))
         segments = [
             {**segment, "category_id": category[class_of.get(segment["id"], UNNAMED)], "iscrowd": 0}
             for segment in measure_segments(found.ids)
@@ -62,7 +62,7 @@ def write_coco_panoptic(
         "licenses": [],
         "images": images,
         "annotations": annotations,
-        "categories": [_category(number, name) for name, number in category.items()],
+        "categories": [_describe_category(number, name) for name, number in category.items()],
     }
     write_bytes(folder / LISTING, (json.dumps(content, ensure_ascii=False) + "\n").encode())
     return len(images)
@@ -86,12 +86,12 @@ def measure_segments(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
     ]
 
 
-def _image(number: int, found: IdMap) -> dict[str, Any]:
+def _describe_image(number: int, found: IdMap) -> dict[str, Any]:
     view = found.view
     height, width = found.ids.shape
     return {
         "id": number,
-        "file_name": _photo_name(view),
+        "file_name": _name_photo(view),
         "width": width,
         "height": height,
         "camera": view.name,
@@ -101,13 +101,13 @@ def _image(number: int, found: IdMap) -> dict[str, Any]:
     }
 
 
-def _photo_name(view: CameraView) -> str:
+def _name_photo(view: CameraView) -> str:
     """Below the folder of all photos: with the camera's own folder, where it has one."""
     photo = Path(view.photo) if view.photo else Path(view.name) / f"{view.index:02d}.png"
     return f"{view.name}/{photo.name}" if photo.parent.name == view.name else photo.name
 
 
-def _category(number: int, name: str) -> dict[str, Any]:
+def _describe_category(number: int, name: str) -> dict[str, Any]:
     is_thing = name not in STUFF
     return {
         "id": number,

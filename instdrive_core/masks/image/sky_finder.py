@@ -30,7 +30,7 @@ class SkyFinder:
     """
 
     def __init__(self, clip: Clip) -> None:
-        self._points = _gathered_points(clip)
+        self._points = _gather_points(clip)
         self._colors = SkyColors()
         if len(self._points):
             self._learn_colors(clip)
@@ -44,7 +44,7 @@ class SkyFinder:
         """
         if not len(self._points):
             return find_sky_by_looks(image, camera, labels)
-        seeds = find_sky_seeds(self._supported(camera), image, camera, self._colors)
+        seeds = find_sky_seeds(self._find_supported(camera), image, camera, self._colors)
         sizes = np.bincount(labels.ravel())
         seen_through = np.bincount(labels[seeds], minlength=len(sizes))
         is_sky = seen_through > SEEN_THROUGH * sizes
@@ -53,19 +53,19 @@ class SkyFinder:
         undecided[0] = True
         return is_sky[labels] | (seeds & undecided[labels])
 
-    def _supported(self, camera: Camera) -> Bool[ndarray, "h w"]:
+    def _find_supported(self, camera: Camera) -> Bool[ndarray, "h w"]:
         """Pixels in which LiDAR met a surface at any time."""
         ids = np.ones(len(self._points), np.uint32)
         return draw_points(self._points, ids, camera, POINT_SIZE)[0] > 0
 
     def _learn_colors(self, clip: Clip) -> None:
         """What the sky looks like in a few steps of the clip."""
-        frames = clip.training_frames()
+        frames = clip.training_frames
         steps = sorted({frame.view.index for frame in frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
         for frame in frames:
             if frame.view.index in chosen:
-                image, surface = frame.load_image(), self._supported(frame.view.camera)
+                image, surface = frame.load_image(), self._find_supported(frame.view.camera)
                 self._colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
 
 
@@ -89,13 +89,13 @@ def find_sky_by_looks(
     return sky
 
 
-def _gathered_points(clip: Clip) -> Float32[ndarray, "n 3"]:
+def _gather_points(clip: Clip) -> Float32[ndarray, "n 3"]:
     """The points of all sweeps that may be used, thinned."""
-    parts = [_thinned(sweep.load().points) for sweep in clip.training_sweeps()]
-    return _thinned(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
+    parts = [_thin_points(sweep.load().points) for sweep in clip.training_sweeps]
+    return _thin_points(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
 
 
-def _thinned(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
+def _thin_points(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
     """The first point of each cell."""
     if not len(points):
         return points

@@ -46,7 +46,7 @@ class ImportedLabels:
 
     def __init__(self, clip: Clip, folder: Path) -> None:
         self._clip, self._folder = clip, folder
-        self._files = _files_of(clip, folder)
+        self._files = _find_files(clip, folder)
         self._sky_finder: SkyFinder | None = None
         self._last: tuple[str, UInt32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
@@ -54,7 +54,7 @@ class ImportedLabels:
         """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
         return self._read(frame)[0]
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
         return self._read(frame)[1]
 
@@ -82,9 +82,9 @@ class ImportedLabels:
         return sky if frame.valid is None else sky & frame.valid
 
 
-def _files_of(clip: Clip, folder: Path) -> dict[str, Path]:
+def _find_files(clip: Clip, folder: Path) -> dict[str, Path]:
     """The file of each training photo's masks, by frame key."""
-    found = {frame.key: _file_of(folder, frame) for frame in clip.training_frames()}
+    found = {frame.key: _find_file(folder, frame) for frame in clip.training_frames}
     missing = [key for key, file in found.items() if file is None]
     if missing:
         problem = f"{len(missing)} of {len(found)} training photos have no masks, the first is {missing[0]}"
@@ -93,7 +93,7 @@ def _files_of(clip: Clip, folder: Path) -> dict[str, Path]:
     return {key: file for key, file in found.items() if file is not None}
 
 
-def _file_of(folder: Path, frame: Frame) -> Path | None:
+def _find_file(folder: Path, frame: Frame) -> Path | None:
     """The file with a frame's masks."""
     found = [file for ending in READERS if (file := folder / f"{frame.key}{ending}").is_file()]
     if len(found) > 1:

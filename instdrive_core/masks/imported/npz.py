@@ -33,9 +33,9 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     painting = Painting(height, width)
     try:
         with zipfile.ZipFile(require_plain_file(file)) as archive:
-            name = _array_in(file, archive)
+            name = _find_array(file, archive)
             with archive.open(f"{name}.npy") as stream:
-                for number, mask in enumerate(_masks(file, name, stream, (width, height))):
+                for number, mask in enumerate(_read_masks(file, name, stream, (width, height))):
                     if not mask.any():
                         raise DataError(file, f"the mask {number} of '{name}' is empty", "Leave empty masks out")
                     painting.add(resample_nearest(mask, width, height))
@@ -46,7 +46,7 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     return painting.labels
 
 
-def _array_in(file: Path, archive: zipfile.ZipFile) -> str:
+def _find_array(file: Path, archive: zipfile.ZipFile) -> str:
     members = set(archive.namelist())
     for name in ARRAYS:
         if f"{name}.npy" in members:
@@ -55,7 +55,9 @@ def _array_in(file: Path, archive: zipfile.ZipFile) -> str:
     raise DataError(file, f"has no array '{ARRAYS[0]}' or '{ARRAYS[1]}', but {held}", _REMEDY)
 
 
-def _masks(file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]) -> Iterator[Bool[ndarray, "h w"]]:
+def _read_masks(
+    file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]
+) -> Iterator[Bool[ndarray, "h w"]]:
     """One mask after the other."""
     shape, fortran_order, dtype = read_array_header(stream)
     what = f"the field '{name}'"

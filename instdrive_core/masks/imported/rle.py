@@ -38,14 +38,14 @@ def read_imported_rle(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     painting = Painting(height, width)
     for number, entry in enumerate(content):
         name = f"{where}[{number}].segmentation"
-        mask = _decoded(file, name, require_field(file, entry, "segmentation", f"{where}[{number}]."), (width, height))
+        mask = _decode(file, name, require_field(file, entry, "segmentation", f"{where}[{number}]."), (width, height))
         if not mask.any():
             raise DataError(file, f"the field '{name}' is an empty mask", "Leave empty masks out")
         painting.add(resample_nearest(mask, width, height))
     return painting.labels
 
 
-def _decoded(file: Path, name: str, segmentation: Any, photo_size: tuple[int, int]) -> Bool[ndarray, "h w"]:
+def _decode(file: Path, name: str, segmentation: Any, photo_size: tuple[int, int]) -> Bool[ndarray, "h w"]:
     if not isinstance(segmentation, dict):
         problem = f"the field '{name}' is no object with 'size' and 'counts' but {type(segmentation).__name__}"
         raise DataError(file, problem, "Polygons are not read: write run lengths")
@@ -54,7 +54,7 @@ def _decoded(file: Path, name: str, segmentation: Any, photo_size: tuple[int, in
         raise DataError(file, f"the field '{name}.size' is {size!r}, expected [height, width]", REMEDY)
     height, width = size
     check_size(file, f"the field '{name}.size'", (width, height), photo_size)
-    run_lengths = _run_lengths(file, f"{name}.counts", counts, height, width)
+    run_lengths = _prepare_run_lengths(file, f"{name}.counts", counts, height, width)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # pycocotools 2.0.11 makes its arrays as NumPy 1 did
@@ -63,7 +63,7 @@ def _decoded(file: Path, name: str, segmentation: Any, photo_size: tuple[int, in
         raise DataError(file, f"the field '{name}.counts' cannot be decoded ({error})", REMEDY) from error
 
 
-def _run_lengths(file: Path, name: str, counts: Any, height: int, width: int) -> Any:
+def _prepare_run_lengths(file: Path, name: str, counts: Any, height: int, width: int) -> Any:
     """What the decoder reads."""
     if isinstance(counts, str):
         if not _COUNTS.fullmatch(counts):

@@ -52,7 +52,7 @@ def classify_clusters(
         return np.zeros(0, np.uint32)
     numbers = np.arange(int(clusters.max()) + 1)
     counts = np.bincount(clusters, minlength=len(numbers))
-    length = _length(points, clusters, counts)
+    length = _measure_length(points, clusters, counts)
     top = np.asarray(ndimage.maximum(above, clusters, numbers))
     base = np.asarray(ndimage.minimum(above, clusters, numbers))
     scatter = np.bincount(clusters, shape.scatter, len(numbers)) / counts
@@ -68,7 +68,7 @@ def classify_clusters(
     return kinds
 
 
-def _length(
+def _measure_length(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int32[ndarray, " c"]
 ) -> Float32[ndarray, " c"]:
     """Longest extent along the ground, over a few directions."""

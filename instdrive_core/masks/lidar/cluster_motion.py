@@ -62,7 +62,7 @@ def link_clusters(
     """Which clusters of two sweeps are the same thing, at most one of each; `gap` is in seconds."""
     if not earlier or not later or gap > MAX_GAP:
         return []
-    shift, growth = _differences(earlier, later)
+    shift, growth = _compare_boxes(earlier, later)
     distance = np.linalg.norm(shift[..., :2], axis=2)
     cost = distance + SIZE_WEIGHT * np.abs(growth).sum(axis=2) + 2 * np.abs(shift[..., 2])
     cost[distance > MAX_SPEED * gap] = np.inf
@@ -83,7 +83,7 @@ def find_again(
     """Which of another sweep's clusters a moving one is after `gap` seconds (negative: before); None = none."""
     if not others or abs(gap) > MAX_GAP or np.linalg.norm(velocity) < MIN_SPEED:
         return None
-    shift, growth = _differences([moving], others)
+    shift, growth = _compare_boxes([moving], others)
     off = np.linalg.norm(shift[0, :, :2] - velocity[:2] * gap, axis=1)
     best = int(np.argmin(off + np.abs(growth[0]).sum(axis=1)))
     fits = off[best] < MAX_DEVIATION and np.abs(growth[0, best]).sum() < MAX_GROWTH
@@ -113,7 +113,7 @@ def complete_clusters(by_time: dict[float, list[MovingCluster]]) -> dict[float, 
     times = sorted(by_time)
     forward: list[dict[int, Link]] = []
     for earlier, later in pairwise(times):
-        links = link_clusters(_points(by_time[earlier]), _points(by_time[later]), later - earlier)
+        links = link_clusters(_list_points(by_time[earlier]), _list_points(by_time[later]), later - earlier)
         forward.append({link.first: link for link in links})
     backward = [{link.second: link for link in links.values()} for links in forward]
     result: dict[float, list[MovingCluster]] = {}
@@ -126,12 +126,14 @@ def complete_clusters(by_time: dict[float, list[MovingCluster]]) -> dict[float, 
             if step > 0 and position in backward[step - 1]:
                 speeds.append(backward[step - 1][position].shift / (time - times[step - 1]))
             velocity = np.mean(speeds, axis=0) if speeds else np.zeros(3)
-            points = np.concatenate([one.points, *_seen_around(by_time, times, forward, backward, step, position)])
+            points = np.concatenate(
+                [one.points, *_gather_neighbouring_points(by_time, times, forward, backward, step, position)]
+            )
             result[time].append(replace(one, points=points[thin_rows(points, SPACING)], velocity=velocity))
     return result
 
 
-def _seen_around(
+def _gather_neighbouring_points(
     by_time: dict[float, list[MovingCluster]],
     times: list[float],
     forward: list[dict[int, Link]],
@@ -156,11 +158,11 @@ def _seen_around(
     return parts
 
 
-def _points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "k 3"]]:
+def _list_points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "k 3"]]:
     return [one.points for one in clusters]
 
 
-def _differences(
+def _compare_boxes(
     earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]]
 ) -> tuple[Float64[ndarray, "a b 3"], Float64[ndarray, "a b 3"]]:
     """How the middle and the size of the boxes around each pair of clusters differ."""

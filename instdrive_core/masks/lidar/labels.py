@@ -48,76 +48,76 @@ class LidarLabels:
     source = "lidar"
 
     def __init__(self, clip: Clip) -> None:
-        if not clip.training_sweeps():
+        if not clip.training_sweeps:
             remedy = "Make masks with `instdrive masks --source sam`, or import some"
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
         self._scene: LidarScene = build_lidar_scene(clip)
-        self._things = self._scene.things()
-        self._sky_colors = self._gathered_colors(clip)
+        self._things = self._scene.group_things()
+        self._sky_colors = self._learn_colors(clip)
         self._last: tuple[str, Int32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
         """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
-        labels, sky = self._labels(frame)
+        labels, sky = self._load_labels(frame)
         kept = (labels != OPEN) & ~sky
         if frame.valid is not None:
             kept &= frame.valid
         found = np.where(kept, labels, 0).astype(np.uint32)
         return np.where(np.bincount(found.ravel())[found] < MIN_PIXELS, 0, found).astype(np.uint32)
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
-        return self._labels(frame)[1]
+        return self._load_labels(frame)[1]
 
-    def _labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+    def _load_labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         """Labels, `OPEN` where nothing is known, and the sky. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
-            labels, sky = self._made(frame)
+            labels, sky = self._make_labels(frame)
             self._last = frame.key, labels, sky
         return self._last[1], self._last[2]
 
-    def _made(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+    def _make_labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         image, camera = frame.load_image(), frame.view.camera
-        drawn, depths = self._drawn(camera, frame.view.time)
-        seeds, originals = _compact(drawn)
+        drawn, depths = self._draw(camera, frame.view.time)
+        seeds, originals = _compact_labels(drawn)
         sky = len(originals)
         things = range(int(np.searchsorted(originals, self._scene.first_thing)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
         seeds[find_sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
         voted = vote_by_superpixel(open_borders(seeds, BORDER), image, reachable, things)
-        limits = self._limits(originals, camera.width)
+        limits = self._compute_limits(originals, camera.width)
         filled = spread_labels(voted, image, limits, reachable, things)
         filled = spread_labels(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
         filled = fill_label_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
         back = np.append(originals, 0).astype(np.int32)
         return np.where(filled == OPEN, OPEN, back[filled]), filled == sky
 
-    def _drawn(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
+    def _draw(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
         """IDs where points were drawn, else `OPEN`, and depths."""
         wide = self._scene.ids < self._scene.first_thing
         labels, depths = draw_points(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
-        draw_things(self._things | self._scene.moving_at(time), camera, labels, depths)
+        draw_things(self._things | self._scene.place_moving(time), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
-    def _limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
+    def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
         kinds = np.append(self._scene.kinds, THING)[np.minimum(originals, len(self._scene.kinds))]
         shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [SKY_REACH]
         return np.array(shares, np.float32) * np.float32(width)
 
-    def _gathered_colors(self, clip: Clip) -> SkyColors:
+    def _learn_colors(self, clip: Clip) -> SkyColors:
         """What sky and surfaces look like in a few steps of the clip."""
         colors = SkyColors()
-        steps = sorted({frame.view.index for frame in clip.training_frames()})
+        steps = sorted({frame.view.index for frame in clip.training_frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
-        for frame in clip.training_frames():
+        for frame in clip.training_frames:
             if frame.view.index in chosen:
                 image, camera = frame.load_image(), frame.view.camera
-                surface = self._drawn(camera, frame.view.time)[0] != OPEN
+                surface = self._draw(camera, frame.view.time)[0] != OPEN
                 colors.add(image, find_certain_sky(surface, image, camera), surface)
         return colors
 
 
-def _compact(labels: Int32[ndarray, "h w"]) -> tuple[Int32[ndarray, "h w"], Int32[ndarray, " l"]]:
+def _compact_labels(labels: Int32[ndarray, "h w"]) -> tuple[Int32[ndarray, "h w"], Int32[ndarray, " l"]]:
     """Labels counted from 0, `OPEN` kept, and what they were; in order."""
     originals = np.unique(labels[labels != OPEN])
     return np.where(labels == OPEN, OPEN, np.searchsorted(originals, labels)).astype(np.int32), originals

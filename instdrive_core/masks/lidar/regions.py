@@ -58,7 +58,7 @@ def draw_things(
     """
     drawn = np.full(depths.shape, np.inf, np.float32)
     for number, points in things.items():
-        found = _silhouette(points, camera)
+        found = _draw_silhouette(points, camera)
         if found is None:
             continue
         crop, inside, depth = found
@@ -68,7 +68,7 @@ def draw_things(
     np.minimum(depths, drawn, out=depths)
 
 
-def _silhouette(
+def _draw_silhouette(
     points: Float32[ndarray, "k 3"], camera: Camera
 ) -> tuple[tuple[slice, slice], Bool[ndarray, "a b"], Float32[ndarray, "a b"]] | None:
     """Where a thing is drawn: a part of the image, the pixels in it, and their depths."""
@@ -144,7 +144,7 @@ def fill_label_holes(
     count = int(parts.max()) + 1
     of_part = np.zeros(count, np.int32)
     of_part[parts.ravel()] = labels.ravel()
-    pairs = np.concatenate([_touching(parts), _touching(parts.T)])
+    pairs = np.concatenate([_find_touching_parts(parts), _find_touching_parts(parts.T)])
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     total = np.bincount(pairs[:, 0], minlength=count)
     found, sides = np.unique(np.column_stack([pairs[:, 0], of_part[pairs[:, 1]]]), axis=0, return_counts=True)
@@ -158,18 +158,18 @@ def fill_label_holes(
         box = tuple(slice(max(0, side.start - RIM), side.stop + RIM) for side in boxes[part])
         inside = parts[box] == part
         rim = np.asarray(ndimage.binary_dilation(inside, iterations=RIM)) & (labels[box] == outer)
-        if not _middle(depths[box][inside]) < _middle(depths[box][rim]) - IN_FRONT:
+        if not _find_median(depths[box][inside]) < _find_median(depths[box][rim]) - IN_FRONT:
             filled[box][inside] = outer
     return filled
 
 
-def _middle(depths: Float32[ndarray, " n"]) -> float:
+def _find_median(depths: Float32[ndarray, " n"]) -> float:
     """The median of the known depths; NaN where none is."""
     known = depths[np.isfinite(depths)]
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def _touching(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
+def _find_touching_parts(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
     """Pairs of different parts in pixels side by side in a row."""
     different = parts[:, 1:] != parts[:, :-1]
     return np.column_stack([parts[:, :-1][different], parts[:, 1:][different]])

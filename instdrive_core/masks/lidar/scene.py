@@ -58,7 +58,7 @@ class LidarScene:
         """The lowest ID of a thing."""
         return int(np.searchsorted(self.kinds, THING))
 
-    def things(self) -> dict[int, Float32[ndarray, "k 3"]]:
+    def group_things(self) -> dict[int, Float32[ndarray, "k 3"]]:
         """Points of each thing that stands still."""
         order = np.argsort(self.ids, kind="stable")
         order = order[np.searchsorted(self.ids[order], self.first_thing) :]
@@ -66,7 +66,7 @@ class LidarScene:
         parts = np.split(order, starts[1:])
         return {int(self.ids[rows[0]]): self.points[rows] for rows in parts if len(rows)}
 
-    def moving_at(self, time: float) -> dict[int, Float32[ndarray, "k 3"]]:
+    def place_moving(self, time: float) -> dict[int, Float32[ndarray, "k 3"]]:
         """Points of each moving thing, carried to `time` from the nearest sweep."""
         if not self.moving:
             return {}
@@ -87,24 +87,24 @@ class _Standing:
 
     def above_ground(self, ground: GroundSurface) -> _Standing:
         """Without what lies below the ground: mirror images."""
-        kept = ground.above(self.points) > -MIRRORED
+        kept = ground.compute_heights_above(self.points) > -MIRRORED
         return replace(self, points=self.points[kept], sensor=self.sensor[kept], distance=self.distance[kept])
 
 
 def build_lidar_scene(clip: Clip) -> LidarScene:
     """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at."""
-    sweeps = [_near_points(clip, sweep) for sweep in clip.training_sweeps()]
+    sweeps = [_select_near_points(clip, sweep) for sweep in clip.training_sweeps]
     sweeps = [one for one in sweeps if len(one.points)]
     if not sweeps:
         return LidarScene(np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), np.arange(2, dtype=np.uint32), {})
     every = np.concatenate([one.points for one in sweeps])
     ground = find_ground(every[thin_rows(every, VOXEL)])
     sweeps = [one.above_ground(ground) for one in sweeps]
-    low = [is_ground(ground.above(one.points), one.distance) for one in sweeps]
-    clustered = [_clustered(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
+    low = [is_ground(ground.compute_heights_above(one.points), one.distance) for one in sweeps]
+    clustered = [_cluster_sweep(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
     moved = find_moving_clusters(clustered)
-    still = [one.holding(~moves) for one, moves in zip(clustered, moved, strict=True)]
-    points, ids, kinds = _static(
+    still = [one.belong_to(~moves) for one, moves in zip(clustered, moved, strict=True)]
+    points, ids, kinds = _gather_static(
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
         np.array([one.position for one in sweeps]),
         ground,
@@ -115,11 +115,11 @@ def build_lidar_scene(clip: Clip) -> LidarScene:
         np.concatenate([floor, points]),
         np.concatenate([np.full(len(floor), GROUND, np.uint32), ids]),
         kinds,
-        _moving(sweeps, clustered, moved, len(kinds)),
+        _gather_moving(sweeps, clustered, moved, len(kinds)),
     )
 
 
-def _near_points(clip: Clip, sweep: Sweep) -> _Standing:
+def _select_near_points(clip: Clip, sweep: Sweep) -> _Standing:
     found = sweep.load()
     position = estimate_sensor_position(clip, sweep.time)
     distance = np.linalg.norm(found.points - position.astype(np.float32), axis=1)
@@ -134,16 +134,16 @@ def estimate_sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
     return np.mean([view.camera.position for view in views if view.time == nearest], axis=0)
 
 
-def _clustered(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface) -> ClusteredSweep:
+def _cluster_sweep(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface) -> ClusteredSweep:
     rows = np.flatnonzero(~flat)
     points = one.points[rows]
     reach = np.minimum(SWEEP_REACH + REACH_PER_METRE * one.distance[rows], MAX_REACH).astype(np.float32)
     clusters = np.full(len(one.points), -1, np.int32)
-    clusters[rows] = join_vehicle_parts(points, cluster_points(points, reach), ground.above(points))
+    clusters[rows] = join_vehicle_parts(points, cluster_points(points, reach), ground.compute_heights_above(points))
     return ClusteredSweep(one.sweep.time, one.position, one.points, clusters)
 
 
-def _moving(
+def _gather_moving(
     sweeps: list[_Standing], clustered: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], first: int
 ) -> dict[float, list[MovingCluster]]:
     """What moves, by sweep; the second LiDAR meets moving objects at another time, its points are left out."""
@@ -159,7 +159,7 @@ def _moving(
     return complete_clusters(by_time)
 
 
-def _static(
+def _gather_static(
     points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
     """What stands still, thinned, its IDs, and the kind of each ID."""
@@ -167,7 +167,7 @@ def _static(
     shape = compute_point_shape(points)
     distance = KDTree(sensors[:, :2]).query(points[:, :2])[0]
     reach = np.minimum(REACH + REACH_PER_METRE * distance, MAX_REACH).astype(np.float32)
-    above = ground.above(points)
+    above = ground.compute_heights_above(points)
     foliage = ((shape.scatter > FOLIAGE) & (above > LOWEST_FOLIAGE)).astype(np.int64)
     clusters = join_splinters(
         points, absorb_small_clusters(points, cluster_points(points, reach, foliage), reach), reach
@@ -177,10 +177,10 @@ def _static(
     whole = join_vehicle_parts(points, np.where(things, clusters, -1).astype(np.int32), above)
     clusters = np.where(things, len(kinds) + whole, clusters)
     kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, THING, np.uint32))
-    return points, *_numbered(*_with_scraps(kinds, clusters))
+    return points, *_number_points(*_merge_scraps(kinds, clusters))
 
 
-def _with_scraps(
+def _merge_scraps(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " c"], Int32[ndarray, " n"]]:
     """Kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
@@ -192,7 +192,7 @@ def _with_scraps(
     return kinds, joined[clusters]
 
 
-def _numbered(
+def _number_points(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " n"], UInt32[ndarray, " i"]]:
     """IDs of points, wide clusters before things, and the kind of each ID."""

@@ -31,7 +31,7 @@ class RangeImage:
 
 def build_range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]) -> RangeImage:
     """The range image of a sweep taken from `position`."""
-    rows, columns, distances = _directions(points, position)
+    rows, columns, distances = _compute_directions(points, position)
     shape = round((HIGHEST - LOWEST) / BIN), round(360 / BIN)
     nearest = np.full(shape, np.inf, np.float32)
     np.minimum.at(nearest, (rows, columns), distances)
@@ -43,12 +43,12 @@ def build_range_image(points: Float32[ndarray, "n 3"], position: Float64[ndarray
 
 def is_seen_through(points: Float32[ndarray, "n 3"], image: RangeImage) -> Bool[ndarray, " n"]:
     """Whether a sweep met something only behind each point, so that nothing can have been at its place then."""
-    rows, columns, distances = _directions(points, image.position)
+    rows, columns, distances = _compute_directions(points, image.position)
     behind = image.nearest[rows, columns] > distances * (1 + MARGIN_SHARE) + MARGIN
     return behind & image.measured[rows, columns]
 
 
-def _directions(
+def _compute_directions(
     points: Float32[ndarray, "n 3"], position: Float64[ndarray, "3"]
 ) -> tuple[Int64[ndarray, " n"], Int64[ndarray, " n"], Float32[ndarray, " n"]]:
     """Row and column of a range image, and the distance, of each point."""

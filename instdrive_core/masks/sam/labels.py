@@ -77,13 +77,13 @@ class SamLabels:
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
         """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
-        return self._made(frame)[0]
+        return self._load_both(frame)[0]
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """The sky at the frame's size."""
-        return self._made(frame)[1]
+        return self._load_both(frame)[1]
 
-    def _made(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+    def _load_both(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         """Labels and sky. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
             self._last = (frame.key, *self._make(frame))
@@ -111,13 +111,13 @@ def _open_proposer(options: SamOptions) -> Proposer:
     folder = find_weights(options.model, options.offline)
     from instdrive_core.masks.sam.proposals import Proposer, Thresholds
 
-    device = _device(options.device)
+    device = _choose_device(options.device)
     thresholds = Thresholds(options.predicted_iou, options.stability, options.overlap)
     model, photo = load_model(folder)
     return Proposer(model, photo, device, options.batch, thresholds)
 
 
-def _device(asked: Literal["auto", "cpu", "cuda"]) -> str:
+def _choose_device(asked: Literal["auto", "cpu", "cuda"]) -> str:
     """Raises OptionError where the GPU asked for cannot be used."""
     import torch
 

@@ -59,7 +59,7 @@ def find_weights(model: str, offline: bool) -> Path:
         return folder
     if model.startswith((".", "/", "~")) or "\\" in model or model.count("/") > 1 or model.count("/") == 0:
         raise DataError(folder, "there is no such folder of weights", HOW_TO_GET.format(name=SUGGESTED))
-    return _from_hub(model, offline)
+    return _fetch_from_hub(model, offline)
 
 
 def require_transformers() -> None:
@@ -71,7 +71,7 @@ def require_transformers() -> None:
         )
 
 
-def _from_hub(name: str, offline: bool) -> Path:
+def _fetch_from_hub(name: str, offline: bool) -> Path:
     from huggingface_hub import snapshot_download
 
     reason: Exception | str = "its files are not on this machine, and the network was not to be asked"
@@ -113,7 +113,7 @@ def load_model(folder: Path) -> tuple[Module, PhotoFormat]:
         remedy = f"Families that work with the installed transformers: {list_families()}, e.g. {SUGGESTED}"
         raise DataError(file, f"is of a model of the type {kind!r}, which does not generate masks", remedy)
     try:
-        with _quiet():
+        with _silence_progress_bars():
             model, report = AutoModelForMaskGeneration.from_pretrained(
                 folder, local_files_only=True, use_safetensors=True, output_loading_info=True
             )
@@ -125,10 +125,10 @@ def load_model(folder: Path) -> tuple[Module, PhotoFormat]:
     if report["missing_keys"]:
         problem = f"lacks {len(report['missing_keys'])} of the model's weights, e.g. '{min(report['missing_keys'])}'"
         raise DataError(folder, problem, HOW_TO_GET.format(name=SUGGESTED))
-    return model.float().eval(), _photo(folder, kind, model.config.prompt_encoder_config.image_size)
+    return model.float().eval(), _read_photo_format(folder, kind, model.config.prompt_encoder_config.image_size)
 
 
-def _photo(folder: Path, kind: str, size: int | list[int]) -> PhotoFormat:
+def _read_photo_format(folder: Path, kind: str, size: int | list[int]) -> PhotoFormat:
     """What the model's own files say about photos; where they say nothing, what its family is used to."""
     settings: dict[str, Any] = {}
     for name in ("preprocessor_config.json", "processor_config.json"):
@@ -143,7 +143,7 @@ def _photo(folder: Path, kind: str, size: int | list[int]) -> PhotoFormat:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
+def _silence_progress_bars() -> Iterator[None]:
     """No progress bars of the library's: the program has its own."""
     from transformers.utils import logging
 

@@ -16,7 +16,7 @@ from instdrive_app.panels.instances.rows import matches
 from instdrive_app.panels.menus import parse_shortcut
 from instdrive_app.panels.widgets.ui import get_icon
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.shell.window import EditorWindow, require_display
+from instdrive_app.shell.window import require_display
 from instdrive_app.timeline import Timeline
 from instdrive_core.errors import InstDriveError
 from instdrive_core.formats.folder.scenes import MANIFEST
@@ -61,7 +61,7 @@ def test_paths_are_judged_before_they_are_used(tmp_path):
     for name in ("new.ply", "new.compressed.ply", "new.SPLAT", "new_run"):
         assert not exported(tmp_path / name)
     assert ".ply" in exported(tmp_path / "new.obj")
-    assert "no folder" in exported(tmp_path / "nowhere" / "new.ply")
+    assert "does not exist" in exported(tmp_path / "nowhere" / "new.ply")
     assert "file name" in exported(tmp_path)
     assert not saved(tmp_path / "new.instdrive")
     assert ".instdrive" in saved(tmp_path / "new.ply")
@@ -117,14 +117,3 @@ def test_missing_scenes_and_displays_are_explained(monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InstDriveError, match="xvfb-run"):
         require_display()
-
-
-def test_every_dialog_name_that_commands_use_exists():
-    window = EditorWindow(EditorSession())
-    names = set(window.dialogs)
-    for command in window.session.actions:
-        if command.title.endswith("…") and command.enabled():
-            command.run()
-            assert window.session.dialog is None or window.session.dialog in names, command.id
-            window.session.dialog = None
-    window.session.close()

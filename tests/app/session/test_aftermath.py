@@ -30,99 +30,99 @@ def texts(session):
 
 def test_a_deletion_is_reported_and_cleaned_up(session):
     assert not session.actions["aftermath.fill"].enabled()
-    session.delete((CAR,))
-    assert session.aftermath.findings is None, "nothing waits for the report"
+    session.deletion.delete((CAR,))
+    assert session.deletion.review.findings is None, "nothing waits for the report"
     finish(session)
-    found = session.aftermath.findings
+    found = session.deletion.review.findings
     assert found.residue_count == 40
     assert texts(session)[-1] == f"Deleted Car 7: {found.report.summary}"
     assert session.actions.run("aftermath.absorb")
-    assert session.aftermath.findings.residue_count == 0
+    assert session.deletion.review.findings.residue_count == 0
     assert not session.actions.run("aftermath.absorb"), "there is nothing left to absorb"
     assert session.actions.run("aftermath.fill")
     assert not session.actions.run("aftermath.fill"), "it is being worked out"
     finish(session)
-    assert session.aftermath.findings is None
+    assert session.deletion.review.findings is None
     titles = [edit.title for edit in session.document.history.done]
     assert titles[:2] == ["Delete instance 7", "Absorb floaters of instance 7"]
     assert titles[2].startswith("Fill hole of")
 
 
 def test_undo_brings_the_report_back_and_takes_it_away(session):
-    session.delete((CAR,))
+    session.deletion.delete((CAR,))
     finish(session)
-    session.aftermath.absorb()
-    session.aftermath.fill()
+    session.deletion.review.absorb()
+    session.deletion.review.fill()
     finish(session)
-    session.undo()
-    found = session.aftermath.findings
+    session.history.undo()
+    found = session.deletion.review.findings
     assert (found.residue_count, found.hole is not None) == (0, True)
-    session.undo()
-    assert session.aftermath.findings.residue_count == 40
-    session.undo()
-    assert session.aftermath.findings is None
-    session.redo()
-    assert session.aftermath.findings.residue_count == 40
+    session.history.undo()
+    assert session.deletion.review.findings.residue_count == 40
+    session.history.undo()
+    assert session.deletion.review.findings is None
+    session.history.redo()
+    assert session.deletion.review.findings.residue_count == 40
     session.actions.run("aftermath.clear")
-    assert session.aftermath.findings is None
+    assert session.deletion.review.findings is None
 
 
 def test_selected_splats_leave_what_was_missed(session):
     document = session.document
     rows = document.find_rows((CAR,))
-    session.apply(SelectRows, rows[50:])
-    session.delete_selection()
+    session.history.apply(SelectRows(rows[50:]))
+    session.deletion.delete_selection()
     finish(session)
-    found = session.aftermath.findings
+    found = session.deletion.review.findings
     assert found.report.carriers[CAR] > 25
-    session.aftermath.absorb()
+    session.deletion.review.absorb()
     assert np.isin(document.state.rows_with(Flag.DELETED), found.report.residue).sum() == len(found.report.residue)
 
 
 def test_surfaces_are_deleted_without_a_word(session):
     before = texts(session)
-    session.delete((ROAD,))
+    session.deletion.delete((ROAD,))
     finish(session)
     assert texts(session) == before
-    assert session.aftermath.findings is None
+    assert session.deletion.review.findings is None
 
 
 def test_a_report_of_a_deletion_that_was_undone_or_of_another_scene_is_not_shown(session):
-    session.delete((CAR,))
-    session.undo()
+    session.deletion.delete((CAR,))
+    session.history.undo()
     finish(session)
-    assert session.aftermath.findings is None
-    session.delete((CAR,))
+    assert session.deletion.review.findings is None
+    session.deletion.delete((CAR,))
     session.show(Document(parked_street().scene))
     finish(session)
-    assert session.aftermath.findings is None
-    session.delete((CAR,))
+    assert session.deletion.review.findings is None
+    session.deletion.delete((CAR,))
     finish(session)
     session.show(Document(parked_street().scene))
-    assert session.aftermath.findings is None
+    assert session.deletion.review.findings is None
 
 
 def test_editing_goes_on_while_a_fill_is_worked_out(session):
-    session.delete((CAR,))
+    session.deletion.delete((CAR,))
     finish(session)
-    session.aftermath.fill()
-    session.delete((OTHER_CAR,))
+    session.deletion.review.fill()
+    session.deletion.delete((OTHER_CAR,))
     finish(session)
     kinds = [edit.kind for edit in session.document.history.done]
     assert kinds == ["delete_instances", "delete_instances", "fill_hole"]
 
 
 def test_a_hole_without_ground_around_is_explained(session):
-    session.delete((CAR,))
+    session.deletion.delete((CAR,))
     finish(session)
-    report = session.aftermath.findings
-    session.delete((1, 2, 3))
+    report = session.deletion.review.findings
+    session.deletion.delete((1, 2, 3))
     finish(session)
-    assert session.aftermath.findings is report
-    session.aftermath.fill()
+    assert session.deletion.review.findings is report
+    session.deletion.review.fill()
     finish(session)
     assert texts(session)[-1].startswith("The hole cannot be filled: no ground")
-    assert not session.aftermath.is_filling
+    assert not session.deletion.review.is_filling
 
 
 def test_the_pattern_covers_the_hole():
@@ -146,9 +146,9 @@ def test_the_pattern_covers_the_hole():
 
 def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeypatch):
     monkeypatch.setattr("instdrive_app.session.deletion_review.MOST_INSTANCES", 1)
-    session.delete((CAR,))
+    session.deletion.delete((CAR,))
     finish(session)
-    assert session.aftermath.findings is not None
-    session.delete((OTHER_CAR, ROAD))
+    assert session.deletion.review.findings is not None
+    session.deletion.delete((OTHER_CAR, ROAD))
     assert session.jobs.current is None
-    assert session.aftermath.findings is None
+    assert session.deletion.review.findings is None

@@ -25,7 +25,7 @@ def session(monkeypatch):
 def select_half(session):
     """What lies on one side of the middle: the border runs through many things."""
     x = session.document.scene.gaussians.means[:, 0]
-    session.apply(SelectRows, np.flatnonzero(x < np.median(x)))
+    session.history.apply(SelectRows(np.flatnonzero(x < np.median(x))))
 
 
 def selected(session):
@@ -41,10 +41,10 @@ def test_what_is_found_beside_the_window_is_what_the_edit_finds(session):
     twin = Document(procedural_street(spacing=0.4))
     for edit in (*session.document.history.edits, GrowSelection(), ShrinkSelection()):
         twin.apply(edit)
-    session.borders.grow()
+    session.selection.border.grow()
     assert session.document.history.cursor == 1
     finish(session)
-    session.borders.shrink()
+    session.selection.border.shrink()
     finish(session)
     assert [edit.title for edit in session.document.history.edits[1:]] == ["Grow selection", "Shrink selection"]
     np.testing.assert_array_equal(selected(session), twin.state.rows_with(Flag.SELECTED))
@@ -53,7 +53,7 @@ def test_what_is_found_beside_the_window_is_what_the_edit_finds(session):
 def test_those_asked_for_meanwhile_follow_in_order(session):
     select_half(session)
     for name in ("grow", "grow", "shrink"):
-        getattr(session.borders, name)()
+        getattr(session.selection.border, name)()
     finish(session)
     titles = [edit.title for edit in session.document.history.edits[1:]]
     assert titles == ["Grow selection", "Grow selection", "Shrink selection"]
@@ -62,16 +62,16 @@ def test_those_asked_for_meanwhile_follow_in_order(session):
 @pytest.mark.parametrize(
     "meanwhile",
     [
-        lambda session: session.select((FIRST_CAR,)),
-        lambda session: session.hide((FIRST_CAR,)),
-        lambda session: session.undo(),
+        lambda session: session.selection.select((FIRST_CAR,)),
+        lambda session: session.visibility.hide((FIRST_CAR,)),
+        lambda session: session.history.undo(),
     ],
     ids=["selected", "hidden", "undone"],
 )
 def test_what_was_found_before_an_edit_is_given_up(session, meanwhile):
     select_half(session)
-    session.borders.grow()
-    session.borders.grow()
+    session.selection.border.grow()
+    session.selection.border.grow()
     meanwhile(session)
     rows, steps = selected(session), session.document.history.cursor
     finish(session)
@@ -79,7 +79,7 @@ def test_what_was_found_before_an_edit_is_given_up(session, meanwhile):
     assert session.document.history.cursor == steps
     assert "given up" in told(session)
     select_half(session)
-    session.borders.grow()
+    session.selection.border.grow()
     finish(session)
     assert session.document.history.edits[-1].title == "Grow selection"
     assert not errors(session)
@@ -87,22 +87,22 @@ def test_what_was_found_before_an_edit_is_given_up(session, meanwhile):
 
 def test_one_that_is_cancelled_does_not_stop_the_next(session):
     select_half(session)
-    session.borders.grow()
-    session.borders.shrink()
+    session.selection.border.grow()
+    session.selection.border.shrink()
     session.jobs.cancel()
     finish(session)
     before = session.document.history.cursor
-    session.borders.shrink()
+    session.selection.border.shrink()
     finish(session)
     assert session.document.history.cursor == before + 1
 
 
 def test_a_redo_does_not_look_again(session, monkeypatch):
     select_half(session)
-    session.borders.grow()
+    session.selection.border.grow()
     finish(session)
     rows = selected(session)
     monkeypatch.setattr(GrowSelection, "along_border", lambda *_: pytest.fail("looked again"))
-    session.undo()
-    session.redo()
+    session.history.undo()
+    session.history.redo()
     np.testing.assert_array_equal(selected(session), rows)

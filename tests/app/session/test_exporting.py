@@ -23,14 +23,14 @@ CARS = (FIRST_CAR, FIRST_CAR + 1)
 def export(session, path, **choice):
     """Export and wait; returns what the user is told."""
     finish(session)  # what is told of a deletion comes first
-    session.exporting.export(path, ExportChoice(**choice))
+    session.export.write(path, ExportChoice(**choice))
     finish(session)
     return session.messages.log[-1]
 
 
 @pytest.mark.parametrize("name", ["cars.spz", "cars.ply", "cars.splat", "cars.compressed.ply", "cars.sibr.ply", "cars"])
 def test_the_selection_in_every_format(session, street, tmp_path, name):
-    session.select((*CARS, DRIVING_CAR))
+    session.selection.select((*CARS, DRIVING_CAR))
     told = export(session, tmp_path / name, what="selection")
     count = len(street.find_rows((*CARS, DRIVING_CAR)))
     assert told.text == f"Exported {count:,} splats to {tmp_path / name}, read back and compared"
@@ -42,7 +42,7 @@ def test_the_selection_in_every_format(session, street, tmp_path, name):
 
 def test_selected_splats_are_exported_and_no_others_of_their_instances(session, street, tmp_path):
     rows = street.find_rows((FIRST_CAR,))[:40]
-    session.apply(SelectRows, rows)
+    session.history.apply(SelectRows(rows))
     export(session, tmp_path / "some.ply", what="selection")
     found = open_scene(tmp_path / "some.ply")
     np.testing.assert_array_equal(found.gaussians.means, street.scene.gaussians.means[rows])
@@ -53,7 +53,7 @@ def test_what_the_edits_build_on_is_not_written_over(session, street, tmp_path, 
     export(session, tmp_path / name)
     session.files.open(tmp_path / name)
     finish(session)
-    session.delete((FIRST_CAR,))
+    session.deletion.delete((FIRST_CAR,))
     finish(session)
     refused = export(session, tmp_path / ".." / tmp_path.name / name)
     assert refused.level is Level.ERROR
@@ -63,12 +63,12 @@ def test_what_the_edits_build_on_is_not_written_over(session, street, tmp_path, 
 
 
 def test_one_file_per_selected_instance_or_of_all(session, tmp_path):
-    session.select(CARS)
+    session.selection.select(CARS)
     told = export(session, tmp_path / "cars", what="instances", suffix=".spz")
     assert "Exported 2 instances of" in told.text
     assert [entry["id"] for entry in listed(tmp_path / "cars")] == list(CARS)
-    session.clear_selection()
-    session.delete((FIRST_CAR,))
+    session.selection.clear()
+    session.deletion.delete((FIRST_CAR,))
     export(session, tmp_path / "all", what="instances")
     assert {entry["id"] for entry in listed(tmp_path / "all")} == set(session.document.find_visible_instances())
 
@@ -103,7 +103,7 @@ def test_sibr_files_under_any_name(session, tmp_path):
 
 @pytest.mark.parametrize(("name", "hulls"), [("boxes.json", False), ("hulls.json", True), ("boxes.glb", False)])
 def test_boxes_and_hulls(session, street, tmp_path, name, hulls):
-    session.delete((FIRST_CAR,))
+    session.deletion.delete((FIRST_CAR,))
     told = export(session, tmp_path / name, what="objects", hulls=hulls)
     assert f"{'hulls' if hulls else 'boxes'} of" in told.text
     if name.endswith(".json"):
@@ -126,7 +126,7 @@ def test_masks_of_the_photos(session, street, tmp_path, coco):
 def test_pictures_leave_out_what_is_hidden(session, tmp_path):
     for name in ("all", "fewer"):
         assert export(session, tmp_path / f"{name}.png", what="view", scale=2.0).level is Level.INFO
-        session.hide((FIRST_CAR,))
+        session.visibility.hide((FIRST_CAR,))
     both = [np.array(Image.open(tmp_path / f"{name}.png"), int) for name in ("all", "fewer")]
     lens = session.state.viewpoint.lens
     assert both[0].shape == (2 * lens.height, 2 * lens.width, 3)
@@ -140,7 +140,7 @@ def test_a_bad_file_is_told_and_the_old_one_stays(session, tmp_path, monkeypatch
     path = tmp_path / "street.spz"
     export(session, path)
     before = path.read_bytes()
-    session.delete((FIRST_CAR,))
+    session.deletion.delete((FIRST_CAR,))
     monkeypatch.setattr(read_back, "find_loss", lambda *_: "x of splat 3 is 1 m, not 2 m")
     told = export(session, path)
     assert told.level is Level.ERROR
@@ -160,11 +160,11 @@ def test_places_that_cannot_be_written_are_told(session, tmp_path):
 def test_the_dialog_begins_with_the_scene_and_proposes_names(session, street, tmp_path):
     session.files.path = tmp_path / "street.instdrive"
     options = ExportOptions()
-    assert options.begin(session, "export") == str(tmp_path / "street_edited.ply")
-    assert session.exporting.amounts["scene"] == f"{len(street.scene):,} splats"
+    assert options.begin(session, "scene") == str(tmp_path / "street_edited.ply")
+    assert session.export.amounts["scene"] == f"{len(street.scene):,} splats"
     assert "Nothing is selected" in with_choice(session, options, "selection").find_problem(tmp_path / "a.ply")
-    session.select((FIRST_CAR,))
-    assert options.begin(session, "export_selection") == str(tmp_path / "street_parked_car_1.ply")
+    session.selection.select((FIRST_CAR,))
+    assert options.begin(session, "selection") == str(tmp_path / "street_parked_car_1.ply")
     assert not options.build_purpose(session).find_problem(tmp_path / "a.spz")
     for what, right, wrong in (
         ("instances", "parts", "parts.ply"),
@@ -176,11 +176,11 @@ def test_the_dialog_begins_with_the_scene_and_proposes_names(session, street, tm
         purpose = with_choice(session, options, what)
         assert not purpose.find_problem(tmp_path / right), what
         assert purpose.find_problem(tmp_path / wrong), what
-        assert session.exporting.propose_path_in(str(tmp_path / "x.ply")).parent == tmp_path
+        assert session.export.propose_path_in(str(tmp_path / "x.ply")).parent == tmp_path
 
 
 def with_choice(session, options, what):
-    session.exporting.choice = ExportChoice(what)
+    session.export.choice = ExportChoice(what)
     return options.build_purpose(session)
 
 

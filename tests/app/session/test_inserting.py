@@ -16,7 +16,7 @@ LENS = Intrinsics(500.0, 500.0, 320.0, 180.0, 640, 360)
 
 @pytest.fixture
 def session(session):
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     return session
 
 
@@ -38,10 +38,10 @@ def test_an_inserted_scene_stands_before_the_camera_on_the_ground(session, stree
     street.open_scene = None
     session.state.viewpoint = Viewpoint(look_at(np.array([0.0, 0, 2]), np.array([0.0, 10, 2])), LENS)
     steps = street.history.cursor
-    session.inserting.insert(car_file(tmp_path, instances))
+    session.insertion.insert(car_file(tmp_path, instances))
     finish(session)
     assert not errors(session)
-    added = session.selected
+    added = session.selection.ids
     assert len(added) == (2 if instances else 1)
     assert street.history.cursor == steps + 1
     assert session.state.tool == "move"
@@ -50,8 +50,8 @@ def test_an_inserted_scene_stands_before_the_camera_on_the_ground(session, stree
     assert np.quantile(means[:, 2], 0.02) == pytest.approx(0, abs=0.15)
     assert abs(np.mean(np.quantile(means[:, 0], [0.03, 0.97]))) < 0.2
     assert 6 < np.mean(np.quantile(means[:, 1], [0.03, 0.97])) < 40
-    session.undo()
-    assert session.selected == (FIRST_CAR,)
+    session.history.undo()
+    assert session.selection.ids == (FIRST_CAR,)
     assert len(street.scene) == len(procedural_street())
 
 
@@ -62,13 +62,13 @@ def test_several_scenes_stand_side_by_side_and_are_selected_together(session, st
     car, two = car_file(tmp_path), car_file(tmp_path / "more", instances=True)
     paths = [car, tmp_path / "broken.ply", two, car]
     steps = street.history.cursor
-    session.inserting.insert(*paths)
+    session.insertion.insert(*paths)
     finish(session)
     assert ["broken.ply" in error for error in errors(session)] == [True]
     assert street.history.cursor == steps + 3
     edges = []
     for first, count in ((0, 1), (1, 2), (3, 1)):
-        means = street.compute_means(street.find_rows(session.selected[first : first + count]))
+        means = street.compute_means(street.find_rows(session.selection.ids[first : first + count]))
         low, high = np.quantile(means, [0.03, 0.97], axis=0)
         assert 6 < (low[1] + high[1]) / 2 < 40, "before the camera"
         edges += [low[0], high[0]]
@@ -77,9 +77,9 @@ def test_several_scenes_stand_side_by_side_and_are_selected_together(session, st
 
 def test_a_scene_inserted_where_no_ground_is_stands_below_the_camera_and_that_is_told(session, street, tmp_path):
     session.state.viewpoint = Viewpoint(look_at(np.array([500.0, 0, 12]), np.array([500.0, 10, 12])), LENS)
-    session.inserting.insert(car_file(tmp_path))
+    session.insertion.insert(car_file(tmp_path))
     finish(session)
-    means = street.compute_means(street.find_rows(session.selected))
+    means = street.compute_means(street.find_rows(session.selection.ids))
     assert np.quantile(means[:, 2], 0.02) == pytest.approx(12 - 1.6, abs=0.05)
     assert "no ground" in session.messages.log[-1].text
 
@@ -87,7 +87,7 @@ def test_a_scene_inserted_where_no_ground_is_stands_below_the_camera_and_that_is
 def test_what_cannot_be_inserted_is_told(session, street, tmp_path):
     (tmp_path / "broken.ply").write_bytes(b"ply\nnonsense")
     steps = street.history.cursor
-    session.inserting.insert(tmp_path / "broken.ply")
+    session.insertion.insert(tmp_path / "broken.ply")
     finish(session)
     assert "broken.ply" in errors(session)[-1]
     assert street.history.cursor == steps

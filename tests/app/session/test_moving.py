@@ -34,7 +34,7 @@ NO_TURN = np.eye(3)
 @pytest.fixture
 def session(session):
     """With a car selected."""
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     return session
 
 
@@ -50,7 +50,7 @@ def middle(session, instance=FIRST_CAR):
 
 
 def test_a_drag_is_one_step_told_from_where_it_began(session, street):
-    moving, steps, start = session.moving, street.history.cursor, session.moving.center()
+    moving, steps, start = session.movement, street.history.cursor, session.movement.center()
     means = street.compute_means(street.find_rows((FIRST_CAR,)))
     moving.begin_drag(np.eye(3))
     for part in np.linspace(0, 1, 200):
@@ -62,76 +62,76 @@ def test_a_drag_is_one_step_told_from_where_it_began(session, street):
     expected = 2 * (means - start) @ yaw(40).T + arrived
     np.testing.assert_allclose(street.compute_means(street.find_rows((FIRST_CAR,))), expected, atol=2e-5)
     assert len(street.transforms) == 2, "200 frames leave one entry"
-    session.undo()
+    session.history.undo()
     np.testing.assert_array_equal(street.compute_means(street.find_rows((FIRST_CAR,))), means)
 
 
 def test_a_drag_back_to_its_start_is_no_step_and_goes_on_from_there(session, street):
     steps = street.history.cursor
-    session.moving.begin_drag(np.eye(3))
+    session.movement.begin_drag(np.eye(3))
     for x in (1.0, 0.0):
-        session.moving.drag_to(np.array([x, 0.0, 0.0]), NO_TURN, 1.0)
+        session.movement.drag_to(np.array([x, 0.0, 0.0]), NO_TURN, 1.0)
     assert street.history.cursor == steps
-    session.moving.drag_to(np.array([2.0, 0.0, 0.0]), NO_TURN, 1.0)
-    session.moving.drag_to(np.array([3.0, 0.0, 0.0]), NO_TURN, 1.0)
+    session.movement.drag_to(np.array([2.0, 0.0, 0.0]), NO_TURN, 1.0)
+    session.movement.drag_to(np.array([3.0, 0.0, 0.0]), NO_TURN, 1.0)
     assert street.history.cursor == steps + 1
 
 
 def test_a_drag_that_is_given_up_leaves_nothing(session, street):
     edits, start = street.history.edits, street.compute_means(street.find_rows((FIRST_CAR,)))
-    session.moving.options.on_ground = True
-    session.moving.begin_drag(np.eye(3))
-    session.moving.drag_to(np.array([1.0, 2.0, 0.0]), yaw(20), 1.1)
-    session.moving.give_up_drag()
+    session.movement.options.on_ground = True
+    session.movement.begin_drag(np.eye(3))
+    session.movement.drag_to(np.array([1.0, 2.0, 0.0]), yaw(20), 1.1)
+    session.movement.give_up_drag()
     assert street.history.edits == edits
     np.testing.assert_array_equal(street.compute_means(street.find_rows((FIRST_CAR,))), start)
-    session.moving.begin_drag(np.eye(3))
-    session.moving.give_up_drag()
+    session.movement.begin_drag(np.eye(3))
+    session.movement.give_up_drag()
     assert street.history.edits == edits
 
 
 def test_what_hinders_a_drag_is_told_once_and_the_last_good_place_stays(session, street):
-    session.moving.options.on_ground = True
-    session.moving.begin_drag(np.eye(3))
-    session.moving.drag_to(np.array([1.0, 0.0, 0.0]), NO_TURN, 1.0)
+    session.movement.options.on_ground = True
+    session.movement.begin_drag(np.eye(3))
+    session.movement.drag_to(np.array([1.0, 0.0, 0.0]), NO_TURN, 1.0)
     good = middle(session)
     for x in (300.0, 301.0, 302.0):
-        session.moving.drag_to(np.array([x, 0.0, 0.0]), NO_TURN, 1.0)
+        session.movement.drag_to(np.array([x, 0.0, 0.0]), NO_TURN, 1.0)
     assert len(errors(session)) == 1
     assert "no ground" in errors(session)[0]
     np.testing.assert_array_equal(middle(session), good)
-    session.moving.drag_to(np.array([2.0, 0.0, 0.0]), NO_TURN, 1.0)
+    session.movement.drag_to(np.array([2.0, 0.0, 0.0]), NO_TURN, 1.0)
     assert middle(session)[0] == pytest.approx(good[0] + 1, abs=0.02)
 
 
 def test_a_drag_ends_with_its_selection(session, street):
-    session.moving.begin_drag(np.eye(3))
+    session.movement.begin_drag(np.eye(3))
     street.apply(DeleteInstances((FIRST_CAR,)))
     steps = street.history.cursor
-    session.moving.drag_to(np.array([1.0, 0.0, 0.0]), NO_TURN, 1.0)
-    assert session.moving.drag is None
+    session.movement.drag_to(np.array([1.0, 0.0, 0.0]), NO_TURN, 1.0)
+    assert session.movement.drag is None
     assert (street.history.cursor, errors(session)) == (steps, [])
 
 
 def test_along_the_lane_only_the_lane_counts(session, street):
-    session.moving.options.along_lane = True
-    lane, start = session.moving.lane(), middle(session)
+    session.movement.options.along_lane = True
+    lane, start = session.movement.lane(), middle(session)
     np.testing.assert_allclose(np.abs(lane), [0, 1, 0], atol=0.1)
-    session.moving.begin_drag(choose_gizmo_axes(session.moving, session.moving.box(), "move"))
-    session.moving.drag_to(np.array([5.0, 4.0, 2.0]), NO_TURN, 1.0)
+    session.movement.begin_drag(choose_gizmo_axes(session.movement, session.movement.box(), "move"))
+    session.movement.drag_to(np.array([5.0, 4.0, 2.0]), NO_TURN, 1.0)
     np.testing.assert_allclose(middle(session) - start, lane * (lane @ [5, 4, 2]), atol=0.02)
 
 
 def test_vehicles_turn_upright_others_freely_until_the_user_says_so(session):
-    moving = session.moving
+    moving = session.movement
     assert moving.yaw_only
-    session.select((FIRST_CAR, DRIVING_CAR))
+    session.selection.select((FIRST_CAR, DRIVING_CAR))
     assert moving.yaw_only
-    session.select((FIRST_CAR, TREE))
+    session.selection.select((FIRST_CAR, TREE))
     assert not moving.yaw_only
     session.actions.run("move.yaw_only")
     assert moving.yaw_only
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     session.actions.run("move.yaw_only")
     assert not moving.yaw_only
 
@@ -165,7 +165,7 @@ def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street)
     rows = street.find_rows((FIRST_CAR,))
     rest = street.scene.gaussians.sh_rest
     rest[rows] = np.random.default_rng(8).normal(0, 0.3, rest[rows].shape)
-    moving, pivot = session.moving, session.moving.center()
+    moving, pivot = session.movement, session.movement.center()
     pose = look_at(pivot + np.array([-4.0, -5.0, 2.0]), pivot)
     camera = Camera(150.0, 150.0, 80.0, 60.0, 160, 120, pose)
     before = preview_of(street.scene, camera)
@@ -187,7 +187,7 @@ def test_the_dragged_car_seen_from_the_same_side_looks_the_same(session, street)
 
 
 def test_numbers_say_where_things_are_and_bring_them_there(session, street):
-    moving = session.moving
+    moving = session.movement
     before = moving.placement()
     assert (before.yaw, before.scale) == (0.0, 1.0)
     for field, value in (("position", (-2.0, 5.0, 1.5)), ("yaw", 30.0), ("scale", 1.5)):
@@ -202,7 +202,7 @@ def test_numbers_say_where_things_are_and_bring_them_there(session, street):
 
 
 def test_a_typed_height_is_not_drawn_to_the_ground_but_a_typed_place_is(session, street):
-    moving = session.moving
+    moving = session.movement
     moving.options.on_ground = True
     present = moving.placement()
     x, y, z = present.position
@@ -214,30 +214,30 @@ def test_a_typed_height_is_not_drawn_to_the_ground_but_a_typed_place_is(session,
 
 
 def test_put_on_the_ground_and_along_the_lane_by_metres(session, street):
-    session.moving.begin_drag(np.eye(3))
-    session.moving.drag_to(np.array([0.0, 0.0, 4.0]), NO_TURN, 1.0)
-    session.moving.end_drag()
+    session.movement.begin_drag(np.eye(3))
+    session.movement.drag_to(np.array([0.0, 0.0, 4.0]), NO_TURN, 1.0)
+    session.movement.end_drag()
     assert session.actions.run("move.put_on_ground")
     assert compute_bottom(street, (FIRST_CAR,), np.eye(3, 4), 0.0) == pytest.approx(0.0, abs=0.1)
     start, steps = middle(session), street.history.cursor
     for metres in (1.0, 5.0):
-        session.moving.shift_along_lane(metres, "typed")
+        session.movement.shift_along_lane(metres, "typed")
     np.testing.assert_allclose(np.linalg.norm(middle(session) - start), 5, atol=0.01)
     assert street.history.cursor == steps + 1
 
 
 def test_of_what_drives_the_track_is_edited_at_the_shown_moment(session, street):
-    session.select((DRIVING_CAR,))
+    session.selection.select((DRIVING_CAR,))
     session.navigation.look_from(session.state.viewpoint)
     session.navigation.set_time(1.0)
-    track, present = street.scene.actors[0], session.moving.placement()
+    track, present = street.scene.actors[0], session.movement.placement()
     np.testing.assert_allclose(present.position, track.pose_at(1.0)[:3, 3])
-    session.moving.place(present, type(present)(present.position, 90.0, 1.0))
+    session.movement.place(present, type(present)(present.position, 90.0, 1.0))
     turned = street.scene.actors[0]
     np.testing.assert_allclose(turned.pose_at(1.0)[:3, 3], track.pose_at(1.0)[:3, 3], atol=1e-9)
     before, after = (one.pose_at(2.0)[:3, 3] - one.pose_at(1.0)[:3, 3] for one in (track, turned))
     np.testing.assert_allclose(after, yaw(90) @ before, atol=1e-9)
-    assert session.moving.placement().yaw == pytest.approx(90)
+    assert session.movement.placement().yaw == pytest.approx(90)
     session.actions.run("move.reset")
     assert street.scene.actors[0] is track
 
@@ -246,7 +246,7 @@ def test_of_what_drives_the_track_is_edited_at_the_shown_moment(session, street)
 
 
 def test_the_box_fits_the_car_and_goes_along(session, street):
-    moving = session.moving
+    moving = session.movement
     box = moving.box()
     np.testing.assert_allclose(box.size, [1.85, 4.4, 1.5], atol=0.2)
     np.testing.assert_allclose(box.upright_axes, np.eye(3), atol=0.05)
@@ -257,9 +257,9 @@ def test_the_box_fits_the_car_and_goes_along(session, street):
     np.testing.assert_allclose(free.center, box.center + np.array([1, 2, 0]), atol=1e-9)
     np.testing.assert_allclose(free.axes, yaw(30) @ box.axes, atol=1e-6)
     np.testing.assert_allclose(free.size, 1.2 * box.size)
-    session.select((DRIVING_CAR,))
+    session.selection.select((DRIVING_CAR,))
     np.testing.assert_allclose(moving.box().size, street.scene.actors[0].dimensions)
-    session.select((FIRST_CAR, DRIVING_CAR))
+    session.selection.select((FIRST_CAR, DRIVING_CAR))
     corners = moving.box().corners
     for inner in (free.center, street.scene.actors[0].pose_at(0.0)[:3, 3]):
         assert (corners.min(axis=0) < inner).all()
@@ -268,7 +268,7 @@ def test_the_box_fits_the_car_and_goes_along(session, street):
 
 def test_four_quarter_turns_by_typed_numbers_lead_back(session, street):
     rows = street.find_rows((FIRST_CAR,))
-    before, moving = street.compute_means(rows), session.moving
+    before, moving = street.compute_means(rows), session.movement
     for degrees in (90.0, 180.0, -90.0, 0.0):
         present = moving.placement()
         moving.place(present, type(present)(present.position, degrees, 1.0))
@@ -277,15 +277,15 @@ def test_four_quarter_turns_by_typed_numbers_lead_back(session, street):
 
 
 def test_the_box_is_measured_anew_where_splats_leave(session, street):
-    whole = session.moving.box()
+    whole = session.movement.box()
     rows = street.find_rows((FIRST_CAR,))
     front = rows[street.compute_means(rows)[:, 1] > whole.center[1]]
     street.apply(DeleteRows(front))
-    assert session.moving.box().size[1] < 0.6 * whole.size[1]
+    assert session.movement.box().size[1] < 0.6 * whole.size[1]
 
 
 def test_box_edges_are_the_twelve_of_a_box(session):
-    box = session.moving.box()
+    box = session.movement.box()
     lengths = [np.linalg.norm(box.corners[a] - box.corners[b]) for a, b in BOX_EDGES]
     np.testing.assert_allclose(sorted(lengths), sorted(np.repeat(box.size, 4)))
 
@@ -320,25 +320,25 @@ def test_what_a_gizmo_did_is_read_from_its_matrix():
 def test_a_copy_stands_beside_its_original_selected_and_in_hand(session, street):
     before, steps = freeze_at_time(bake_document(street), 0.0), street.history.cursor
     assert session.actions.run("move.duplicate")
-    (copy,) = session.selected
+    (copy,) = session.selection.ids
     assert copy not in before.table
     assert session.state.tool == "move"
     apart = middle(session, copy) - middle(session)
-    lane = session.moving.lane()
+    lane = session.movement.lane()
     np.testing.assert_allclose(apart, lane * np.linalg.norm(apart), atol=1e-5)
     assert 4.4 < np.linalg.norm(apart) < 6
     assert street.history.cursor == steps + 1
-    session.undo()
+    session.history.undo()
     assert copy not in street.scene.table
-    assert session.selected == (FIRST_CAR,)
-    session.redo()
-    assert session.selected == (copy,)
+    assert session.selection.ids == (FIRST_CAR,)
+    session.history.redo()
+    assert session.selection.ids == (copy,)
 
 
 def test_locked_things_stay_and_say_so(session, street):
     start = middle(session)
     street.apply(LockInstances((FIRST_CAR,)))
-    session.select((FIRST_CAR,))
-    session.moving.put_on_ground()
-    assert session.selected == () or "unlock" in errors(session)[-1]
+    session.selection.select((FIRST_CAR,))
+    session.movement.put_on_ground()
+    assert session.selection.ids == () or "unlock" in errors(session)[-1]
     np.testing.assert_array_equal(middle(session), start)

@@ -40,7 +40,7 @@ def test_regions_select_splats_where_there_are_no_instances(session):
 
 
 def test_delete_undo_redo_and_jump(session, street):
-    session.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR,))
     assert session.actions.run("edit.delete")
     assert FIRST_CAR not in street.find_visible_instances()
     session.actions.run("edit.undo")
@@ -48,48 +48,48 @@ def test_delete_undo_redo_and_jump(session, street):
     session.actions.run("edit.redo")
     assert FIRST_CAR not in street.find_visible_instances()
     assert not session.actions.run("edit.redo")
-    session.jump(0)
+    session.history.jump(0)
     assert street.history.cursor == 0
-    session.jump(2)
+    session.history.jump(2)
     assert FIRST_CAR not in street.find_visible_instances()
 
 
 def test_selection_modes_and_codeword(session):
-    session.select((FIRST_CAR,))
-    session.select((FIRST_CAR + 2,), "add")
-    session.select((FIRST_CAR,), "remove")
-    assert session.selected == (FIRST_CAR + 2,)
-    session.select_codeword_of(FIRST_CAR)
-    assert session.selected == (FIRST_CAR, FIRST_CAR + 1)
+    session.selection.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR + 2,), "add")
+    session.selection.select((FIRST_CAR,), "remove")
+    assert session.selection.ids == (FIRST_CAR + 2,)
+    session.selection.select_codeword(FIRST_CAR)
+    assert session.selection.ids == (FIRST_CAR, FIRST_CAR + 1)
     assert session.document.scene.table[FIRST_CAR].codeword == SHARED_CODEWORD
-    session.clear_selection()
+    session.selection.clear()
     steps = session.document.history.cursor
-    session.clear_selection()
+    session.selection.clear()
     assert session.document.history.cursor == steps, "clearing nothing is no step"
 
 
 def test_hide_solo_and_show_all(session, street):
     everything = street.find_visible_instances()
-    session.hide((FIRST_CAR,))
+    session.visibility.hide((FIRST_CAR,))
     assert FIRST_CAR not in street.find_visible_instances()
-    session.show_all()
-    session.solo.toggle((FIRST_CAR,))
+    session.visibility.show_all()
+    session.visibility.solo.toggle((FIRST_CAR,))
     assert street.find_visible_instances() == (FIRST_CAR,)
-    session.solo.toggle((FIRST_CAR,))
+    session.visibility.solo.toggle((FIRST_CAR,))
     assert street.find_visible_instances() == everything
 
 
 def test_a_drag_of_the_color_picker_is_one_step(session, street):
     before = street.history.cursor
     for red in (0.1, 0.5, 0.9):
-        session.recolor((FIRST_CAR,), "solid", (red, 0.0, 0.0), "drag 1")
+        session.colors.recolor((FIRST_CAR,), "solid", (red, 0.0, 0.0), "drag 1")
     assert street.history.cursor == before + 1
-    session.recolor((FIRST_CAR,), "solid", (0.0, 1.0, 0.0), "drag 2")
+    session.colors.recolor((FIRST_CAR,), "solid", (0.0, 1.0, 0.0), "drag 2")
     assert street.history.cursor == before + 2
 
 
 def test_what_cannot_be_done_is_told_and_changes_nothing(session, street):
-    session.delete((999,))
+    session.deletion.delete((999,))
     assert "999" in errors(session)[-1]
     session.labels.rename(FIRST_CAR, "two\nlines")
     assert "printable" in errors(session)[-1]
@@ -129,9 +129,9 @@ def test_framing_a_moving_car_looks_at_where_it_is_now(session, street):
 def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(session, street, tmp_path):
     session.navigation.look_from(session.state.viewpoint)
     session.navigation.set_time(1.0)
-    session.delete((FIRST_CAR,))
+    session.deletion.delete((FIRST_CAR,))
     for name in ("edited.compressed.ply", "edited.splat", "edited.ply", "edited_run"):
-        session.export(tmp_path / name)
+        session.export.write(tmp_path / name)
         finish(session)
         assert session.files.last_export == tmp_path / name
     file, folder = open_scene(tmp_path / "edited.ply"), open_scene(tmp_path / "edited_run")
@@ -148,7 +148,7 @@ def test_opening_and_exporting_run_beside_the_window_and_failures_become_message
     save_scene(tmp_path / "other.ply", freeze_at_time(procedural_street(0.4), 0.0))
     session.files.open(tmp_path / "other.ply")
     assert session.jobs.blocking
-    session.delete((FIRST_CAR,))
+    session.deletion.delete((FIRST_CAR,))
     assert "wait" in errors(session)[-1]
     finish(session)
     assert session.files.path == tmp_path / "other.ply"

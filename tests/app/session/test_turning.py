@@ -56,7 +56,7 @@ def test_the_view_goes_along_and_comes_back(session, up):
     navigation, document = session.navigation, session.document
     navigation.look_from(replace(session.state.viewpoint, world_from_camera=look_at(FROM, FROM + ALONG_X)))
     before = session.state.viewpoint
-    session.turning.turn(up, 2.0)
+    session.orientation.turn(up, 2.0)
     finish(session)
     session.tick(0.0)
     after = session.state.viewpoint
@@ -65,7 +65,7 @@ def test_the_view_goes_along_and_comes_back(session, up):
     assert after.pivot_distance == pytest.approx(2 * before.pivot_distance)
     assert abs(after.world_from_camera[2, 0]) < 1e-9, "no roll"
     assert after.world_from_camera[2, 1] < 0, "the picture's down is not up"
-    session.undo()
+    session.history.undo()
     session.tick(0.0)
     np.testing.assert_allclose(session.state.viewpoint.pivot, before.pivot, atol=1e-6)
     np.testing.assert_array_equal(document.orientation, np.eye(3, 4))
@@ -75,24 +75,24 @@ def test_the_view_goes_along_and_comes_back(session, up):
 def test_where_the_view_would_look_from_below_or_straight_down_all_is_in_view(session):
     for ahead in (np.array([0.0, 1.0, 0.0]), np.array([0.1, -1.0, 0.1])):  # downwards, upwards after the turn
         session.navigation.look_from(replace(session.state.viewpoint, world_from_camera=look_at(FROM, FROM + ahead)))
-        session.turning.turn(DOWN)
+        session.orientation.turn(DOWN)
         session.tick(0.0)
         expected = frame_scene(session.navigation.compute_world_means(()))
         np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, expected.world_from_camera)
-        session.undo()
+        session.history.undo()
         session.tick(0.0)
 
 
 def test_a_dataset_camera_is_looked_through_after_as_before(session):
     session.navigation.look_through(2)
     shown = session.state.viewpoint.world_from_camera
-    session.turning.turn(DOWN)
+    session.orientation.turn(DOWN)
     session.tick(0.0)
     assert session.state.dataset_view == 2
     assert not np.allclose(session.state.viewpoint.world_from_camera, shown)
     view = session.document.scene.views[2]
     np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, view.camera.world_from_camera)
-    session.undo()
+    session.history.undo()
     session.tick(0.0)
     np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, shown)
 
@@ -100,11 +100,11 @@ def test_a_dataset_camera_is_looked_through_after_as_before(session):
 def test_what_is_up_in_the_view_means_the_axis_when_it_is_near(session):
     points = session.navigation.compute_world_means(())
     session.navigation.look_from(look_straight_down(session.state.viewpoint, points))
-    up, angle = session.turning.view_up()
+    up, angle = session.orientation.view_up()
     assert sorted(np.abs(up)) == [0, 0, 1]
     assert angle <= 10
     session.navigation.look_down(())
-    assert session.turning.view_up()[0][2] == 0, "from above, up in the picture is level"
+    assert session.orientation.view_up()[0][2] == 0, "from above, up in the picture is level"
 
 
 def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
@@ -118,17 +118,17 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
     for name, document in (("upright", upright), ("raised", raised)):
         session.show(document)
         if name == "raised":
-            session.turning.turn(DOWN)
+            session.orientation.turn(DOWN)
             session.tick(0.0)
-        session.select((FIRST_CAR,))
+        session.selection.select((FIRST_CAR,))
         session.state.time = 0.0
-        box, placement = session.moving.box(), session.moving.placement()
-        session.moving.options.on_ground = True
-        session.moving.begin_drag(np.eye(3))
-        session.moving.drag_to(np.array([1.0, 0.5, 2.0]), np.eye(3), 1.0)
-        session.moving.end_drag()
+        box, placement = session.movement.box(), session.movement.placement()
+        session.movement.options.on_ground = True
+        session.movement.begin_drag(np.eye(3))
+        session.movement.drag_to(np.array([1.0, 0.5, 2.0]), np.eye(3), 1.0)
+        session.movement.end_drag()
         moved = session.document.compute_means(session.document.find_rows((FIRST_CAR,)))
-        session.moving.reset()
+        session.movement.reset()
         back = session.document.compute_means(session.document.find_rows((FIRST_CAR,)))
         found[name] = (box.corners, placement.position, placement.yaw, placement.scale, moved, back)
         assert not errors(session)
@@ -139,14 +139,14 @@ def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
 def test_the_render_thread_gets_the_turned_sky(session):
     watcher = SceneWatcher(session.document)
     before = watcher.take_state().sky
-    session.turning.turn(DOWN)
+    session.orientation.turn(DOWN)
     assert watcher.take_state().sky is session.document.scene.sky
-    session.undo()
+    session.history.undo()
     assert watcher.take_state().sky is before
 
 
 def test_copies_of_the_turned_lie_as_the_turned(session):
-    session.turning.turn(DOWN)
+    session.orientation.turn(DOWN)
     document = session.document
     document.apply(DuplicateInstances((FIRST_CAR,), (0.0, 3.0, 0.0)))
     copy = max(entry.id for entry in document.scene.table)
@@ -158,17 +158,17 @@ def test_copies_of_the_turned_lie_as_the_turned(session):
 
 def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     scene = session.document.scene
-    assert describe_turn(compute_axis_direction("+z"), 1.0, scene) == "Nothing: +Z is up already."
+    assert describe_turn(compute_axis_direction("+z"), 1.0, scene) == "Nothing changes: +Z is already up."
     assert describe_turn(DOWN, 1.0, scene).startswith("The whole scene turns by 90°, so that −Y points up.")
-    assert "what lies 19° from −Y" in describe_turn(ASKEW, 0.01, scene)
+    assert "the direction 19° from −Y" in describe_turn(ASKEW, 0.01, scene)
     assert "0.01 times as large" in describe_turn(ASKEW, 0.01, scene)
     assert describe_turn(DOWN, 1.0, scene).endswith(
-        " The drives, the photos' cameras and the sky go along. It can be undone."
+        " The drives, the photos' cameras and the sky change with it. You can undo this."
     )
     parked = scene_from_gaussians(scene.gaussians)
-    assert " The sky goes along." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
-    assert " The photos' cameras go along." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
-    assert describe_guess(None) == "Looking for the way up…"
-    session.turning.look()
+    assert " The sky changes with it." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
+    assert " The photos' cameras change with it." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
+    assert describe_guess(None) == "Estimating which way is up…"
+    session.orientation.look()
     finish(session)
-    assert describe_guess(session.turning.estimate) == "Guess: +Z, known from the photos' cameras."
+    assert describe_guess(session.orientation.estimate) == "Guess: +Z, according to the photos' cameras."

@@ -61,9 +61,9 @@ def test_the_title_names_the_document_and_what_is_unsaved(tmp_path):
     assert format_title(session) == "InstDrive"
     session.show(Document(procedural_street()), tmp_path / "street.ply")
     assert format_title(session) == "street.ply – InstDrive"
-    session.apply(DeleteInstances, session.document.find_visible_instances()[:1])
+    session.history.apply(DeleteInstances(session.document.find_visible_instances()[:1]))
     assert format_title(session) == "street.ply • InstDrive"
-    session.undo()
+    session.history.undo()
     assert format_title(session) == "street.ply – InstDrive"
     session.close()
 

@@ -5,6 +5,7 @@ from procedural_street import FIRST_CAR, HOUSES, ROAD
 from session_driver import errors, finish
 
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskOtherSave
 
 
 @pytest.fixture
@@ -22,35 +23,36 @@ def opened(path):
 
 def test_a_project_saved_elsewhere_is_written_over_only_when_asked(street_folder, project):
     first = opened(street_folder)
-    first.save(project)
+    first.files.save(project)
     finish(first)
     second = opened(project)
     for instance in (ROAD, HOUSES):  # of an editor's own, two saves in a row are no news
-        first.hide((instance,))
-        first.save()
-        first.save()
+        first.visibility.hide((instance,))
+        first.files.save()
+        first.files.save()
     finish(first)
-    assert first.files.other_save is None
-    second.hide((FIRST_CAR,))
+    assert first.requests.waiting == ()
+    second.visibility.hide((FIRST_CAR,))
     left = []
-    second.save(then=lambda: left.append(True))
+    second.files.save(then=lambda: left.append(True))
     finish(second)
-    assert second.files.other_save is not None
-    assert second.is_unsaved
+    asked = second.requests.take(AskOtherSave)
+    assert asked.path == project
+    assert second.files.is_unsaved
     assert not left, "the window stays open"
     assert errors(second) == []
     kept = opened(project)
     assert ROAD not in kept.document.find_visible_instances(), "the first editor's save is there still"
-    second.files.other_save.save_over()
+    asked.save_over()
     finish(second)
     assert left
-    assert not second.is_unsaved
+    assert not second.files.is_unsaved
     last = opened(project)
     assert FIRST_CAR not in last.document.find_visible_instances()
     assert ROAD in last.document.find_visible_instances()
     project.unlink()
-    second.show_all()
-    second.save()
+    second.visibility.show_all()
+    second.files.save()
     finish(second)
     assert project.exists(), "what is gone is no other editor's"
     for editor in (first, second, kept, last):

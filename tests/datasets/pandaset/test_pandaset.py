@@ -63,8 +63,8 @@ def test_frames_are_the_photos_there_are_ordered_by_step(root):
     assert clip.camera_names == ("front_camera", "back_camera")
     assert [frame.key for frame in clip.frames[:3]] == ["front_camera/02", "back_camera/02", "front_camera/03"]
     assert len(clip.frames) == 2 * len(STEPS)
-    assert {frame.view.index for frame in clip.held_out_frames()} == {4}
-    assert {frame.view.index for frame in clip.training_frames()} == set(STEPS) - {4}
+    assert {frame.view.index for frame in clip.held_out_frames} == {4}
+    assert {frame.view.index for frame in clip.training_frames} == set(STEPS) - {4}
     assert clip.frames[0].view.time == pytest.approx(0.2, abs=1e-6), "since the first listed step, not the first photo"
     assert clip.name == "clip"
 
@@ -105,7 +105,7 @@ def test_the_recording_car_is_invalid_in_the_back_camera(root):
 def test_sweeps_are_in_float32_around_the_origin(root):
     clip = load(root)
     assert [sweep.index for sweep in clip.sweeps] == list(LIDAR_STEPS)
-    assert [sweep.index for sweep in clip.training_sweeps()] == [2, 6]
+    assert [sweep.index for sweep in clip.training_sweeps] == [2, 6]
     sweep = clip.sweeps[0].load()
     expected, classes, sensors = sweep_at(2)
     assert sweep.points.dtype == np.float32
@@ -362,9 +362,9 @@ def test_hostile_cuboids_stop_the_loader(root):
 def test_the_real_clip(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions())
     assert len(clip.frames) == 180
-    assert len(clip.training_frames()) == 162
+    assert len(clip.training_frames) == 162
     assert [sweep.index for sweep in clip.sweeps] == list(range(30, 56))
-    assert {sweep.index for sweep in clip.sweeps} - {sweep.index for sweep in clip.training_sweeps()} == {34, 44, 54}
+    assert {sweep.index for sweep in clip.sweeps} - {sweep.index for sweep in clip.training_sweeps} == {34, 44, 54}
     assert clip.frames[0].view.camera.width == 480
     assert clip.frames[0].view.time == pytest.approx(3.0, abs=0.01)
     assert sum(track.moving for track in clip.tracks) >= 20

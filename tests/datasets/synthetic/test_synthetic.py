@@ -140,7 +140,7 @@ def test_poses_put_every_camera_where_the_rig_has_it(clip: Path, street: Street)
     for step in range(CONFIG.steps):
         ego = world @ compute_ego_pose(street, step * STEP_SECONDS)
         for rig_camera in CAMERAS:
-            expected = rig_camera.posed(ego, CONFIG.width, CONFIG.height)
+            expected = rig_camera.place(ego, CONFIG.width, CONFIG.height)
             actual = camera_of(clip, rig_camera.name, step)
             np.testing.assert_allclose(actual.world_from_camera, expected.world_from_camera, atol=1e-9)
             np.testing.assert_allclose(actual.intrinsics, expected.intrinsics)
@@ -164,7 +164,7 @@ def seen_from(rays: RayScene, camera: Camera, points: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(offset, axis=1)
     directions = (offset / distance[:, None]).astype(np.float32)
     origins = np.repeat(camera.position[None].astype(np.float32), len(points), axis=0)
-    return np.abs(rays.first_hits(origins, directions).distances - distance) < 0.15
+    return np.abs(rays.find_first_hits(origins, directions).distances - distance) < 0.15
 
 
 def test_pixel_labels_agree_with_lidar_labels_where_the_camera_sees_the_points(clip: Path, street: Street) -> None:
@@ -177,7 +177,7 @@ def test_pixel_labels_agree_with_lidar_labels_where_the_camera_sees_the_points(c
         pixels, depth = camera_of(clip, rig_camera.name, 1).project(points)
         column, row = np.floor(pixels).astype(int).T
         inside = (depth > 0.5) & (column >= 0) & (column < CONFIG.width) & (row >= 0) & (row < CONFIG.height)
-        posed = rig_camera.posed(compute_ego_pose(street, 1 * STEP_SECONDS), CONFIG.width, CONFIG.height)
+        posed = rig_camera.place(compute_ego_pose(street, 1 * STEP_SECONDS), CONFIG.width, CONFIG.height)
         chosen = np.flatnonzero(inside)
         chosen = chosen[seen_from(rays, posed, local[chosen])]
         label_map = np.asarray(Image.open(clip / "labels" / rig_camera.name / "01.png"))
@@ -281,10 +281,10 @@ def pixels_per_instance(street: Street, times: tuple[float, ...]) -> dict[int, i
         geometry = street.geometry(time)
         rays = RayScene(geometry.mesh.corners)
         for rig_camera in CAMERAS:
-            camera = rig_camera.posed(compute_ego_pose(street, time), 160, 90)
+            camera = rig_camera.place(compute_ego_pose(street, time), 160, 90)
             directions = compute_subsample_directions(camera, slice(0, 90))
             origins = np.repeat(camera.position[None].astype(np.float32), len(directions), axis=0)
-            triangles = rays.first_hits(origins, directions).triangles
+            triangles = rays.find_first_hits(origins, directions).triangles
             ids, pixels = np.unique(geometry.instances[triangles[triangles >= 0]], return_counts=True)
             for key, count in zip(ids.tolist(), pixels.tolist(), strict=True):
                 counts[key] = counts.get(key, 0) + count

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from random_scene import random_scene
 
-from benchmarks.random_edits import document_digest
 from instdrive_app.session.selection_box import SelectionBoxes
 from instdrive_core.edits.bases import poses
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.move import MoveInstances
@@ -35,7 +35,7 @@ def digest_of(*steps):
     exact = fresh(waits=False)
     for step in steps:
         step(exact)
-    return document_digest(exact)
+    return fingerprint(exact)
 
 
 def move(shift=1.0, ids=IDS):
@@ -52,7 +52,7 @@ def test_bounds_become_exact_bit_by_bit_some_at_a_time():
         document.run_deferred(50)
         calls += 1
     assert 1 < calls <= len(IDS)
-    assert document_digest(document) == digest_of(lambda exact: exact.apply(move()))
+    assert fingerprint(document) == digest_of(lambda exact: exact.apply(move()))
 
 
 def test_a_box_around_them_goes_along():
@@ -105,11 +105,11 @@ def test_whatever_follows_sees_exact_bounds(following, caught_up):
     following(document)
     document.run_deferred()
     assert document.deferred is None
-    assert document_digest(document) == digest_of(drag, following)
+    assert fingerprint(document) == digest_of(drag, following)
     while document.undo():
         pass
     document.run_deferred()
-    assert document_digest(document) == digest_of()
+    assert fingerprint(document) == digest_of()
 
 
 def test_an_edit_that_fails_leaves_exact_bounds():
@@ -118,7 +118,7 @@ def test_an_edit_that_fails_leaves_exact_bounds():
     with pytest.raises(EditError):
         document.apply(move(ids=(1, 999)), "drag")
     document.run_deferred()
-    assert document_digest(document) == digest_of(lambda exact: exact.apply(move()))
+    assert fingerprint(document) == digest_of(lambda exact: exact.apply(move()))
 
 
 def test_a_part_of_another_edit_and_a_document_without_frames_do_not_wait():

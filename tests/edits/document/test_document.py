@@ -184,11 +184,11 @@ def test_a_slider_drag_is_one_step(document):
 
 
 def test_rename_and_class(document):
-    version = document.table_version
+    version = document.versions.table
     document.apply(RenameInstance(3, " tram "))
     document.apply(SetInstanceClass(3, "Rail"))
     assert (document.scene.table[3].name, document.scene.table[3].class_name) == ("tram", "Rail")
-    assert document.table_version == version + 2
+    assert document.versions.table == version + 2
     document.undo()
     document.undo()
     assert document.scene.table[3].name == "instance 3"
@@ -245,15 +245,15 @@ def test_summaries_count_splats(document):
 
 
 def test_versions_rise_only_with_changes(document):
-    versions = (document.state.version, document.colors.version, document.table_version)
+    versions = (document.versions.states, document.versions.colors, document.versions.table)
     document.apply(SelectInstances((1,)))
-    assert document.state.version > versions[0]
-    assert (document.colors.version, document.table_version) == versions[1:]
+    assert document.versions.states > versions[0]
+    assert (document.versions.colors, document.versions.table) == versions[1:]
     document.apply(RecolorInstances((1,), "solid", (1.0, 0.0, 0.0)))
-    assert document.colors.version > versions[1]
-    version = document.colors.version
+    assert document.versions.colors > versions[1]
+    version = document.versions.colors
     document.undo()
-    assert document.colors.version > version
+    assert document.versions.colors > version
 
 
 def test_edits_remember_only_what_they_touch():

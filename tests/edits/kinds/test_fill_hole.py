@@ -10,7 +10,8 @@ from random_scene import assert_same_scene
 
 from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint, freeze_document
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.holes.inpainting import choose_source_cells
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.color import RecolorInstances
@@ -221,16 +222,16 @@ def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monke
 def test_a_frozen_copy_does_not_follow_the_document(street):
     document, _ = emptied(street)
     document.apply(MoveInstances((8,), (1.0, 0.0, 0.0)))
-    frozen, before = freeze_document(document), fingerprint(document)
-    assert fingerprint(frozen) == before
+    frozen, before = freeze_document(document), fingerprint(document, CONTENT)
+    assert fingerprint(frozen, CONTENT) == before
     means = frozen.compute_means(frozen.find_rows((8,))).copy()
     document.apply(MoveInstances((8,), (0.0, 1.0, 0.0)))
-    assert fingerprint(document) != before
+    assert fingerprint(document, CONTENT) != before
     document.undo()
-    assert fingerprint(document) == before
+    assert fingerprint(document, CONTENT) == before
     document.apply(MergeInstances((1,), 2))
     document.apply(DeleteInstances((8,)))
     np.testing.assert_array_equal(frozen.compute_means(frozen.find_rows((8,))), means)
     assert frozen.summarize_instance(8).drawn == len(means)
     assert 1 in frozen.scene.table
-    assert fingerprint(frozen) == before
+    assert fingerprint(frozen, CONTENT) == before

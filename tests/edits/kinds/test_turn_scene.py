@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from random_scene import assert_same_scene, random_scene
 
-from benchmarks.random_edits import document_digest
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.document.invariants import find_broken_invariants
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
@@ -77,20 +77,20 @@ def test_it_is_one_step_and_undo_restores_every_bit():
     document.apply(MoveInstances((2,), (1.0, 0.5, 0.0), ANY_TURN, 1.2))
     document.apply(MoveInstances((7,), (0.0, 2.0, 0.0), scale=0.7))
     document.apply(LockInstances((3,)))
-    digest, scene = document_digest(document), bake_document(document)
+    digest, scene = fingerprint(document), bake_document(document)
     views, sky, orientation = document.scene.views, document.scene.sky, document.orientation
     document.apply(TurnScene(ANY_TURN, 0.01))
-    after = document_digest(document), bake_document(document)
+    after = fingerprint(document), bake_document(document)
     assert document.history.cursor == 4
     assert not find_broken_invariants(document)
     document.undo()
-    assert document_digest(document) == digest
+    assert fingerprint(document) == digest
     assert_same_scene(bake_document(document), scene)
     assert document.scene.views is views
     assert document.scene.sky is sky
     assert document.orientation is orientation
     document.redo()
-    assert document_digest(document) == after[0]
+    assert fingerprint(document) == after[0]
     assert_same_scene(bake_document(document), after[1])
 
 
@@ -101,7 +101,7 @@ def test_it_is_replayed_from_its_lines():
     (again,) = edits_from_lines(edits_to_lines([edit]))
     second.apply(again)
     assert again == edit
-    assert document_digest(first) == document_digest(second)
+    assert fingerprint(first) == fingerprint(second)
 
 
 def test_moved_things_are_reset_to_where_the_turn_has_put_them():
@@ -136,7 +136,7 @@ def test_prepared_aside_it_gives_the_same_and_only_for_what_it_was_prepared_for(
     edit.prepare(freeze_document(prepared))
     for document, turn in ((prepared, edit), (plain, TurnScene(ANY_TURN, 3.0))):
         document.apply(turn)
-    assert document_digest(prepared) == document_digest(plain)
+    assert fingerprint(prepared) == fingerprint(plain)
     late, early = TurnScene(ANY_TURN, 3.0), Document(random_scene())
     late.prepare(freeze_document(early))
     for turn in (late, TurnScene(ANY_TURN, 3.0)):

@@ -15,9 +15,7 @@ def quiet(stage: str, done: int, total: int) -> None:
 
 
 def held_out(drive: ToyDrive) -> list[HeldOutView]:
-    return [
-        measure_held_out_view(drive.scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames()
-    ]
+    return [measure_held_out_view(drive.scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames]
 
 
 def boxes(drive: ToyDrive) -> dict:

@@ -21,7 +21,7 @@ def seen(drive: ToyDrive, scene: Scene, frame: Frame, clip: Clip | None = None) 
 
 
 def held_out(drive: ToyDrive, index: int = 4) -> Frame:
-    return next(frame for frame in drive.clip.held_out_frames() if frame.view.index == index)
+    return next(frame for frame in drive.clip.held_out_frames if frame.view.index == index)
 
 
 def repainted(frame: Frame, change) -> Frame:
@@ -39,7 +39,7 @@ def darkening(time: float) -> np.ndarray:
 
 
 def exposures_of_training(drive: ToyDrive) -> Exposures:
-    frames = drive.clip.training_frames()
+    frames = drive.clip.training_frames
     times = np.array([frame.view.time for frame in frames])
     return Exposures(tuple(frame.key for frame in frames), times, np.stack([darkening(time) for time in times]))
 
@@ -109,7 +109,7 @@ def test_views_without_moving_objects_count_for_nothing_not_for_zero(drive):
     assert early.psnr_actors is not None
     assert late.psnr_actors is None
     figures = evaluate_scene(drive.scene, clip, drive.truth, FACTS).figures
-    views = [seen(drive, drive.scene, frame, clip) for frame in clip.held_out_frames()]
+    views = [seen(drive, drive.scene, frame, clip) for frame in clip.held_out_frames]
     known = [view.psnr_actors for view in views if view.psnr_actors is not None]
     assert len(known) == 2, "both cameras of step 4"
     assert figures["psnr_actors"] == pytest.approx(np.mean(known))

@@ -55,7 +55,7 @@ def test_what_no_photo_has_in_its_image_is_left_out(drive):
 
 
 def test_the_ego_vehicle_hides_points(drive):
-    frame = drive.clip.held_out_frames()[0]
+    frame = drive.clip.held_out_frames[0]
     on_the_road = np.array([[-1.0, 1.8, 0.0], [0.0, 12.0, 0.0]], np.float32)
     pixels, _ = frame.view.camera.project(on_the_road)
     hidden = replace(frame, valid=np.arange(frame.view.camera.height)[:, None] < np.full(frame.view.camera.width, 80))

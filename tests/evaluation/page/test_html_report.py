@@ -98,7 +98,7 @@ def report(drive: ToyDrive, tmp_path):
 
 def test_views_are_shown_as_they_are(drive, report):
     page = report()
-    views = drive.clip.held_out_frames()
+    views = drive.clip.held_out_frames
     assert all(decoded(image["src"]).size for image in page.images)
     for start in ("photo: ", "image: ", "errors: "):
         assert len(page.pictures(start)) == len(views)
@@ -170,7 +170,7 @@ def test_a_page_keeps_within_its_budget(drive, report, monkeypatch):
     monkeypatch.setattr(html_report, "PICTURE_BUDGET", 30_000)
     page = report()
     shown = len(page.pictures("photo: "))
-    assert 0 < shown < len(drive.clip.held_out_frames())
+    assert 0 < shown < len(drive.clip.held_out_frames)
     assert f"{4 - shown} further views are left out" in page.text
 
 
@@ -196,4 +196,4 @@ def test_privileged_runs_say_so(drive, report):
 
 def test_the_toy_clip_is_what_the_tests_assume(drive):
     assert isinstance(drive.clip, Clip)
-    assert len(drive.clip.held_out_frames()) == 4
+    assert len(drive.clip.held_out_frames) == 4

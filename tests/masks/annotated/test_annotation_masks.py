@@ -39,8 +39,8 @@ def test_every_pixel_gets_what_it_shows(clip, labels):
         assert iou(found == named(labels, "Car"), expected == CAR) > 0.9
         assert iou(found == named(labels, "Road"), expected == ROAD) > 0.95
         assert iou(found == named(labels, "Building"), expected == WALL) > 0.93
-        assert iou(labels.sky(frame), expected == SKY) > 0.95
-        assert (found > 0).sum() + labels.sky(frame).sum() > 0.99 * found.size
+        assert iou(labels.load_sky(frame), expected == SKY) > 0.95
+        assert (found > 0).sum() + labels.load_sky(frame).sum() > 0.99 * found.size
 
 
 def test_instances_say_what_they_are(labels):
@@ -227,7 +227,7 @@ def test_the_real_clip_gives_whole_cars_one_road_and_a_sky(pandaset_clip):
     for frame in clip.frames:
         if frame.view.index != 41:
             continue
-        found, sky = labels.load(frame), labels.sky(frame)
+        found, sky = labels.load(frame), labels.load_sky(frame)
         assert not (sky & (found > 0)).any()
         assert not sky[frame.view.camera.height // 2 + 40 :].any(), f"{frame.key}: sky below the horizon"
         open_share = ((found == 0) & ~sky)[frame.valid if frame.valid is not None else slice(None)].mean()

@@ -43,10 +43,10 @@ def test_ground_is_found_under_cars_on_a_slope_and_above_mirror_images():
     mirrored = box([5, 5, -3], [9, 8, -1], 1500, rng)
     surface = find_ground(np.concatenate([road, car, wall, mirrored]).astype(np.float32))
     distance = np.full(60000, 10, np.float32)
-    assert is_ground(surface.above(road.astype(np.float32)), distance[: len(road)]).mean() > 0.98
-    assert not is_ground(surface.above(car), distance[: len(car)]).any()
+    assert is_ground(surface.compute_heights_above(road.astype(np.float32)), distance[: len(road)]).mean() > 0.98
+    assert not is_ground(surface.compute_heights_above(car), distance[: len(car)]).any()
     high = wall[:, 2] - 0.03 * wall[:, 0] > 0.4
-    assert is_ground(surface.above(wall[high]), distance[: high.sum()]).mean() < 0.01
+    assert is_ground(surface.compute_heights_above(wall[high]), distance[: high.sum()]).mean() < 0.01
 
 
 def test_ground_needs_points():
@@ -207,21 +207,21 @@ def labels(street):
 
 
 def test_street_wall_car_and_sky_are_found_without_annotations(street, labels):
-    for frame in street.training_frames()[::5]:
+    for frame in street.training_frames[::5]:
         found, expected = labels.load(frame), truth(frame.view.time)
         car = found[expected == CAR]
         assert iou(found == np.bincount(car[car > 0]).argmax(), expected == CAR) > 0.7
         assert iou(found == GROUND, expected == ROAD) > 0.9
         wall = np.bincount(found[expected == WALL]).argmax()
         assert iou(found == wall, expected == WALL) > 0.85
-        assert iou(labels.sky(frame), expected == SKY) > 0.9
-        assert not (labels.sky(frame) & (found > 0)).any()
+        assert iou(labels.load_sky(frame), expected == SKY) > 0.9
+        assert not (labels.load_sky(frame) & (found > 0)).any()
 
 
 def test_neither_classes_nor_cuboids_change_anything(street, labels):
     sweeps = tuple(replace(s, load=lambda s=s: replace(s.load(), classes=None)) for s in street.sweeps)
     bare = LidarLabels(replace(street, sweeps=sweeps, tracks=(), class_names={}))
-    for frame in street.training_frames()[::5]:
+    for frame in street.training_frames[::5]:
         np.testing.assert_array_equal(bare.load(frame), labels.load(frame))
 
 
@@ -251,7 +251,7 @@ def test_the_real_clip_gives_cars_a_road_and_a_sky(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions(cameras="front_left_camera", first_frame=36, last_frame=46))
     labels = LidarLabels(clip)
     frame = next(frame for frame in clip.frames if frame.view.index == 40)
-    found, sky = labels.load(frame), labels.sky(frame)
+    found, sky = labels.load(frame), labels.load_sky(frame)
     assert labels.source == "lidar"
     assert sky[:80].mean() > 0.6
     assert (found[200:] == GROUND).mean() > 0.6
@@ -294,12 +294,12 @@ class KnownStreet:
             labels[rows[left], columns[left]] = 99
         return labels
 
-    def sky(self, frame):
+    def load_sky(self, frame):
         return truth(frame.view.time) == SKY
 
 
 def test_the_benchmarks_figures_know_whole_from_split(street):
-    frames = street.training_frames()[:2]
+    frames = street.training_frames[:2]
     perfect = figures([score_photo(KnownStreet(), KnownStreet(), frame) for frame in frames])
     assert {perfect[key] for key in ("things_best_iou", "things_iou50", "per_view_miou", "pq", "sky_iou")} == {1.0}
     split = figures([score_photo(KnownStreet(), KnownStreet(split=True), frame) for frame in frames])

@@ -27,7 +27,7 @@ def test_a_model_saved_to_disk_labels_photos(model_folder):
     clip = painted_clip("nowhere")
     labels = SamLabels(clip, permissive(model_folder))
     frame = clip.frames[0]
-    found, sky = labels.load(frame), labels.sky(frame)
+    found, sky = labels.load(frame), labels.load_sky(frame)
     assert found.shape == sky.shape == (90, 160)
     assert found.dtype == np.uint32
     assert sky.dtype == bool
@@ -38,8 +38,8 @@ def test_a_model_saved_to_disk_labels_photos(model_folder):
 def test_same_photo_same_bits_whatever_came_before(model_folder):
     clip = painted_clip("nowhere")
     forth, back = (SamLabels(clip, permissive(model_folder)) for _ in range(2))
-    first = [(forth.load(frame), forth.sky(frame)) for frame in clip.frames[:2]]
-    second = [(back.load(frame), back.sky(frame)) for frame in clip.frames[1::-1]]
+    first = [(forth.load(frame), forth.load_sky(frame)) for frame in clip.frames[:2]]
+    second = [(back.load(frame), back.load_sky(frame)) for frame in clip.frames[1::-1]]
     for (labels, sky), (others, other_sky) in zip(first, reversed(second), strict=True):
         np.testing.assert_array_equal(labels, others)
         np.testing.assert_array_equal(sky, other_sky)
@@ -53,7 +53,7 @@ def test_nothing_is_labelled_on_the_ego_vehicle(sam_folder):
     labels = SamLabels(clip, permissive(sam_folder))
     assert labels.load(frame).any()
     assert not labels.load(frame)[60:].any()
-    assert not labels.sky(frame)[60:].any()
+    assert not labels.load_sky(frame)[60:].any()
 
 
 def test_photos_and_masks_are_brought_to_size_as_the_library_does(sam_folder):

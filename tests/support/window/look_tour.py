@@ -20,27 +20,45 @@ from tyro.conf import Positional
 
 from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import (
+    AskClass,
+    AskExport,
+    AskName,
+    AskPath,
+    AskReassign,
+    AskSplit,
+    AskUnsaved,
+    AskUp,
+    OfferCleanup,
+    ReceiveDrop,
+    Request,
+    ShowAbout,
+    ShowPalette,
+    ShowShortcuts,
+    do_nothing,
+)
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode
 from instdrive_core.scene.lint import Defect
 
-DIALOGS = (
-    "open",
-    "insert",
-    "save",
-    "export",
-    "shortcuts",
-    "about",
-    "palette",
-    "unsaved",
-    "findings",
-    "split",
-    "turn_upright",
-    "class",
-    "rename",
-)
+DIALOGS: dict[str, Callable[[int], Request]] = {
+    "open": lambda _: AskPath("open"),
+    "insert": lambda _: AskPath("insert"),
+    "save": lambda _: AskPath("save"),
+    "export": lambda _: AskExport(),
+    "shortcuts": lambda _: ShowShortcuts(),
+    "about": lambda _: ShowAbout(),
+    "palette": lambda _: ShowPalette(),
+    "unsaved": lambda _: AskUnsaved(do_nothing),
+    "findings": lambda _: OfferCleanup(),
+    "split": AskSplit,
+    "turn_upright": lambda _: AskUp(),
+    "class": lambda instance: AskClass((instance,)),
+    "rename": AskName,
+}
+"""What opens each dialog, for an instance where it is about one."""
 LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
 """The longest name allowed."""
 PATIENCE_FRAMES = 400
@@ -83,9 +101,9 @@ class Tour:
 
     def _selections(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
-        yield from self._look("one", lambda: session.select(ids[:1]))
-        yield from self._look("two", lambda: session.select(ids[:2]))
-        session.select(ids[:1])
+        yield from self._look("one", lambda: session.selection.select(ids[:1]))
+        yield from self._look("two", lambda: session.selection.select(ids[:2]))
+        session.selection.select(ids[:1])
         session.labels.rename(ids[0], LONG_NAME)
         yield from self._look("long name")
         yield from self._look("move tool", lambda: session.actions.run("tool.move"))
@@ -118,7 +136,7 @@ class Tour:
 
     def _dialogs(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
-        session.findings = (
+        session.files.defects = (
             Defect(
                 "not_finite",
                 "3 splats hold values that are not finite (means of 2, log_scales of 3)",
@@ -129,18 +147,18 @@ class Tour:
             Defect("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
         )
         for name in filter(lambda name: self._wanted(f"dialog {name}"), DIALOGS):
-            session.asked_about, session.renamed = ids[:1], ids[0] if name == "rename" else 0
-            session.dialog = name
+            # Not by the queue: the list of instances would take the renaming.
+            self._window._dialogs.open(self._window.ui, DIALOGS[name](ids[0]))
             yield from self._look(f"dialog {name}", frames=25 if name == "split" else 5)
             yield from self._escape()
-        session.dialog = "reassign"
+        session.requests.put(AskReassign())
         yield from self._look("dialog reassign")
         yield from self._escape()
         others = tuple(self._options.out / f"{number} {LONG_NAME}.ply" for number in range(5))
         for other in others:
             other.symlink_to(self._scene)
         for name, dropped in (("dropped", (self._scene,)), ("several dropped", others)):
-            session.dropped = dropped
+            session.requests.put(ReceiveDrop(dropped))
             yield from self._look(f"dialog {name}")
             yield from self._escape()
 

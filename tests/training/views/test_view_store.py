@@ -282,7 +282,7 @@ def test_views_in_memory_make_a_store():
 
 def masks_of(clip, folder, skipped=()):
     def content():
-        for number, frame in enumerate(clip.training_frames()):
+        for number, frame in enumerate(clip.training_frames):
             if frame.key not in skipped:
                 camera = frame.view.camera
                 labels = np.zeros((camera.height, camera.width), np.uint16)
@@ -311,7 +311,7 @@ def test_facts_of_a_clip_are_known_before_a_photo_is_read(tmp_path):
 def test_a_clips_views_carry_photo_masks_and_depth(tmp_path):
     clip = drive()
     store = open_view_store(clip, masks_of(clip, tmp_path / "masks"))
-    view, frame = store.get(2), clip.training_frames()[2]
+    view, frame = store.get(2), clip.training_frames[2]
     np.testing.assert_array_equal(view.image, frame.load_image())
     assert view.labels[:2].min() == view.labels.max() == 2
     assert view.sky is not None
@@ -358,7 +358,7 @@ def test_a_damaged_photo_is_named(tmp_path, content, ahead):
 def test_the_real_clips_photos_are_what_evaluation_loads(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions(cameras="back_camera", first_frame=40, last_frame=42))
     store = open_view_store(clip, None, budget_bytes=480 * 270 * 3)
-    for number, frame in enumerate(clip.training_frames()):
+    for number, frame in enumerate(clip.training_frames):
         store.prefetch([(number, False)])
         view = store.get(number)
         np.testing.assert_array_equal(view.image, frame.load_image())

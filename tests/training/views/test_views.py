@@ -20,8 +20,8 @@ from instdrive_core.training.views.training_view import build_training_view
 
 
 def some_view(**changes):
-    frame = replace(drive().training_frames()[0], **changes)
-    points = drive().training_sweeps()[0].load().points
+    frame = replace(drive().training_frames[0], **changes)
+    points = drive().training_sweeps[0].load().points
     rng = np.random.default_rng(5)
     image = rng.integers(0, 256, (80, 120, 3), dtype=np.uint8)
     masks = FrameMasks(rng.integers(0, 9, (80, 120)).astype(np.uint16), rng.random((80, 120)) < 0.2)
@@ -62,7 +62,7 @@ def test_depths_come_from_sweeps_that_may_train_and_spare_the_ego_car():
     clip = drive()
     valid = np.ones((80, 120), bool)
     valid[50:] = False
-    frames = [replace(frame, valid=valid) for frame in clip.training_frames()]
+    frames = [replace(frame, valid=valid) for frame in clip.training_frames]
     found = load_frame_depths(clip, frames)
     for frame, (pixels, depths) in zip(frames, found, strict=True):
         sweep = next(sweep for sweep in clip.sweeps if sweep.index == frame.view.index)
@@ -79,7 +79,7 @@ def test_a_damaged_sweep_is_told_of_while_others_are_in_work():
 
     sweeps = (*clip.sweeps[:-1], replace(clip.sweeps[-1], load=damaged))
     with pytest.raises(OSError, match="sweep 6"):
-        load_frame_depths(replace(clip, sweeps=sweeps), clip.training_frames())
+        load_frame_depths(replace(clip, sweeps=sweeps), clip.training_frames)
 
 
 def test_halving_a_view_keeps_depths_and_intrinsics():

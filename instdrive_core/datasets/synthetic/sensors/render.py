@@ -62,14 +62,14 @@ class StepRenderer:
         mesh, light = self.geometry.mesh, self.light
         directions = compute_subsample_directions(camera, rows)
         origin = camera.position.astype(np.float32)
-        hits = self.rays.first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
+        hits = self.rays.find_first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
         struck = np.flatnonzero(hits.triangles >= 0)
         points, normals = np.empty((len(struck), 3), np.float32), np.empty((len(struck), 3), np.float32)
         compute_hit_geometry(struck, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
         to_light, to_open = np.empty_like(points), np.empty_like(points)
         compute_probe_directions(struck, normals, light.sun_directions(), to_light, to_open)
-        in_shadow = self.rays.occluded(points, to_light, SHADOW_REACH)
-        enclosed = self.rays.occluded(points, to_open, OPEN_REACH)
+        in_shadow = self.rays.find_occluded(points, to_light, SHADOW_REACH)
+        enclosed = self.rays.find_occluded(points, to_open, OPEN_REACH)
         radiance = np.empty_like(directions)
         shade_hits(
             struck, hits.triangles, hits.u, hits.v, hits.distances, directions, normals, mesh.texcoords, mesh.normals,

@@ -109,15 +109,20 @@ class _Finish:
 
 def build_car(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A vehicle of the given shape and paint."""
-    finish = _finish(shape, color, rng, palette)
-    parts = [_body(shape, finish), _cabin(shape, finish), _wheels(shape, finish), _ends(shape, finish)]
-    parts.append(_side_details(shape, finish))
+    finish = _choose_finish(shape, color, rng, palette)
+    parts = [
+        _build_body(shape, finish),
+        _build_cabin(shape, finish),
+        _build_wheels(shape, finish),
+        _build_ends(shape, finish),
+    ]
+    parts.append(_build_side_details(shape, finish))
     if shape.cargo is not None:
-        parts.append(_cargo(shape, shape.cargo, finish))
+        parts.append(_build_cargo(shape, shape.cargo, finish))
     return join_meshes(parts)
 
 
-def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> _Finish:
+def _choose_finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> _Finish:
     spokes = float(rng.choice([5, 6, 7, 10]))
     dust = (0.30, 0.27, 0.23)
     box_color = (0.70, 0.70, 0.68) if rng.random() < 0.6 else color
@@ -138,7 +143,7 @@ def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: Ma
     )
 
 
-def _body(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_body(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """The lower body: cross-sections from tail to nose, with a rounded shoulder and tucked-in sills."""
     half, belt, nose, low = shape.width / 2, shape.belt, shape.nose, shape.clearance
     tail = belt * shape.tail
@@ -156,11 +161,11 @@ def _body(shape: CarShape, finish: _Finish) -> TriangleMesh:
         (0.488, 0.93 * nose, half - 0.10, low + 0.05),
         (0.500, 0.78 * nose, half - 0.19, low + 0.12),
     ]
-    sections = [_body_section(y * shape.length, top, width, bottom) for y, top, width, bottom in stations]
-    return build_loft(np.stack(sections), finish.paint).smoothed(42.0)
+    sections = [_build_body_section(y * shape.length, top, width, bottom) for y, top, width, bottom in stations]
+    return build_loft(np.stack(sections), finish.paint).smooth_normals(42.0)
 
 
-def _body_section(y: float, top: float, half: float, bottom: float) -> Float[ndarray, "p 3"]:
+def _build_body_section(y: float, top: float, half: float, bottom: float) -> Float[ndarray, "p 3"]:
     rise = top - bottom
     right = [
         (half - 0.12, bottom),
@@ -175,16 +180,16 @@ def _body_section(y: float, top: float, half: float, bottom: float) -> Float[nda
     return np.array([(x, y, z) for x, z in outline])
 
 
-def _cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Roof and pillars as one frustum with a bevelled roof, windows laid on its faces."""
     rear, roof_rear, roof_front, front = shape.cabin
     half = shape.width / 2
     foot, top, bevel = half - 0.09, half - 0.24 if shape.height < 2 else half - 0.13, 0.07
     z0, z1, z2 = shape.belt - 0.03, shape.height - 0.06, shape.height
-    base = _ring(foot, rear, front, z0)
-    shoulder = _ring(top, roof_rear, roof_front, z1)
-    roof = _ring(top - bevel, roof_rear + bevel, roof_front - bevel, z2)
-    parts = [build_loft(np.stack([base, shoulder, roof]), finish.paint).smoothed(38.0)]
+    base = _build_ring(foot, rear, front, z0)
+    shoulder = _build_ring(top, roof_rear, roof_front, z1)
+    roof = _build_ring(top - bevel, roof_rear + bevel, roof_front - bevel, z2)
+    parts = [build_loft(np.stack([base, shoulder, roof]), finish.paint).smooth_normals(38.0)]
     right = np.stack([base[1], base[2], shoulder[2], shoulder[1]])
     windscreen = np.stack([base[2], base[3], shoulder[3], shoulder[2]])
     rear_window = np.stack([base[0], base[1], shoulder[1], shoulder[0]])
@@ -199,12 +204,12 @@ def _cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
     return join_meshes(parts)
 
 
-def _ring(half: float, rear: float, front: float, z: float) -> Float[ndarray, "4 3"]:
+def _build_ring(half: float, rear: float, front: float, z: float) -> Float[ndarray, "4 3"]:
     """Rear left, rear right, front right, front left."""
     return np.array([[-half, rear, z], [half, rear, z], [half, front, z], [-half, front, z]])
 
 
-def _wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Tyres with rims, and black arches on the body's sides."""
     half, radius = shape.width / 2, shape.wheel_radius
     parts = []
@@ -220,7 +225,7 @@ def _wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
     return add_mirror_image(join_meshes(parts))
 
 
-def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Lamps, grille, number plates and bumpers at nose and tail."""
     half, front, nose, low = shape.width / 2, shape.length / 2, shape.nose, shape.clearance
     tail = shape.belt * shape.tail
@@ -242,7 +247,7 @@ def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
     return join_meshes([add_mirror_image(join_meshes(lamps)), *middle])
 
 
-def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Sills, door gaps, handles and mirrors."""
     half, low = shape.width / 2, shape.clearance
     rear, _, roof_front, front = shape.cabin
@@ -261,7 +266,7 @@ def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
     return add_mirror_image(join_meshes(parts))
 
 
-def _cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) -> TriangleMesh:
+def _build_cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) -> TriangleMesh:
     """A closed cargo box, or the inside of an open bed."""
     rear, front, top = cargo
     half, middle = shape.width / 2, 0.5 * (rear + front)

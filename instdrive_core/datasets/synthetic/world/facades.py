@@ -54,7 +54,7 @@ def build_storey(
         if opening is None:
             parts.append(build_patch(x, z, 0.0, materials.wall))
         else:
-            parts.append(_cell(x, z, opening, materials, float(rng.integers(1 << 20))))
+            parts.append(_build_cell(x, z, opening, materials, float(rng.integers(1 << 20))))
     return join_meshes(parts)
 
 
@@ -64,10 +64,10 @@ def build_patch(
     """A rectangle parallel to the wall; its texture is measured from `origin`."""
     corners = np.array([[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]])
     texcoords = np.column_stack([corners[:, 0] - origin[0], corners[:, 2] - origin[1], np.full(4, seed)])
-    return _two_triangles(corners, texcoords, material)
+    return _build_two_triangles(corners, texcoords, material)
 
 
-def _cell(x: Span, z: Span, opening: Opening, materials: WallMaterials, seed: float) -> TriangleMesh:
+def _build_cell(x: Span, z: Span, opening: Opening, materials: WallMaterials, seed: float) -> TriangleMesh:
     """A piece of wall around a hole, the hole's reveals, and what closes it."""
     middle = 0.5 * (x[0] + x[1])
     half = min(0.5 * opening.width, 0.5 * (x[1] - x[0]) - 0.02)
@@ -78,7 +78,7 @@ def _cell(x: Span, z: Span, opening: Opening, materials: WallMaterials, seed: fl
         build_patch((hole_x[1], x[1]), z, 0, materials.wall),
         build_patch(hole_x, (hole_z[1], z[1]), 0, materials.wall),
         build_patch(hole_x, hole_z, opening.depth, opening.material, (hole_x[0], hole_z[0]), seed),
-        *_reveals(hole_x, hole_z, opening.depth, materials.trim),
+        *_build_reveals(hole_x, hole_z, opening.depth, materials.trim),
     ]
     if opening.sill > 0:
         parts.append(build_patch(hole_x, (z[0], hole_z[0]), 0, materials.wall))
@@ -87,12 +87,12 @@ def _cell(x: Span, z: Span, opening: Opening, materials: WallMaterials, seed: fl
     return join_meshes(parts)
 
 
-def _reveals(x: Span, z: Span, depth: float, material: int) -> list[TriangleMesh]:
+def _build_reveals(x: Span, z: Span, depth: float, material: int) -> list[TriangleMesh]:
     def strip(start: Span, end: Span) -> TriangleMesh:
         corners = np.array(
             [[start[0], 0, start[1]], [end[0], 0, end[1]], [end[0], depth, end[1]], [start[0], depth, start[1]]]
         )
-        return _two_triangles(corners, corners, material)
+        return _build_two_triangles(corners, corners, material)
 
     lower_left, lower_right, upper_right, upper_left = (x[0], z[0]), (x[1], z[0]), (x[1], z[1]), (x[0], z[1])
     return [
@@ -103,6 +103,6 @@ def _reveals(x: Span, z: Span, depth: float, material: int) -> list[TriangleMesh
     ]
 
 
-def _two_triangles(corners: ndarray, texcoords: ndarray, material: int) -> TriangleMesh:
+def _build_two_triangles(corners: ndarray, texcoords: ndarray, material: int) -> TriangleMesh:
     index = np.array([[0, 1, 2], [0, 2, 3]])
     return build_flat_mesh(corners[index], material, texcoords[index])

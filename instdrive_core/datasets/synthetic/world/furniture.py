@@ -40,13 +40,13 @@ CROSSWALK_SIGN = 3
 _SQUARE_SIGNS = (1, 3)
 
 
-def _metal(palette: MaterialPalette, color: Color = (0.22, 0.23, 0.24)) -> int:
+def _add_metal(palette: MaterialPalette, color: Color = (0.22, 0.23, 0.24)) -> int:
     return palette.add(Material(PLAIN, color, gloss=0.08, reflectivity=0.35))
 
 
 def build_lamp_post(rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A street lamp whose arm reaches towards −y."""
-    metal = _metal(palette, (0.10, 0.12, 0.11) if rng.random() < 0.5 else (0.30, 0.31, 0.31))
+    metal = _add_metal(palette, (0.10, 0.12, 0.11) if rng.random() < 0.5 else (0.30, 0.31, 0.31))
     glow = palette.add(Material(LAMP, (0.8, 0.78, 0.68), variant=0.4, reflectivity=0.5))
     height = rng.uniform(6.2, 7.2)
     return join_meshes(
@@ -64,7 +64,7 @@ def build_lamp_post(rng: np.random.Generator, palette: MaterialPalette) -> Trian
 
 def build_traffic_light(palette: MaterialPalette, green: bool) -> TriangleMesh:
     """A signal head on a post; its lamps face −y."""
-    metal = _metal(palette, (0.12, 0.13, 0.12))
+    metal = _add_metal(palette, (0.12, 0.13, 0.12))
     black = palette.add(Material(PLAIN, (0.02, 0.02, 0.02), reflectivity=0.1))
     parts = [
         build_cylinder((0, 0, 0), (0, 0, 3.5), 0.07, metal, 10),
@@ -84,21 +84,24 @@ def build_traffic_light(palette: MaterialPalette, green: bool) -> TriangleMesh:
 
 def build_traffic_sign(face: int, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A sign on a post; `face` as in textures.sign_face."""
-    post, grey = _metal(palette, (0.35, 0.36, 0.36)), palette.add(Material(PLAIN, (0.3, 0.3, 0.3), reflectivity=0.4))
+    post, grey = (
+        _add_metal(palette, (0.35, 0.36, 0.36)),
+        palette.add(Material(PLAIN, (0.3, 0.3, 0.3), reflectivity=0.4)),
+    )
     ground, second = _SIGN_COLORS[face]
     radius = 0.36
     material = palette.add(Material(SIGN, ground, second, radius, float(face), reflectivity=0.95))
     z = rng.uniform(2.3, 2.6)
     parts = [build_cylinder((0, 0.05, 0), (0, 0.05, z + 0.3), 0.035, post, 8)]
     if face in _SQUARE_SIGNS:
-        parts += _plate(radius, z, material, grey)
+        parts += _build_plate(radius, z, material, grey)
     else:
         parts.append(build_disc((0, -0.012, z), (0, -1, 0), radius, material, 24))
         parts.append(build_disc((0, 0.008, z), (0, 1, 0), radius, grey, 24))
     return join_meshes(parts)
 
 
-def _plate(half: float, z: float, front: int, back: int) -> list[TriangleMesh]:
+def _build_plate(half: float, z: float, front: int, back: int) -> list[TriangleMesh]:
     corners = np.array([[-half, z - half], [half, z - half], [half, z + half], [-half, z + half]])
     face = np.column_stack([corners[:, 0], np.full(4, -0.012), corners[:, 1]])
     texture = np.column_stack([corners[:, 0], corners[:, 1] - z, np.zeros(4)])
@@ -142,7 +145,7 @@ def build_hydrant(palette: MaterialPalette) -> TriangleMesh:
 def build_bench(palette: MaterialPalette) -> TriangleMesh:
     """A bench that faces −y."""
     wood = palette.add(Material(WOOD, (0.34, 0.19, 0.08), size=0.6, reflectivity=0.35))
-    iron = _metal(palette, (0.05, 0.05, 0.05))
+    iron = _add_metal(palette, (0.05, 0.05, 0.05))
     slats = [build_box((1.7, 0.11, 0.04), (0, y, 0.45), wood) for y in (-0.22, -0.08, 0.06)]
     back = [build_box((1.7, 0.03, 0.12), (0, 0.17 + 0.04 * k, 0.60 + 0.17 * k), wood) for k in range(3)]
     legs = []
@@ -176,7 +179,7 @@ def build_planter(palette: MaterialPalette) -> TriangleMesh:
 
 def build_bus_shelter(rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A shelter open to −y, 3.6 m wide, with a poster at its side."""
-    metal = _metal(palette, (0.14, 0.15, 0.16))
+    metal = _add_metal(palette, (0.14, 0.15, 0.16))
     glass = palette.add(Material(CAR_GLASS, (0.16, 0.20, 0.21), gloss=0.5, reflectivity=0.1))
     advert = palette.add(
         Material(POSTER, (0.05, 0.32, 0.42), (0.80, 0.72, 0.20), 0.24, float(rng.integers(1000)), reflectivity=0.5)
@@ -213,7 +216,7 @@ def build_cone(palette: MaterialPalette) -> TriangleMesh:
 def build_barrier(palette: MaterialPalette) -> TriangleMesh:
     """A works barrier 1.6 m wide, striped towards both sides."""
     stripes = palette.add(Material(STRIPES, (0.60, 0.03, 0.02), (0.80, 0.80, 0.80), 0.4, reflectivity=0.9))
-    grey = _metal(palette)
+    grey = _add_metal(palette)
     legs = [build_box((0.06, 0.5, 0.06), (x, 0, 0.03), grey) for x in (-0.7, 0.7)]
     legs += [build_box((0.05, 0.05, 1.0), (x, 0, 0.5), grey) for x in (-0.7, 0.7)]
     return join_meshes(

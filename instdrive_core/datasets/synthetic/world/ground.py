@@ -59,19 +59,19 @@ class Ground:
 def build_ground(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> Ground:
     """Everything horizontal; the crossing street's middle is at y = `crossing`."""
     return Ground(
-        join_meshes([_asphalt(palette), _markings(crossing, palette), _covers(crossing, rng, palette)]),
-        _pavement(-1, crossing, palette),
-        _pavement(1, crossing, palette),
-        _lots(crossing, palette),
+        join_meshes([_add_asphalt(palette), _build_markings(crossing, palette), _build_covers(crossing, rng, palette)]),
+        _build_pavement(-1, crossing, palette),
+        _build_pavement(1, crossing, palette),
+        _build_lots(crossing, palette),
     )
 
 
-def _asphalt(palette: MaterialPalette) -> TriangleMesh:
+def _add_asphalt(palette: MaterialPalette) -> TriangleMesh:
     asphalt = palette.add(Material(ASPHALT, (0.150, 0.150, 0.155), reflectivity=0.14))
     return build_floor((CROSS_SPAN[0], CROSS_SPAN[1]), STREET_SPAN, 0.0, asphalt)
 
 
-def _markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
+def _build_markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     def paint(semantic: int) -> int:
         return palette.add(
             Material(PAINTED_LINE, (0.62, 0.62, 0.60), (0.22, 0.22, 0.22), reflectivity=0.65, semantic=semantic)
@@ -80,45 +80,47 @@ def _markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     line, stop, other = paint(_LINE), paint(_STOP), paint(_OTHER)
     near = CROSS_HALF + 5.4  # from the crossing's middle to the stop line
     parts = [
-        *_dashes(np.arange(STREET_SPAN[0], STREET_SPAN[1], 7.5), 3.0, crossing, near, line),
-        *_parking_bays(crossing, near, line),
+        *_build_dashes(np.arange(STREET_SPAN[0], STREET_SPAN[1], 7.5), 3.0, crossing, near, line),
+        *_build_parking_bays(crossing, near, line),
     ]
     for sign in (-1, 1):  # towards −y and +y of the crossing, then towards −x and +x of it
         along = crossing + sign * (CROSS_HALF + 2.6)
-        parts += [_stripe(x, along, 0.5, 3.0, other) for x in np.arange(-ROAD_HALF + 0.6, ROAD_HALF, 1.0)]
+        parts += [_build_stripe(x, along, 0.5, 3.0, other) for x in np.arange(-ROAD_HALF + 0.6, ROAD_HALF, 1.0)]
         across = sign * (ROAD_HALF + 2.0)
         parts += [
-            _stripe(across, y, 3.0, 0.5, other)
+            _build_stripe(across, y, 3.0, 0.5, other)
             for y in np.arange(crossing - CROSS_HALF + 0.7, crossing + CROSS_HALF, 1.0)
         ]
-        parts.append(_stripe(-sign * LANE, crossing + sign * near, 2.9, 0.4, stop))
-        parts.append(_stripe(sign * (ROAD_HALF + 4.6), crossing + sign * 2.2, 0.4, 3.8, stop))
-        parts.append(_arrow(-sign * LANE, crossing + sign * (near + 7), -sign, other))
-        parts += [_stripe(sign * x, crossing, 2.0, 0.12, line) for x in np.arange(ROAD_HALF + 6, CROSS_SPAN[1], 5.0)]
+        parts.append(_build_stripe(-sign * LANE, crossing + sign * near, 2.9, 0.4, stop))
+        parts.append(_build_stripe(sign * (ROAD_HALF + 4.6), crossing + sign * 2.2, 0.4, 3.8, stop))
+        parts.append(_build_arrow(-sign * LANE, crossing + sign * (near + 7), -sign, other))
+        parts += [
+            _build_stripe(sign * x, crossing, 2.0, 0.12, line) for x in np.arange(ROAD_HALF + 6, CROSS_SPAN[1], 5.0)
+        ]
     return join_meshes(parts)
 
 
-def _stripe(x: float, y: float, width: float, length: float, material: int) -> TriangleMesh:
+def _build_stripe(x: float, y: float, width: float, length: float, material: int) -> TriangleMesh:
     return build_floor((x - width / 2, x + width / 2), (y - length / 2, y + length / 2), _LIFT, material)
 
 
-def _dashes(starts: np.ndarray, length: float, crossing: float, near: float, material: int) -> list[TriangleMesh]:
+def _build_dashes(starts: np.ndarray, length: float, crossing: float, near: float, material: int) -> list[TriangleMesh]:
     middles = starts + length / 2
-    return [_stripe(0, y, 0.14, length, material) for y in middles if abs(y - crossing) > near + length / 2]
+    return [_build_stripe(0, y, 0.14, length, material) for y in middles if abs(y - crossing) > near + length / 2]
 
 
-def _parking_bays(crossing: float, near: float, material: int) -> list[TriangleMesh]:
+def _build_parking_bays(crossing: float, near: float, material: int) -> list[TriangleMesh]:
     """Edge lines of the parking strips with short ticks."""
     parts = []
     for start, end in ((STREET_SPAN[0], crossing - near), (crossing + near, STREET_SPAN[1])):
         for sign in (-1, 1):
             x = sign * 3.36
-            parts.append(_stripe(x, 0.5 * (start + end), 0.10, end - start, material))
-            parts += [_stripe(x + sign * 0.45, y, 0.9, 0.10, material) for y in np.arange(start + 3, end, 6.2)]
+            parts.append(_build_stripe(x, 0.5 * (start + end), 0.10, end - start, material))
+            parts += [_build_stripe(x + sign * 0.45, y, 0.9, 0.10, material) for y in np.arange(start + 3, end, 6.2)]
     return parts
 
 
-def _arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
+def _build_arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
     shaft = build_quad(
         [(x - 0.09, y - 1.5 * forward, _LIFT), (x + 0.09, y - 1.5 * forward, _LIFT),
          (x + 0.09, y + 0.5 * forward, _LIFT), (x - 0.09, y + 0.5 * forward, _LIFT)], material,
@@ -128,7 +130,7 @@ def _arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
     return join_meshes([shaft, build_flat_mesh(head, material)])
 
 
-def _covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
+def _build_covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """Manhole covers, and patches where the road was mended."""
     iron = palette.add(Material(PLAIN, (0.07, 0.065, 0.06), reflectivity=0.2))
     fresh = palette.add(Material(ASPHALT, (0.115, 0.115, 0.12), reflectivity=0.10))
@@ -147,12 +149,12 @@ def _covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette)
     return join_meshes(parts)
 
 
-def _quadrant_spans(crossing: float) -> list[tuple[float, float]]:
+def _compute_quadrant_spans(crossing: float) -> list[tuple[float, float]]:
     """The two stretches of the street before and after the crossing."""
     return [(STREET_SPAN[0], crossing - CROSS_HALF), (crossing + CROSS_HALF, STREET_SPAN[1])]
 
 
-def _pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleMesh:
+def _build_pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleMesh:
     """Pavements on one side (−1 left, 1 right) along both streets, with kerbstones and tree pits."""
     slabs = palette.add(Material(PAVING, (0.36, 0.345, 0.32), (0.17, 0.16, 0.15), 0.62, reflectivity=0.35))
     stone = palette.add(Material(PAVING, (0.44, 0.43, 0.41), (0.22, 0.21, 0.20), 1.05, reflectivity=0.4))
@@ -162,7 +164,7 @@ def _pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleM
 
     parts = []
     curb = 0.16
-    for stretch, (low, high) in enumerate(_quadrant_spans(crossing)):
+    for stretch, (low, high) in enumerate(_compute_quadrant_spans(crossing)):
         inner = high if stretch == 0 else low  # the end at the crossing
         towards = -1 if stretch == 0 else 1
         strip = sorted((inner, inner + towards * PAVEMENT_WIDTH))
@@ -176,7 +178,7 @@ def _pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleM
     return join_meshes(parts)
 
 
-def _lots(crossing: float, palette: MaterialPalette) -> TriangleMesh:
+def _build_lots(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     """Lawns and yards behind the pavements, and the land beyond the street."""
     grass = palette.add(Material(GRASS, (0.085, 0.15, 0.035), (0.16, 0.17, 0.06), reflectivity=0.4))
     parts = [build_floor((-500, 500), (-500, 600), -0.03, grass)]

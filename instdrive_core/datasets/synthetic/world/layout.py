@@ -49,7 +49,7 @@ def build_street(config: StreetConfig) -> Street:
         Fixture(ground.left_pavement, "Sidewalk", "stuff"),
         Fixture(ground.right_pavement, "Sidewalk", "stuff"),
         Fixture(ground.lots, "Ground", "stuff"),
-        *_houses(crossing, rng["houses"], rng["trees"], palette),
+        *_build_houses(crossing, rng["houses"], rng["trees"], palette),
         curbside.place_bus_stop(places, rng["furniture"], palette),
         *curbside.place_crossing_signs(crossing, places, rng["furniture"], palette),
         *curbside.place_lamp_posts(crossing, places, rng["furniture"], palette),
@@ -66,19 +66,19 @@ def build_street(config: StreetConfig) -> Street:
         *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
-        tuple(fixtures), tuple(actors), draw_ego_route(rng["traffic"]), crossing, palette.table(), _light(rng["light"]),
-        float(rng["light"].uniform(-np.pi, np.pi)), height,
+        tuple(fixtures), tuple(actors), draw_ego_route(rng["traffic"]), crossing, palette.table(),
+        _draw_light(rng["light"]), float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
 
 
-def _light(rng: np.random.Generator) -> Light:
+def _draw_light(rng: np.random.Generator) -> Light:
     elevation = np.radians(rng.uniform(38, 55))
     azimuth = np.radians(rng.choice([-1, 1]) * rng.uniform(25, 75) + rng.choice([0, 180]))
     to_sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     return Light(to_sun, float(rng.uniform(0, 50)))
 
 
-def _houses(
+def _build_houses(
     crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: MaterialPalette
 ) -> list[Fixture]:
     """Rows of houses along both streets, gardens between them, houses that close the view, and distant towers."""
@@ -87,8 +87,8 @@ def _houses(
     for side in (-1, 1):
         for start, direction in ((crossing - gap, -1), (crossing + gap, 1)):
             end = STREET_SPAN[0] if direction < 0 else STREET_SPAN[1]
-            fixtures += _row(side, start, end, direction, rng, tree_rng, palette)
-            fixtures += _cross_row(side, start, direction, rng, palette)
+            fixtures += _build_row(side, start, end, direction, rng, tree_rng, palette)
+            fixtures += _build_cross_row(side, start, direction, rng, palette)
     for y, yaw in ((STREET_SPAN[0] - 0.5, _HALF_TURN), (STREET_SPAN[1] + 0.5, 0.0)):
         for x in (-32.0, -15.5, 1.0, 17.5):
             width = 15.5
@@ -103,7 +103,7 @@ def _houses(
     return fixtures
 
 
-def _row(
+def _build_row(
     side: Side, start: float, end: float, direction: int,
     rng: np.random.Generator, tree_rng: np.random.Generator, palette: MaterialPalette,
 ) -> list[Fixture]:  # fmt: skip
@@ -115,7 +115,7 @@ def _row(
         width = float(rng.uniform(8.5, 14.5))
         low = min(y, y + direction * width)
         if garden:
-            fixtures += _garden(side, low, width, tree_rng, palette)
+            fixtures += _build_garden(side, low, width, tree_rng, palette)
         else:
             use = str(rng.choice(["shop", "home", "home", "garage"])) if count else "shop"
             floors = 1 + int(rng.integers(0, 2)) if use == "garage" else int(rng.integers(2, 6))
@@ -128,7 +128,7 @@ def _row(
     return fixtures
 
 
-def _cross_row(
+def _build_cross_row(
     side: Side, start: float, direction: int, rng: np.random.Generator, palette: MaterialPalette
 ) -> list[Fixture]:
     """Houses along the crossing street, behind the corner house."""
@@ -145,7 +145,9 @@ def _cross_row(
     return fixtures
 
 
-def _garden(side: Side, low: float, width: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Fixture]:
+def _build_garden(
+    side: Side, low: float, width: float, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """A hedge along the pavement with trees and bushes behind it."""
     ground = CURB_HEIGHT - 0.02
     hedge = build_bush(width - 0.6, 0.8, 1.1, rng, palette)

@@ -26,7 +26,7 @@ class TriangleMesh:
     def __len__(self) -> int:
         return len(self.materials)
 
-    def posed(self, pose: Float[ndarray, "4 4"]) -> TriangleMesh:
+    def transform(self, pose: Float[ndarray, "4 4"]) -> TriangleMesh:
         """The mesh moved by a rigid transform; its texture stays glued to it."""
         rotation = pose[:3, :3]
         return replace(
@@ -37,9 +37,9 @@ class TriangleMesh:
 
     def at(self, x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> TriangleMesh:
         """The mesh turned about z by `yaw` (radians, counter-clockwise) and moved to (x, y, z)."""
-        return self.posed(build_planar_pose(x, y, z, yaw))
+        return self.transform(build_planar_pose(x, y, z, yaw))
 
-    def scaled(self, x: float, y: float, z: float) -> TriangleMesh:
+    def scale(self, x: float, y: float, z: float) -> TriangleMesh:
         """The mesh stretched along the axes, texture included."""
         factors = np.array([x, y, z], np.float32)
         normals = self.normals / factors
@@ -50,9 +50,9 @@ class TriangleMesh:
             normals=(normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32),
         )
 
-    def smoothed(self, crease: float = 40.0) -> TriangleMesh:
+    def smooth_normals(self, crease: float = 40.0) -> TriangleMesh:
         """Normals averaged over triangles that meet at a corner under less than `crease` degrees."""
-        weighted = _area_normals(self.corners.astype(np.float64))
+        weighted = _compute_area_normals(self.corners.astype(np.float64))
         unit = weighted / np.maximum(np.linalg.norm(weighted, axis=-1, keepdims=True), 1e-12)
         keys = np.round(self.corners.reshape(-1, 3) * 1e4).astype(np.int64)
         _, group = np.unique(keys, axis=0, return_inverse=True)
@@ -92,7 +92,7 @@ def join_meshes(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
 def build_flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None = None) -> TriangleMesh:
     """A mesh with flat normals; texture coordinates default to the positions."""
     corners = np.asarray(corners, np.float32)
-    normals = _area_normals(corners)
+    normals = _compute_area_normals(corners)
     normals /= np.sqrt(np.maximum((normals * normals).sum(axis=-1, keepdims=True), 1e-24))
     return TriangleMesh(
         corners,
@@ -102,7 +102,7 @@ def build_flat_mesh(corners: ndarray, material: int, texcoords: ndarray | None =
     )
 
 
-def _area_normals(corners: Float[ndarray, "n 3 3"]) -> Float[ndarray, "n 3"]:
+def _compute_area_normals(corners: Float[ndarray, "n 3 3"]) -> Float[ndarray, "n 3"]:
     """Normals as long as twice the area. Spelled out, because numpy's cross is slow on the many small parts."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     ax, ay, az, bx, by, bz = a[:, 0], a[:, 1], a[:, 2], b[:, 0], b[:, 1], b[:, 2]

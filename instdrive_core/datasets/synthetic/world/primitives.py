@@ -79,7 +79,7 @@ def build_tube(points: Sequence[Point], radii: Sequence[float], material: int, s
     other = np.cross(directions, side)
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     circle = np.cos(angles)[None, :, None] * side[:, None] + np.sin(angles)[None, :, None] * other[:, None]
-    return build_loft(path[:, None] + np.asarray(radii)[:, None, None] * circle, material).smoothed(50.0)
+    return build_loft(path[:, None] + np.asarray(radii)[:, None, None] * circle, material).smooth_normals(50.0)
 
 
 def build_cylinder(
@@ -111,13 +111,13 @@ def build_disc(centre: Point, normal: Point, radius: float, material: int, sides
 
 
 @cache
-def _unit_sphere(subdivisions: int) -> ndarray:
+def _build_unit_sphere(subdivisions: int) -> ndarray:
     return np.asarray(trimesh.creation.icosphere(subdivisions).triangles)
 
 
 def build_sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) -> TriangleMesh:
     """An ellipsoid with smooth normals."""
-    unit = _unit_sphere(subdivisions)
+    unit = _build_unit_sphere(subdivisions)
     radii = np.asarray(radii, float)
     normals = unit / radii
     mesh = build_flat_mesh(unit * radii + np.asarray(centre, float), material)

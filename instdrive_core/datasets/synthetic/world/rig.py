@@ -39,7 +39,7 @@ class RigCamera:
     cx: float
     cy: float
 
-    def posed(self, world_from_ego: Float64[ndarray, "4 4"], width: int, height: int) -> Camera:
+    def place(self, world_from_ego: Float64[ndarray, "4 4"], width: int, height: int) -> Camera:
         """The camera on a car at `world_from_ego`, on a raster of `width`×`height` pixels."""
         ego_from_camera = np.eye(4)
         ego_from_camera[:3, :3] = matrix_from_quaternion(np.array(self.heading))

@@ -170,7 +170,7 @@ class Street:
         meshes, owners = [self._standing.mesh], [self._standing.instances]
         for k, actor in enumerate(self.actors):
             if actor.route.speed > 0:
-                mesh = actor.model(actor.route.speed * time).posed(self.foot_pose(actor, time))
+                mesh = actor.model(actor.route.speed * time).transform(self.foot_pose(actor, time))
                 meshes.append(mesh)
                 owners.append(np.full(len(mesh), self.actor_id(k), np.int32))
         return StepGeometry(join_meshes(meshes), np.concatenate(owners))
@@ -181,7 +181,7 @@ class Street:
         ids = list(range(1, len(meshes) + 1))
         for k, actor in enumerate(self.actors):
             if actor.route.speed == 0:
-                meshes.append(actor.model(0.0).posed(self.foot_pose(actor, 0.0)))
+                meshes.append(actor.model(0.0).transform(self.foot_pose(actor, 0.0)))
                 ids.append(self.actor_id(k))
         owners = np.repeat(np.array(ids, np.int32), [len(mesh) for mesh in meshes])
         return StepGeometry(join_meshes(meshes), owners)

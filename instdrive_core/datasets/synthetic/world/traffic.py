@@ -29,20 +29,20 @@ def _draw_uuid(rng: np.random.Generator) -> uuid.UUID:
     return uuid.UUID(bytes=rng.bytes(16), version=4)
 
 
-def _unchanging(mesh: TriangleMesh, distance: float) -> TriangleMesh:
+def _keep_mesh(mesh: TriangleMesh, distance: float) -> TriangleMesh:
     return mesh
 
 
-def _vehicle(
+def _build_vehicle(
     model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: MaterialPalette
 ) -> Actor:
     shape = CAR_SHAPES[model]
     mesh = build_car(shape, CAR_COLORS[color], rng, palette)
     low, high = (bound.astype(float) for bound in mesh.bounds())
-    return Actor(shape.label, route, partial(_unchanging, mesh), low, high, _draw_uuid(rng), motion=motion)
+    return Actor(shape.label, route, partial(_keep_mesh, mesh), low, high, _draw_uuid(rng), motion=motion)
 
 
-def _colors(rng: np.random.Generator, count: int) -> list[int]:
+def _draw_colors(rng: np.random.Generator, count: int) -> list[int]:
     """Colours such that neighbours differ."""
     drawn: list[int] = []
     while len(drawn) < count:
@@ -56,7 +56,7 @@ def park_cars(crossing: float, works: float, rng: np.random.Generator, palette: 
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
     actors = []
     for side in (-1, 1):
-        colors = iter(_colors(rng, 60))
+        colors = iter(_draw_colors(rng, 60))
         y = -62.0 + rng.uniform(0, 4)
         while y < 118:
             model = str(rng.choice(models, p=chances))
@@ -66,17 +66,17 @@ def park_cars(crossing: float, works: float, rng: np.random.Generator, palette: 
             if abs(middle - crossing) > CROSS_HALF + 10 and rng.random() > 0.24 and not at_works:
                 yaw = (0.0 if side > 0 else _HALF_TURN) + rng.normal(0, 0.015)
                 route = Route(side * PARKING + rng.uniform(-0.1, 0.1), middle, yaw)
-                actors.append(_vehicle(model, route, "Parked", next(colors), rng, palette))
+                actors.append(_build_vehicle(model, route, "Parked", next(colors), rng, palette))
             y += length + rng.uniform(0.8, 1.9)
     return actors
 
 
 def build_traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars ahead of, behind and towards the recording one; others wait at the crossing's red light; cyclists."""
-    colors = iter(_colors(rng, 40))
+    colors = iter(_draw_colors(rng, 40))
 
     def vehicle(model: str, route: Route, motion: str = "Moving") -> Actor:
-        return _vehicle(model, route, motion, next(colors), rng, palette)
+        return _build_vehicle(model, route, motion, next(colors), rng, palette)
 
     def any_model() -> str:
         return str(rng.choice(["hatchback", "sedan", "suv", "estate", "van"]))
@@ -96,11 +96,11 @@ def build_traffic(crossing: float, rng: np.random.Generator, palette: MaterialPa
         behind = (place[0] + side * rng.uniform(6.3, 7.5), place[1], place[2])
         actors.append(vehicle(any_model(), Route(*behind), "Stopped"))
     for x, y, yaw in ((3.03, rng.uniform(21, 25), 0.0), (-3.1, rng.uniform(14, 24), _HALF_TURN)):
-        actors.append(_cyclist(Route(x, y, yaw, float(rng.uniform(4.2, 5.2))), rng, palette))
+        actors.append(_build_cyclist(Route(x, y, yaw, float(rng.uniform(4.2, 5.2))), rng, palette))
     return actors
 
 
-def _cyclist(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
+def _build_cyclist(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
     cyclist = draw_cyclist(rng, palette)
     low, high = (bound.astype(float) for bound in cyclist.cuboid())
     return Actor("Bicycle", route, cyclist.mesh, low, high, _draw_uuid(rng), motion="Moving", rider="With Rider")
@@ -117,18 +117,18 @@ def build_walkers(
             x = side * (FRONT - (1.73 if inner else 1.2) + rng.uniform(-0.04, 0.04))
             yaw = 0.0 if inner else _HALF_TURN
             route = Route(float(x), float(y + rng.uniform(-3.5, 3.5)), yaw, float(rng.uniform(1.1, 1.6)))
-            actors.append(_person(route, rng, palette))
+            actors.append(_build_person(route, rng, palette))
         x = side * (ROAD_HALF + rng.uniform(0.75, 0.85))
         y = crossing - side * rng.uniform(2.0, 3.5)
         route = Route(float(x), float(y), 0.0 if side > 0 else _HALF_TURN, float(rng.uniform(1.1, 1.4)))
-        actors.append(_person(route, rng, palette))
+        actors.append(_build_person(route, rng, palette))
         spot = next(y for y in rng.uniform(-12, 24, 200) if places.claim(side, float(y), 0.5))
         standing = Route(side * (ROAD_HALF + 0.7), float(spot), float(rng.uniform(-3, 3)))
-        actors.append(_person(standing, rng, palette))
+        actors.append(_build_person(standing, rng, palette))
     return actors
 
 
-def _person(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
+def _build_person(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
     person = draw_person(rng, palette)
     walking = route.speed > 0
     low, high = (bound.astype(float) for bound in person.cuboid(walking))
@@ -146,11 +146,11 @@ def build_road_works(y: float, rng: np.random.Generator, palette: MaterialPalett
     for dx, dy in ((0.95, -2.3), (0.95, 0.0), (0.95, 2.3), (-0.7, -2.5)):
         route = Route(-PARKING + dx, y + dy, float(rng.uniform(-3, 3)))
         low, high = (bound.astype(float) for bound in cone.bounds())
-        actors.append(Actor("Cones", route, partial(_unchanging, cone), low, high, _draw_uuid(rng)))
+        actors.append(Actor("Cones", route, partial(_keep_mesh, cone), low, high, _draw_uuid(rng)))
     for dy in (-1.6, 1.6):
         mesh = furniture.build_barrier(palette)
         low, high = (bound.astype(float) for bound in mesh.bounds())
         route = Route(-PARKING, y + dy, float(rng.uniform(-0.06, 0.06)))
         label = "Temporary Construction Barriers"
-        actors.append(Actor(label, route, partial(_unchanging, mesh), low, high, _draw_uuid(rng)))
+        actors.append(Actor(label, route, partial(_keep_mesh, mesh), low, high, _draw_uuid(rng)))
     return actors

@@ -44,7 +44,7 @@ def build_tree(species: Species, rng: np.random.Generator, palette: MaterialPale
     foot = species.trunk * height
     bark = palette.add(Material(BARK, (0.14, 0.10, 0.07), reflectivity=0.3))
     tint = rng.uniform(0.85, 1.15, 3)
-    leaf = palette.add(_leaf_material(species, tint))
+    leaf = palette.add(_build_leaf_material(species, tint))
     lean = rng.uniform(-0.03, 0.03, 2) * height
     thick = 0.018 * height + 0.05
     trunk = build_tube(
@@ -52,13 +52,13 @@ def build_tree(species: Species, rng: np.random.Generator, palette: MaterialPale
         [1.25 * thick, thick, 0.35 * thick],
         bark,
     )
-    clumps = _clumps(species, height, foot, lean, rng)
+    clumps = _draw_clumps(species, height, foot, lean, rng)
     boughs = [
         build_cylinder((*(0.6 * lean), 0.9 * foot), clump[:3], 0.4 * thick, bark, 6, 0.12 * thick)
         for clump in clumps[:5]
         if species.crown[1] < 0.5
     ]
-    crown = [_clump_mesh(clump[:3], clump[3], leaf, rng) for clump in clumps]
+    crown = [_build_clump(clump[:3], clump[3], leaf, rng) for clump in clumps]
     return join_meshes([trunk, *boughs, *crown])
 
 
@@ -67,17 +67,17 @@ def build_bush(
 ) -> TriangleMesh:
     """A hedge along x, or a bush where `length` is short."""
     species = Species((0, 0), 0, (0, 0), (0.07, 0.16, 0.03), (0.12, 0.20, 0.05))
-    leaf = palette.add(_leaf_material(species, rng.uniform(0.85, 1.15, 3)))
+    leaf = palette.add(_build_leaf_material(species, rng.uniform(0.85, 1.15, 3)))
     count = max(1, round(length / (0.9 * width)))
     parts = []
     for x in (np.arange(count) + 0.5) * length / count - length / 2:
         centre = np.array([x, rng.uniform(-0.05, 0.05), 0.5 * height])
         radii = np.array([0.62 * width, 0.5 * width, 0.5 * height]) * rng.uniform(0.92, 1.08, 3)
-        parts.append(_clump_mesh(centre, radii, leaf, rng, cards=70))
+        parts.append(_build_clump(centre, radii, leaf, rng, cards=70))
     return join_meshes(parts)
 
 
-def _leaf_material(species: Species, tint: ndarray) -> Material:
+def _build_leaf_material(species: Species, tint: ndarray) -> Material:
     def tinted(color: Color) -> Color:
         r, g, b = (float(value) for value in np.round(np.array(color) * tint, 3))
         return r, g, b
@@ -85,7 +85,7 @@ def _leaf_material(species: Species, tint: ndarray) -> Material:
     return Material(LEAF, tinted(species.leaf), tinted(species.shade), reflectivity=0.45)
 
 
-def _clumps(
+def _draw_clumps(
     species: Species, height: float, foot: float, lean: ndarray, rng: np.random.Generator
 ) -> Float[ndarray, "n 4"]:
     """Centres and radii of leaf clumps that fill the crown, lowest boughs first."""
@@ -112,7 +112,7 @@ def _clumps(
     return np.array(clumps)
 
 
-def _clump_mesh(
+def _build_clump(
     centre: ndarray, radii: float | ndarray, leaf: int, rng: np.random.Generator, cards: int = 190
 ) -> TriangleMesh:
     """Leaf cards on an ellipsoid around a slightly smaller core; all share the ellipsoid's normals, which makes the

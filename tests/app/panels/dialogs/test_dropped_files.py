@@ -34,22 +34,22 @@ def test_scenes_projects_and_the_rest_keep_their_order(folder):
     assert [path.name for path in found.scenes] == ["street", "b.SPZ", "a.ply"], "and nothing twice"
     assert [path.name for path in found.projects] == ["drive.instdrive"]
     assert [path.name for path in found.openable] == ["drive.instdrive", "street", "b.SPZ", "a.ply"]
-    assert found.complaint == "photo.jpg is no scene or project that can be opened"
+    assert found.complaint == "photo.jpg is not a scene or project that can be opened"
 
 
 def test_each_problem_has_its_own_words(folder):
     problems = sort_dropped(
         [folder / "empty", folder / "gone.ply", folder / "gone" / ("n" * 300), Path("https://a.org/s.ply")]
     ).problems
-    assert problems[0].startswith("The folder empty holds no scene")
-    assert problems[1].startswith(f"{folder / 'gone.ply'} cannot be found")
-    assert "cannot be found" in problems[2]
+    assert problems[0].startswith("The folder empty contains no scene")
+    assert problems[1].startswith(f"{folder / 'gone.ply'} was not found")
+    assert "was not found" in problems[2]
     assert problems[3].startswith("https://a.org/s.ply is not on this computer")
 
 
 def test_of_many_problems_the_number_is_told(folder):
     complaint = sort_dropped([folder / f"{number}.ply" for number in range(7)]).complaint
-    assert "2.ply cannot be found" in complaint
+    assert "2.ply was not found" in complaint
     assert "3.ply" not in complaint
     assert "4 others" in complaint
     assert sort_dropped([]).complaint == ""

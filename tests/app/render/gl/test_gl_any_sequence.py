@@ -103,7 +103,7 @@ def test_following_is_as_good_as_starting_afresh(gl, monkeypatch, seed):
             assert picker.find_instances_at(document, snapshot, x, y) == Picker().find_instances_at(
                 document, snapshot, x, y
             )
-    assert document.rows_version > 5
+    assert document.versions.rows > 5
     renderer.release()
     assert gl.error == "GL_NO_ERROR"
     shown_and_gone(gl)
