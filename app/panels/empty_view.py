@@ -23,7 +23,7 @@ class EmptyView:
         """Height, in pixels, of what the last frame drew."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         width = min(scale_pixels(WIDTH), place.width - scale_pixels(20))
         left = place.x + (place.width - width) / 2
         top = place.y + max((place.height - self._height) / 2, scale_pixels(8))

@@ -18,7 +18,7 @@ class HistoryPanel:
         self._seen = -1
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)

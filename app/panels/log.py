@@ -18,7 +18,7 @@ class LogPanel:
         self._seen = 0
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         log = ui.session.messages.log
         for message in log:
             draw_dim_text(time.strftime("%H:%M:%S", time.localtime(message.when)))

@@ -45,7 +45,7 @@ class Panel(Protocol):
     """What fills a docked window."""
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
 
 
 class DockedPanel(NamedTuple):

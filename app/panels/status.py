@@ -20,7 +20,7 @@ class StatusBar:
         self._memory = MemoryGauge()
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         left, color = _describe_activity(ui)
         facts, width = self._collect_facts(ui), imgui.get_window_width() - scale_pixels(14)
         gap, between = scale_pixels(24), "   ·   "

@@ -20,7 +20,7 @@ class TimelinePanel:
     """Steps, plays and scrubs through the drive, and chooses a dataset camera."""
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         session = ui.session
         document, timeline = session.document, session.navigation.timeline
         if document is None or not timeline.steps:

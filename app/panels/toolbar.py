@@ -23,7 +23,7 @@ class Toolbar:
     """Draws a column of tools below the view switch, and beside the current tool a row with its options."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         side = round(imgui.get_font_size() * BUTTON)
         left, top = place.x + scale_pixels(MARGIN), place.y + scale_pixels(2 * MARGIN) + imgui.get_frame_height()
         commands = {name: ui.session.actions[f"tool.{name}"] for name in ui.tools}

@@ -50,7 +50,7 @@ class ViewportPanel:
         self._empty = EmptyView()
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         area, at = imgui.get_content_region_avail(), imgui.get_cursor_screen_pos()
         place = Rectangle(at.x, at.y, max(int(area.x), 16), max(int(area.y), 16))
         ui.marks["viewport"] = (place.x, place.y, place.x + place.width, place.y + place.height)

@@ -1,4 +1,4 @@
-"""What a click needs of every splat, kept up to date at the cost of what changed."""
+"""What picking needs of every splat, updated only where something has changed."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _NOT_SHOWN = int(Flag.HIDDEN | Flag.DELETED)
 
 
 class PickableSplats:
-    """Positions, sizes and opacities of all splats as shown at the time of the last `update`; shapes of some on demand.
+    """Positions, sizes and opacities of all splats at the time of the last `update`; shapes of some rows on demand.
 
-    Follows the document by readers of its own, so views may follow it beside.
+    It has change readers of its own, so that views can follow the same document.
     """
 
     def __init__(self, document: Document) -> None:
@@ -29,7 +29,7 @@ class PickableSplats:
         self.log_sizes: Float32[ndarray, "n 1"] = np.zeros((0, 1), np.float32)
         """Natural logarithm of the longest axis in metres."""
         self.opacities: Float32[ndarray, " n"] = np.zeros(0, np.float32)
-        """Recoloured; 0 where a splat is hidden or deleted, or its actor is absent."""
+        """Opacities after recolouring; 0 for a splat that is hidden or deleted, or whose actor is absent."""
 
     @property
     def means(self) -> Float32[ndarray, "n 3"]:
@@ -58,7 +58,7 @@ class PickableSplats:
             write_shown_opacities(*looks, scene.nodes, self._present, rows, self.opacities)
 
     def compute_shapes(self, rows: Int[ndarray, " k"]) -> tuple[Float32[ndarray, "k 4"], Float32[ndarray, "k 3"]]:
-        """Quaternions and log scales of some rows in the world."""
+        """Compute quaternions and log scales (metres) of some rows in the world."""
         document = self.document
         return compute_world_shapes(
             document.scene.gaussians, document.transforms.indices, document.scene.nodes, self._world.frames, rows

@@ -1,4 +1,4 @@
-"""Which instances are under a pixel of the frame shown, decided as `rasterize.preview` decides its winners."""
+"""Which instances are under a pixel of the frame on screen, by the pick rule of `rasterize.preview`."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
 
 
 class PickedInstances(NamedTuple):
-    """Instances at a place of a picture, front to back."""
+    """Instances at one place of a picture, front to back."""
 
     seen: tuple[int, ...]
-    """The one that the pixel stands for, then those that light still comes from."""
+    """The instance that the pixel stands for, then those that contribute light to it."""
     hidden: tuple[int, ...]
-    """Those behind: what is in front lets nothing of them through."""
+    """Instances behind them that contribute nothing to the pixel."""
 
 
 _NOTHING = PickedInstances((), ())
 
 
 class Picker:
-    """Keeps what clicks need of the last document, and the last answer."""
+    """Finds instances under pixels; it keeps the splats of the last document, and the last answer."""
 
     def __init__(self) -> None:
         self._splats: PickableSplats | None = None
         self._answer: tuple[tuple[Any, ...], PickedInstances] | None = None
 
     def find_instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
-        """Instances at a position of the picture: the one that the pixel stands for, then all behind it.
+        """Find the instances at a position of the picture (pixels): the one that the pixel stands for, then those behind.
 
-        Empty outside the picture, and where the pixel stands for nothing or for a splat without an instance.
+        The answer is empty outside the picture, and where the pixel stands for nothing or a splat without an instance.
         """
         below = self.find_below(document, snapshot, x, y)
         return below.seen + below.hidden
 
     def find_below(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> PickedInstances:
-        """The same, parted into what is seen there and what is hidden."""
+        """Find the instances at a position of the picture (pixels), separated into seen and hidden ones."""
         camera, column, row = snapshot.camera, int(np.floor(x)), int(np.floor(y))
         if not (0 <= column < camera.width and 0 <= row < camera.height):
             return _NOTHING
@@ -82,7 +82,7 @@ def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int
 
 
 def _find_solid_behind(fragments: Contributors, winner: int, min_opacity: float) -> Bool[ndarray, " k"]:
-    """Which fragments, from the winner's depth on, the ID view would draw."""
+    """Find the fragments that the ID view would draw from the winner's depth on."""
     solid = (fragments.opacities >= min_opacity) & (fragments.alphas >= ID_ALPHA_CUT)
     solid[: int(np.argmax(fragments.rows == winner))] = False
     return solid

@@ -1,4 +1,4 @@
-"""The frame on the screen, which knows what its pixels stand for: pointing at it asks nothing of the splats."""
+"""The frame on screen, which knows what its pixels stand for, so that pointing needs no look at the splats."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from instdrive_core.scene.selection import Flag
 
 @dataclass(frozen=True)
 class ShownFrame(FrameSnapshot):
-    """A snapshot that was drawn together with the winners of its pixels."""
+    """A snapshot together with the winners of its pixels."""
 
     winner: Int32[ndarray, "h w"] = field(repr=False, compare=False)
-    """Row of the splat that a click on a pixel means, -1 for none; of a draft, smaller than the picture."""
+    """Row of the splat that a click on a pixel means, -1 for none; a draft's array is smaller than the picture."""
     document: Document = field(repr=False, compare=False)
     rows_version: int = field(compare=False)
-    """The document's when the frame was drawn."""
+    """The document's `rows_version` when the frame was drawn."""
 
     def read_row_at(self, x: float, y: float) -> int | None:
-        """The splat that a pixel stands for, -1 for none; None where the frame cannot tell: it is a draft, its rows
-        are other ones by now, or the pixel is outside."""
+        """Row of the splat that a pixel stands for, -1 for none.
+
+        None if the frame cannot tell: it is a draft, the document's rows have changed, or the pixel is outside.
+        """
         column, row = int(np.floor(x)), int(np.floor(y))
         height, width = self.winner.shape
         inside = 0 <= column < width and 0 <= row < height
@@ -35,13 +37,15 @@ class ShownFrame(FrameSnapshot):
 
 
 def drop_winners(snapshot: FrameSnapshot) -> FrameSnapshot:
-    """What was asked for, where it may be a frame shown: that holds its picture's winners."""
+    """Make a plain snapshot of one that may be a `ShownFrame`, which holds its picture's winners."""
     return FrameSnapshot(**{entry.name: getattr(snapshot, entry.name) for entry in fields(FrameSnapshot)})
 
 
 def find_shown_instance(document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
-    """The instance that a click at a place of a frame means, 0 for none, by what the frame shows there. None where it
-    cannot tell, also because what it shows has been hidden or deleted since."""
+    """Find the instance that a frame shows at a position (pixels), 0 for none.
+
+    None if the frame cannot tell, also because what it shows has been hidden or deleted since.
+    """
     if not isinstance(snapshot, ShownFrame) or snapshot.document is not document:
         return None
     row = snapshot.read_row_at(x, y)

@@ -1,4 +1,4 @@
-"""Loading compiled kernels before they are needed: a third of a second that would freeze the first frame or click."""
+"""Loads compiled kernels before they are needed: a third of a second that would freeze the first frame or click."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SIDE = 16
 def warm_up() -> None:
     """Sort, pick, select a region, grow it, edit and move once, in a scene of one splat.
 
-    To be called on a thread of its own when the program starts.
+    Call it on a separate thread when the program starts.
     """
     state = EditorState()
     document = _build_one_splat(state.viewpoint.pivot)
@@ -42,7 +42,7 @@ def warm_up() -> None:
 
 
 def _edit(document: Document) -> None:
-    """What recolouring, moving and taking them back again walk through."""
+    """Recolour, adjust, move and undo once."""
     document.scene.instance_ids[:] = 1
     document.note_instances_changed(ids_changed=True)
     document.scene.table.set(Instance(1, "warm-up"))

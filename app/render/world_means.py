@@ -1,4 +1,4 @@
-"""Where all splats of a document are, kept up to date by placing only those that moved."""
+"""World positions of a document's splats, kept up to date by placing only those that moved."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from instdrive_core.rasterize.edited_rows import RowFrames, write_world_means
 
 
 class WorldMeans:
-    """World positions at the time of the last `update`, and the frames that they come from."""
+    """World positions at the time of the last `update`, and the frames that they are computed from."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -22,15 +22,17 @@ class WorldMeans:
         self._driving = (0, 0)
         self._buffer = np.zeros((0, 3), np.float32)
         self.values: Float32[ndarray, "n 3"] = self._buffer
-        """Metres. Rows are written in place; adding and taking away splats gives another array."""
+        """Metres. Rows are written in place; adding or removing splats gives another array."""
         self.poses: Float64[ndarray, "m 4 4"] = np.eye(4)[None]
         """world_from_node."""
         self.present: UInt8[ndarray, " m"] = np.ones(1, np.uint8)
         self.frames = RowFrames.copy_from(document.transforms, self.poses)
 
     def update(self, time: float) -> tuple[int, int] | None:
-        """Bring everything to the document's present state at `time` (seconds); the range of rows that may have moved
-        or are new, or None. Rows that are gone are in no range."""
+        """Bring everything to the document's present state at `time` (seconds).
+
+        Returns the range of rows that may have moved or are new, or None. Rows that are gone are in no range.
+        """
         document, scene = self._document, self._document.scene
         ranges = [self._moves.take(), self._take_new_rows()]
         key = (time, document.versions.tracks)
@@ -53,7 +55,7 @@ class WorldMeans:
         nodes, rows = self._document.scene.nodes, self._new.take()
         count = len(nodes)
         if count > len(self._buffer):
-            # Room for more, as the document's own arrays have it.
+            # Room for more rows, as the document's own arrays have.
             grown = np.empty((count + count // 8, 3), np.float32)
             grown[: len(self.values)] = self.values
             self._buffer = grown

@@ -1,4 +1,4 @@
-"""Pointing at instances: what is under the cursor is hovered, a click selects it."""
+"""The tool that picks instances: the one under the cursor is hovered, and a click selects it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
 
 SAME_PLACE = 4.0
-"""Pixels within which a second click means the same place."""
+"""Distance, in pixels, within which a second click means the same place."""
 
 
 class PickTool:
-    """Whole instances: click selects, again takes the next behind, Shift adds, Ctrl removes, Alt takes the codeword."""
+    """Picks whole instances.
+
+    A click selects, a second one takes the next instance behind; Shift adds, Ctrl removes, Alt takes the codeword.
+    """
 
     drags: bool = False
     options: tuple[str, ...] = ()
@@ -22,22 +25,22 @@ class PickTool:
     operation: Operation | None = None
 
     def __init__(self, session: EditorSession, picker: Picker | None = None) -> None:
-        """Tools that share a `picker` share what it keeps per splat."""
+        """Tools can share a `picker`, which keeps a few numbers per splat."""
         self._session = session
         self._picker = picker or Picker()
         self._last: tuple[float, float, bytes] | None = None
         self._depth = 0
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
-        """The cursor is at this place of the frame `snapshot`; while the camera moves nothing is hovered."""
+        """Hover what is at this position (pixels) of the frame `snapshot`; nothing while the camera moves."""
         self._session.state.hovered = 0 if snapshot.draft else self._find_first(x, y, snapshot)
 
     def leave(self) -> None:
-        """The cursor is elsewhere."""
+        """Hover nothing: the cursor is elsewhere."""
         self._session.state.hovered = 0
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """Select by a click on the frame `snapshot`; returns the instance, 0 where none is."""
+        """Select by a click on the frame `snapshot`; returns the instance, 0 for none."""
         instance = self._find_first(click.x, click.y, snapshot)
         turn = self._count_turns(click, snapshot) if instance else 0
         if turn:
@@ -47,18 +50,18 @@ class PickTool:
         return instance
 
     def drag(self, start: Point, to: Point) -> None:
-        """Drags are the camera's."""
+        """Do nothing: drags move the camera."""
 
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
-        """Drags are the camera's."""
+        """Do nothing: drags move the camera."""
 
     def cancel(self) -> None:
-        """Nothing is ever under way."""
+        """Do nothing: no drag is ever under way."""
 
     def _find_first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
-        """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so.
+        """Find the instance that a position of a frame stands for, 0 for none; frames that know their winners answer.
 
-        What is locked is looked through, as far as light comes through it: nothing unseen is taken by a first click.
+        Locked instances are skipped as far as others can be seen through them: a first click takes nothing unseen.
         """
         document = self._session.document
         if document is None:
@@ -69,7 +72,7 @@ class PickTool:
         return next(iter(self._drop_locked(document, self._picker.find_below(document, snapshot, x, y).seen)), 0)
 
     def _find_all(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
-        """What clicks at one place take in turn, what is behind solid things included."""
+        """Find the instances that clicks at one position take in turn, including those behind solid things."""
         document = self._session.document
         if document is None:
             return ()
@@ -80,7 +83,7 @@ class PickTool:
         return tuple(instance for instance in ids if not document.summarize_instance(instance).is_locked)
 
     def _count_turns(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """How often this place was clicked before, plainly and from the same viewpoint."""
+        """Count how often this place was clicked before, without modifier keys and from the same viewpoint."""
         pose = snapshot.camera.world_from_camera.tobytes()
         modified = click.shift or click.ctrl or click.alt
         last = self._last

@@ -1,4 +1,4 @@
-"""What rectangle and lasso share: a closed line is dragged, and what lies in it is selected."""
+"""The base of rectangle and lasso: the user drags a closed line, and what lies inside is selected."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from instdrive_core.edits.queries.region import find_instances_in_region, find_r
 from instdrive_core.scene.screen_region import rasterize_polygon
 
 WinnerReader = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
-"""Row + 1 of the splat that each pixel of a frame stands for; 0 = none."""
+"""Returns row + 1 of the splat that each pixel of a frame stands for, 0 for none."""
 
 
 class RegionTool(ABC):
-    """Selects in a dragged region, with the keys held at its end: Shift adds, Ctrl removes, both keep what is inside.
+    """Selects what is inside a dragged region; modifier keys count when the drag ends.
 
-    A click without a drag picks, as with the pick tool.
+    Shift adds, Ctrl removes, both keep only what is inside. A click without a drag picks like the pick tool.
     """
 
     drags: bool = True
@@ -43,19 +43,19 @@ class RegionTool(ABC):
         """Bring `outline` up to date."""
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
-        """As the pick tool's."""
+        """Hover what is at this position (pixels) of the frame."""
         self._pick.hover(x, y, snapshot)
 
     def leave(self) -> None:
-        """As the pick tool's."""
+        """Hover nothing: the cursor is elsewhere."""
         self._pick.leave()
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """As the pick tool's."""
+        """Select by a click, like the pick tool; returns the instance, 0 for none."""
         return self._pick.click(click, snapshot)
 
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
-        """Select what lies in the outline, as the session's region options say."""
+        """Select what lies inside the outline, as the state's region options say."""
         if self.outline and self._session.document is not None:
             camera = snapshot.camera
             region = rasterize_polygon(np.array(self.outline), camera.width, camera.height)

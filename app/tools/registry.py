@@ -1,4 +1,4 @@
-"""The tools as records: toolbar, commands and keys derive from them. A new tool is its file and a line in `TOOLS`."""
+"""The tools as records, from which toolbar, menu and shortcuts derive. A new tool is its file and a line in `TOOLS`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from instdrive_app.tools.region import WinnerReader
 
 @dataclass(frozen=True)
 class ToolParts:
-    """What tools are made of; they share it."""
+    """What all tools share."""
 
     session: EditorSession
     winners: WinnerReader
@@ -26,17 +26,18 @@ class ToolParts:
 
 @dataclass(frozen=True)
 class ToolRecord:
-    """One tool that the user can take."""
+    """One tool that the user can choose."""
 
     name: str
-    """What `EditorState.tool` is while it is in hand."""
+    """Value of `EditorState.tool` while the tool is current."""
     title: str
     icon: str
-    """As for `Command`."""
+    """Name of an icon constant of Font Awesome 6, e.g. ``ICON_FA_EXPAND``."""
     shortcut: str
+    """Key that chooses the tool."""
     create: Callable[[ToolParts], Tool]
     starts_group: bool = False
-    """Whether toolbar and menu part it from the tools before."""
+    """Whether toolbar and menu separate it from the tools before."""
 
 
 def _make_handles_tool(operation: Operation) -> Callable[[ToolParts], Tool]:
@@ -69,6 +70,6 @@ TOOLS = (
 
 
 def create_tools(session: EditorSession, winners: WinnerReader) -> dict[str, Tool]:
-    """One of each, by name."""
+    """Create one tool of each record, by name."""
     parts = ToolParts(session, winners, Picker())
     return {record.name: record.create(parts) for record in TOOLS}

@@ -29,7 +29,7 @@ class Dialog(Protocol):
         """Open it for a request of one of the types in `answers`."""
 
     def draw(self, ui: Ui) -> None:
-        """One frame, whether it is open or not."""
+        """Draw one frame, whether it is open or not."""
 
 
 class DialogHost:

@@ -30,7 +30,7 @@ class CommandPalette:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         viewport, em = imgui.get_main_viewport(), imgui.get_font_size()
         imgui.set_next_window_pos(
             ImVec2(viewport.get_center().x, viewport.pos.y + 5 * em), imgui.Cond_.always, ImVec2(0.5, 0)

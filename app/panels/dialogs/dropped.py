@@ -30,7 +30,7 @@ class DroppedDialog:
         self._receive(ui.session, request.paths)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         if self._asked is not None:
             text, answers = _compose_question(ui.session, self._asked)
             draw_question(ui, TITLE, text, answers)

@@ -67,7 +67,7 @@ class FileBrowser:
         self._pending = dialog(purpose.title, self._text, ["Scenes", endings])
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         if self._pending is not None and self._pending.ready(0):
             self._take_answer(ui)
         em, options = imgui.get_font_size(), self._options

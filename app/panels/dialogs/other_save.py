@@ -26,7 +26,7 @@ class OtherSaveDialog:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         request = self._request
         if request is None:
             return

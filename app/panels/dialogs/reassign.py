@@ -34,7 +34,7 @@ class ReassignDialog:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         center_next_window(scale_size(380, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return

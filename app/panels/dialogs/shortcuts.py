@@ -50,7 +50,7 @@ class ShortcutSheet:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         center_next_window(ImVec2(76 * imgui.get_font_size(), 0), always=True)
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return

@@ -27,7 +27,7 @@ class TooLargeDialog:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         if self._request is None:
             return
         path, found = self._request.path, self._request.error

@@ -26,7 +26,7 @@ class UnsavedDialog:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         request, files = self._request, ui.session.files
         if request is None:
             return

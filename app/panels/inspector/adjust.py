@@ -57,7 +57,7 @@ class AdjustSection:
         self._look: VersionedCache[AdjustmentSummary] = VersionedCache()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
-        """One frame."""
+        """Draw one frame."""
         look = self._find_look(document, ids)
         label = max(imgui.calc_text_size(slider.title).x for slider in SLIDERS.values()) + scale_pixels(10)
         for kind in SLIDERS:

@@ -25,7 +25,7 @@ class FactsSection:
         self._known: VersionedCache[tuple[set[str], int, int]] = VersionedCache()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
-        """One frame."""
+        """Draw one frame."""
         table, labels = document.scene.table, ui.session.labels
         classes, drawn, selected = self._sum_up(document, ids)
         draw_widget_label("Class")

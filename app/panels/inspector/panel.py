@@ -50,7 +50,7 @@ class InspectorPanel:
         self._sections = tuple(create() for create in SECTIONS)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         document, ids = ui.session.document, ui.session.selection.ids
         if document is None or not ids:
             imgui.push_text_wrap_pos(0)

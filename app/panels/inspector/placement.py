@@ -37,7 +37,7 @@ class PlacementSection:
         self._in_hand: tuple[object, ...] | None = None
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
-        """One frame."""
+        """Draw one frame."""
         moving = ui.session.movement
         present = moving.placement()
         if self._before is None or not any(field.in_use for field in (*self._position, self._yaw, self._scale)):

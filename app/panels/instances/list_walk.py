@@ -21,7 +21,7 @@ class Walk:
     def advance(self, step: Step, extends: bool, ids: Sequence[int], may_stop: Callable[[int], bool]) -> Walk:
         """The walk after one key; `extends` keeps the anchor.
 
-        The cursor stays if no further row may be stopped at. A cursor that is in no row goes to the first row, or to the
+        The cursor stays if it may stop at no further row. A cursor that is in no row goes to the first row, or to the
         last one if the step leads upwards.
         """
         row = ids.index(self.cursor) if self.cursor in ids else None

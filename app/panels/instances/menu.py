@@ -145,7 +145,7 @@ def _draw_repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> Non
 def _draw_item(
     ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True
 ) -> None:
-    """Draw an item that does to the menu's instances what an action does; icon and shortcut are the action's."""
+    """Draw an item that runs `action` on the menu's instances, with the icon and shortcut of a registered action."""
     command = ui.session.actions[command_id]
     shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
     if draw_icon_menu_item(command.icon, title, shortcut, enabled=enabled):

@@ -29,7 +29,7 @@ UNKNOWN = "unknown"
 
 
 class InstancesPanel:
-    """Searches, filters by class and sorts; selects (Shift: a range, Ctrl: one more), hides, locks, solos and renames."""
+    """Searches, filters and sorts instances; selects (Shift: a range, Ctrl: one more), hides, locks, solos, renames."""
 
     def __init__(self) -> None:
         self._rows, self._query = InstanceRows(), Query()
@@ -41,7 +41,7 @@ class InstancesPanel:
         self._own_click = False
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)

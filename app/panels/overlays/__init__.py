@@ -15,7 +15,7 @@ class Overlay(Protocol):
     """Something over the picture."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame; `place` is where the picture is in the window."""
+        """Draw one frame; `place` is where the picture is in the window."""
         ...
 
 

@@ -12,7 +12,7 @@ class CameraTag:
     """Names the current camera at the picture's top right."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         state, document = ui.session.state, ui.session.document
         assert document is not None
         name = "Free camera"

@@ -45,7 +45,7 @@ class DeletionOverlay:
         self._pattern: tuple[Hole, HolePattern] | None = None
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         found, document, snapshot = ui.session.deletion.review.findings, ui.session.document, ui.view.snapshot
         if found is None or document is None or snapshot is None:
             return

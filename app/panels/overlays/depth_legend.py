@@ -17,7 +17,7 @@ class DepthLegend:
     """Draws the colour ramp with metres at its ends and in the middle."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         if ui.session.state.view_mode is not ViewMode.DEPTH:
             return
         near, far = ui.view.renderer.depth_range

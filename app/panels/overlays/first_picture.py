@@ -20,7 +20,7 @@ class FirstPictureNotice:
         self._since = 0.0
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         now = imgui.get_time()
         if ui.view.snapshot is not None:
             self._since = now

@@ -53,7 +53,7 @@ class Gizmo:
         """The gizmo's pose relative to where the drag began; the columns' lengths are the scale."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         operation, moving, snapshot = ui.tool.operation, ui.session.movement, ui.view.snapshot
         if operation is None or not moving.ids or snapshot is None:
             self.holds_mouse = False

@@ -18,7 +18,7 @@ class HoverLabel:
     """Shows name, class, number and size of the hovered instance."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         document = ui.session.document
         if document is None or ui.pointer is None or ui.session.state.hovered not in document.scene.table:
             return

@@ -13,7 +13,7 @@ class OpacitySlider:
     """Sets the opacity from which splats are drawn in the ID views and can be clicked."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         if ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
             return
         margin = scale_pixels(10)

@@ -22,7 +22,7 @@ class RegionOutline:
     """Draws a dark line with light dashes, visible on any picture, and what the modifier keys will do."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         outline = ui.tool.outline
         if len(outline) < 2:
             return

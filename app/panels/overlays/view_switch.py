@@ -16,7 +16,7 @@ class ViewSwitch:
     """Draws one button per view mode and highlights the present one."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         narrow = place.width < WORDS_FROM * imgui.get_font_size()
         imgui.set_cursor_screen_pos(ImVec2(place.x + scale_pixels(10), place.y + scale_pixels(10)))
         imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(2, 0))

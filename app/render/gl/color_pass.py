@@ -1,4 +1,4 @@
-"""Sorted, blended splats: colour or expected depth."""
+"""The pass that blends sorted splats into colour or expected depth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from instdrive_core.rasterize.kernels.settings import RasterSettings
 
 
 class ColorPass:
-    """Blends back to front, premultiplied, over what the framebuffer holds."""
+    """Blends splats back to front, premultiplied, over what the framebuffer holds."""
 
     def __init__(self, ctx: moderngl.Context, projector: Projector) -> None:
         self._ctx = ctx

@@ -1,5 +1,4 @@
-"""How many objects are alive on the GPU, asked of the driver itself: what is made and never freed shows, whoever made
-it."""
+"""Counts the objects alive on the GPU by asking the driver, which reveals whatever is created and never freed."""
 
 from __future__ import annotations
 
@@ -17,16 +16,16 @@ GENERATED = {
     "Sampler": "Samplers",
     "Query": "Queries",
 }
-"""Kinds whose names are given away by a function of this ending; programs and shaders share names of their own."""
+"""Kinds of objects, and the plural in their `glGen` function; programs and shaders share names of their own."""
 _NAMES = 4096
-"""Looked at in any case: a driver that reuses names gives away the lowest free one."""
+"""Names that are always checked: a driver that reuses names hands out the lowest free one."""
 
 
 def count_live_objects() -> dict[str, int]:
-    """Number of GL objects of each kind in the current context.
+    """Count the GL objects of each kind in the current context.
 
-    The driver keeps the program used last, and its shaders, until another is used: compare counts taken after the same
-    drawing. Raises GraphicsError where the driver's library does not export OpenGL 3 (anything but Linux).
+    The driver keeps the program used last, and its shaders, until another is used, so compare counts taken after the
+    same drawing. Raises GraphicsError if the driver's library does not export OpenGL 3 (anywhere but on Linux).
     """
     name = ctypes.util.find_library("GL")
     if name is None:
@@ -48,7 +47,7 @@ def _count(library: ctypes.CDLL, kind: str, free_name: int) -> int:
 
 
 def _find_free_name(library: ctypes.CDLL, plural: str) -> int:
-    """The name that the next object would get: above all others, where the driver does not reuse names."""
+    """Find the name that the next object would get; it is above all others if the driver does not reuse names."""
     name = ctypes.c_uint()
     getattr(library, f"glGen{plural}")(1, ctypes.byref(name))
     getattr(library, f"glDelete{plural}")(1, ctypes.byref(name))

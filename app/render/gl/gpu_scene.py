@@ -22,11 +22,11 @@ from instdrive_core.scene.transforms import TransformPalette
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
 UPLOADED_AT_ONCE = 1 << 16
-"""Splats whose stored parameters go to the GPU in one step: some 16 MB."""
+"""Splats whose stored parameters go to the GPU in one step, about 16 MB."""
 
 
 class GpuScene:
-    """Textures of one document. `update` brings them to the document's present state and a time."""
+    """The textures of one document; `update` brings them to its present state at a given time."""
 
     def __init__(self, ctx: moderngl.Context, document: Document) -> None:
         self._document = document
@@ -62,23 +62,23 @@ class GpuScene:
 
     @property
     def antialiased(self) -> bool:
-        """As `Scene.antialiased`."""
+        """Whether the scene was trained with the antialiased filter, see `Scene.antialiased`."""
         return self._document.scene.antialiased
 
     @property
     def means(self) -> Float32[ndarray, "n 3"]:
-        """World positions at the time of the last update."""
+        """World positions (metres) at the time of the last update."""
         return self._world.values
 
     @property
     def complete(self) -> bool:
-        """Whether all splats are on the GPU. Those that are not yet are not drawn."""
+        """Whether all splats are on the GPU; those that are not yet there are not drawn."""
         return self._uploaded == len(self)
 
     def update(self, time: float, wait: bool = True) -> None:
-        """Upload what changed since the last call, and the actors' poses at `time` (seconds).
+        """Upload what has changed since the last call, and the actors' poses at `time` (seconds).
 
-        Without `wait`, one call uploads the stored parameters of a limited number of new splats; see `complete`.
+        Without `wait`, one call uploads the stored parameters of only so many new splats; see `complete`.
         """
         document = self._document
         before, now = self._versions, document.versions
@@ -147,7 +147,7 @@ class GpuScene:
         self.id_version += 1
 
     def _upload_parameters(self, wait: bool) -> None:
-        """What edits never write to; what they do, the other updates bring."""
+        """Upload the parameters that edits never write to; the other updates bring the rest."""
         scene, count = self._document.scene, len(self)
         while self._uploaded < count:
             start = self._uploaded
@@ -192,7 +192,7 @@ class GpuScene:
     def _update_ids(self) -> None:
         ids = self._document.scene.instance_ids
         known = _resize(self._ids, len(ids))
-        known[len(self._ids) :] = ~ids[len(self._ids) :]  # rows that are new differ
+        known[len(self._ids) :] = ~ids[len(self._ids) :]  # new rows count as changed
         changed = np.flatnonzero(ids != known)
         self._ids = known
         if len(changed):
@@ -202,7 +202,7 @@ class GpuScene:
             self.id_version += 1
 
     def _update_sky(self) -> None:
-        """Another one where the whole scene was turned."""
+        """Upload the sky again after the whole scene was turned."""
         if self._document.scene.sky is not self._shown_sky:
             self._shown_sky = self._document.scene.sky
             if self.sky is not None:
@@ -224,7 +224,7 @@ class GpuScene:
 
 
 def upload_sky(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray | None:
-    """The six faces as layers, filtered and clamped as `Sky.colors` does."""
+    """Upload the six faces as layers, filtered and clamped as in `Sky.colors`; None if there is no sky."""
     if sky is None:
         return None
     resolution = sky.faces.shape[1]
@@ -257,7 +257,7 @@ def _pack_colors(palette: ColorPalette) -> Float32[ndarray, "p 4 4"]:
 
 
 def _pack_transforms(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
-    """Rows of [R | t], then s."""
+    """Pack each move as the rows of [R | t], then the scale s."""
     matrices = palette.matrices
     scales = np.linalg.norm(matrices[:, :, 0], axis=1)
     texels = np.zeros((len(palette), 4, 4), np.float32)
@@ -276,7 +276,7 @@ def _pack_poses(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
 
 
 def _resize(array: ndarray, count: int) -> ndarray:
-    """The array itself, or its front, or with zeros behind it."""
+    """Cut an array to `count` rows, or pad it with zeros."""
     if count <= len(array):
         return array[:count]
     return np.concatenate([array, np.zeros(count - len(array), array.dtype)])

@@ -1,4 +1,4 @@
-"""Outline and tint of what is selected, outline of what is hovered."""
+"""The pass that outlines and tints what is selected and outlines what is hovered."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HOVERED_LINE = (1.0, 1.0, 1.0, 0.95)
 
 
 class OutlinePass:
-    """Marks pixels by the splat they show, then blends lines and tint over the picture."""
+    """Marks pixels by the splat that they show, then blends lines and tint over the picture."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx

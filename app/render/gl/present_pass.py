@@ -1,4 +1,4 @@
-"""From blended colour, blended depth or splat rows to the opaque picture that the viewport shows."""
+"""The pass that turns blended colour, blended depth or splat rows into the viewport's opaque picture."""
 
 from __future__ import annotations
 

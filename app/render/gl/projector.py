@@ -1,4 +1,4 @@
-"""Projection of all splats in blending order, once per camera, shared by the colour, depth and ID passes."""
+"""Projects all splats in blending order, once per camera, for the colour, depth and ID passes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
 RECORD_FLOATS = 11
-"""Captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
+"""Numbers captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
 SPARE_SHARE = 8
-"""Buffers that grow get room for one more splat per so many."""
+"""A buffer that grows gets room for one spare splat per this many."""
 
 
 class Projector:
     """Sorts splats by depth on the CPU and projects them on the GPU into `records`, row numbers in `order`.
 
-    Both stay the same GL objects when they grow, so vertex arrays over them stay valid.
+    Both remain the same GL objects when they grow, so vertex arrays over them stay valid.
     """
 
     def __init__(self, ctx: moderngl.Context, capacity: int, settings: RasterSettings | None = None) -> None:
@@ -38,13 +38,13 @@ class Projector:
         self._sorter = OrderSorter()
         self._uploaded = NOTHING_SORTED
         self.serial = 0
-        """Rises with every other order."""
+        """Rises whenever the order changes."""
         self.current = False
-        """Whether the order is that of the camera and state last asked for."""
+        """Whether the order belongs to the camera and state that were asked for last."""
 
     @property
     def count(self) -> int:
-        """Splats to draw: those in front of the camera, or all where the order is an older one."""
+        """Number of splats to draw: those in front of the camera, or all of them if the order is an older one."""
         return self._uploaded.in_front if self.current else len(self._uploaded.rows)
 
     @property
@@ -53,8 +53,10 @@ class Projector:
         return self._uploaded.depth_range
 
     def sort(self, scene: GpuScene, camera: Camera, wait: bool) -> None:
-        """Bring `order` up to date with the camera and the splats' positions; without `wait` perhaps only later, and
-        the last order serves until then."""
+        """Bring `order` up to date with the camera and the splats' positions.
+
+        Without `wait` that may happen later, and the last order serves until then.
+        """
         axis = camera.camera_from_world[2].astype(np.float32)
         key = (axis.tobytes(), scene.pose_version)
         sort = self._sorter.sort_now if wait else self._sorter.sort_soon
@@ -68,7 +70,7 @@ class Projector:
             self.serial += 1
 
     def project(self, scene: GpuScene, camera: Camera) -> None:
-        """Bring `records` up to date; call after `sort`."""
+        """Bring `records` up to date; call it after `sort`."""
         if not self.count:
             return
         view, program = camera_to_row(camera), self._program

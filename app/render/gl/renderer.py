@@ -1,4 +1,4 @@
-"""All passes of one frame, each drawn again only when something it shows has changed."""
+"""The OpenGL renderer: all passes of one frame, each drawn again only when something that it shows has changed."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
 DRAFT_FACTOR = 2
-"""While the camera moves, blended views have this many times fewer pixels per axis."""
+"""How many times fewer pixels per axis blended views have while the camera moves."""
 FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)
 
 
 class GlRenderer:
-    """Draws a document as snapshots ask for, off screen; `picture` is what the window shows."""
+    """A `FrameRenderer` on OpenGL: draws off screen, and `picture` is what the window shows."""
 
     def __init__(self, ctx: moderngl.Context, document: Document) -> None:
         self._ctx, self._document = ctx, document
@@ -42,9 +42,9 @@ class GlRenderer:
         self._retired: list[Targets] = []
         self._keys: dict[str, object] = {}
         self.blended_draws = 0
-        """How often splats were blended; stands still while nothing changes."""
+        """How often splats were blended; it does not rise while nothing changes."""
         self.frame_seconds = 0.0
-        """How long the last frame that had to be blended took."""
+        """Seconds that the last frame took which had to be blended."""
         self.shown: FrameSnapshot | None = None
         """The snapshot that `picture` was drawn for; None before the first frame."""
 
@@ -62,14 +62,14 @@ class GlRenderer:
 
     @property
     def settled(self) -> bool:
-        """Whether the last frame showed all splats, blended in the right order; where not, the next may."""
+        """Whether the last frame showed all splats, blended in the right order; if not, a later one will."""
         return self._projector.current and self.scene.complete
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
         """Bring `picture` up to date.
 
         Without `wait` no frame waits for sorting or for the upload of many splats: the last order serves until the new
-        one is there, and a large scene appears over a few frames; see `settled`.
+        one is ready, and a large scene appears over a few frames; see `settled`.
         """
         before, started = self.blended_draws, time.perf_counter()
         self._bring_up_to_date(snapshot, wait)
@@ -99,8 +99,11 @@ class GlRenderer:
         self._keys["shown"] = shown
 
     def free_retired(self) -> None:
-        """Free targets of sizes no longer drawn. Call between window frames: a frame's draw list names its texture by
-        number, and the driver gives the number of a freed one to the next."""
+        """Free targets of sizes that are no longer drawn.
+
+        Call it between window frames: a frame's draw list names its texture by number, and the driver reuses the number
+        of a freed texture.
+        """
         for targets in self._retired:
             targets.release()
         self._retired.clear()
@@ -131,7 +134,7 @@ class GlRenderer:
         return pixels.reshape(self.picture.size[1], self.picture.size[0], 4)[..., :3].copy()
 
     def read_blended(self) -> Float32[ndarray, "h w 4"]:
-        """The blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
+        """Read the blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
         assert self._targets is not None, "render was never called"
         pixels = np.frombuffer(self._targets.blended.read(alignment=1), np.float32)
         width, height = self._targets.blended_size
@@ -168,7 +171,7 @@ class GlRenderer:
         return targets
 
     def _make_look_key(self, camera: Camera) -> tuple[Any, ...]:
-        """Names what the splats look like through a camera, as far as the projector knows."""
+        """Make a key that identifies what the projected splats look like through a camera."""
         return make_camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
     def _project(self, camera: Camera) -> None:
@@ -180,7 +183,6 @@ class GlRenderer:
     def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
         show_depth = snapshot.view_mode is ViewMode.DEPTH
         key = (self._make_look_key(snapshot.camera), show_depth, snapshot.show_sky)
-        key = (*key, snapshot.show_sky)
         if self._keys.get("blended") == key:
             return
         camera = snapshot.camera.resize(*targets.blended_size)
@@ -203,19 +205,19 @@ class GlRenderer:
 
 
 def make_camera_key(camera: Camera) -> tuple[Any, ...]:
-    """Equal for cameras that see the same."""
+    """Make a key that is equal for cameras that see the same."""
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     return (*pinhole, camera.world_from_camera.tobytes())
 
 
 def make_snapshot_key(snapshot: FrameSnapshot) -> tuple[Any, ...]:
-    """Equal for snapshots that ask for the same frame."""
+    """Make a key that is equal for snapshots that ask for the same frame."""
     rest = [getattr(snapshot, entry.name) for entry in fields(FrameSnapshot) if entry.name != "camera"]
     return (make_camera_key(snapshot.camera), *rest)
 
 
 def round_to_figure(value: float, down: bool) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
+    """Round down or up to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
     steps = [step * power for step in (1.0, 2.0, 5.0, 10.0)]
     return (

@@ -1,4 +1,4 @@
-"""The sky, or a plain backdrop, behind the splats."""
+"""The pass that fills the background with the sky or a plain backdrop."""
 
 from __future__ import annotations
 

@@ -11,26 +11,26 @@ from numpy import ndarray
 from instdrive_app.render.gl.gl_state import GraphicsError
 
 WIDTH = 8192
-"""Texels per row; a power of two that every graphics card of OpenGL 3.3 takes. The usual limit of 16,384 rows holds 11
-million splats of SH degree 3."""
+"""Texels per row: a power of two that every graphics card with OpenGL 3.3 supports. The usual limit of 16,384 rows
+holds 11 million splats of SH degree 3."""
 SPARE_SHARE = 8
-"""A texture that has grown has room for one more row per so many."""
+"""A texture that grows gets one spare row per this many."""
 
 
 class ArrayTexture:
-    """Entries of `texels` texels each, fetched unfiltered.
+    """A texture of entries of `texels` texels each, fetched unfiltered.
 
-    Growing copies on the GPU what is there, into a texture with room to spare: adding a car to a large scene uploads
-    the car. It never shrinks. `texture` is another object after growing, so it is looked up where it is bound.
+    Growing copies the content on the GPU into a larger texture with room to spare, so adding a car to a large scene
+    uploads only the car. It never shrinks. Growing replaces `texture`, so look it up whenever you bind it.
     """
 
     def __init__(self, ctx: moderngl.Context, channels: int, dtype: str, texels: int = 1) -> None:
-        """`dtype` as moderngl names it: f4, u1, u2, u4."""
+        """`dtype` is moderngl's name of the type: f4, u1, u2 or u4."""
         self._ctx, self._channels, self._dtype, self._texels = ctx, channels, dtype, texels
         self.texture = self._create(1)
 
     def reserve(self, count: int) -> None:
-        """Make room for `count` entries. Raises GraphicsError where the driver has no texture that large."""
+        """Make room for `count` entries. Raises GraphicsError if the driver has no texture that large."""
         rows = -(-count * self._texels // WIDTH)
         before = self.texture
         if rows <= before.height:
@@ -64,8 +64,10 @@ class ArrayTexture:
 
 
 def _list_rectangles(start: int, count: int) -> Iterator[tuple[tuple[int, int, int, int], slice]]:
-    """Rectangles (x, y, width, height) that cover `count` texels from `start` on, and which of the texels each holds:
-    the rest of a begun row, whole rows, the beginning of a last one."""
+    """List rectangles (x, y, width, height) that cover `count` texels from `start` on, each with its range of texels.
+
+    They are the rest of a begun row, whole rows, and the beginning of a last row.
+    """
     done = 0
     while done < count:
         y, x = divmod(start + done, WIDTH)

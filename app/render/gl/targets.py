@@ -1,4 +1,4 @@
-"""The framebuffers of one viewport size."""
+"""The framebuffers for one viewport size."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Targets:
         self._nothing = np.zeros((size[1], size[0]), np.uint32)
 
     def clear_rows(self) -> None:
-        """No splat anywhere. Framebuffer.clear would write float bits into the integer target."""
+        """Clear `rows` to no splat anywhere. Framebuffer.clear would write float bits into the integer target."""
         self.rows_buffer.clear(depth=1.0)
         self.rows.write(self._nothing, alignment=1)
 

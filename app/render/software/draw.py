@@ -1,4 +1,4 @@
-"""Drawing a frame on the CPU: what the render thread does."""
+"""Draws a frame on the CPU: the work of the render thread."""
 
 from __future__ import annotations
 
@@ -34,40 +34,40 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
 DRAFT_SECONDS = 1 / 16
-"""Drafts leave out as many splats as it takes to be drawn in this time."""
+"""Drafts leave out enough splats to be drawn in this time."""
 FEWEST_SPLATS = 150_000
-"""A draft never shows fewer splats, where there are as many: with less, walls of small splats have holes."""
+"""Splats that a draft shows at least, if the scene has as many: with fewer, walls of small splats get holes."""
 _NO_FRAMES = np.zeros(0, np.int32)
 
 
 @dataclass(frozen=True)
 class FrameRequest:
-    """A frame to be drawn: nothing in it is ever written again."""
+    """A frame to draw; nothing in it is ever written again."""
 
     state: SceneState
     snapshot: FrameSnapshot
 
     def is_for(self, state: SceneState, snapshot: FrameSnapshot) -> bool:
-        """Whether it shows just this."""
+        """Whether the frame shows exactly this state and snapshot."""
         return self.state is state and make_snapshot_key(self.snapshot) == make_snapshot_key(snapshot)
 
 
 @dataclass(frozen=True)
 class DrawnFrame:
-    """A frame that was drawn; the arrays are the receiver's."""
+    """A drawn frame; its arrays belong to the receiver."""
 
     request: FrameRequest
     picture: UInt8[ndarray, "h w 4"]
     winner: Int32[ndarray, "vh vw"]
-    """Row of the splat that a pixel stands for, -1 for none; of a draft, smaller than the viewport."""
+    """Row of the splat that a pixel stands for, -1 for none; a draft's array is smaller than the viewport."""
     depth_range: tuple[float, float]
     """Metres at the ends of the depth view's ramp."""
     seconds: float | None
-    """How long blending took; None where only the picture was composed anew."""
+    """Seconds that blending took; None if only the picture was composed again."""
 
 
 class SoftwareDraw:
-    """Draws requests, keeping the last blended frame: outlines and view modes are composed from it."""
+    """Draws requests, and keeps the last blended frame to compose outlines and view modes from."""
 
     def __init__(self) -> None:
         self._workspace = Workspace()
@@ -79,7 +79,7 @@ class SoftwareDraw:
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:
-        """Draw one. Raises Superseded where the picture is wanted sharp and the camera moves already."""
+        """Draw one frame. Raises Superseded if a sharp picture is asked for while the camera already moves on."""
         started, snapshot = time.perf_counter(), request.snapshot
         placed = self._update_placed(request)
         camera = _choose_camera(snapshot)
@@ -93,7 +93,7 @@ class SoftwareDraw:
         )
         seconds = None
         if key != self._key:
-            self._key = None  # what is kept is written over, and may be given up half-way
+            self._key = None  # the kept frame is overwritten, perhaps only in part
             self._blend(placed, camera, snapshot, lambda: _check(request, newer))
             self._key, seconds = key, time.perf_counter() - started
             if snapshot.draft:
@@ -149,7 +149,7 @@ class SoftwareDraw:
         return picture
 
     def _find_depth_range(self, camera: Camera) -> tuple[float, float]:
-        """Depths that hold the middle 94 % of the splats in front of the camera, widened to round figures."""
+        """Depths (metres) that hold the middle 94 % of the splats in front of the camera, widened to round figures."""
         placed = self._placed
         assert placed is not None
         key = (camera.world_from_camera.tobytes(), placed, placed.look_version)

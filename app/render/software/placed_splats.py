@@ -1,4 +1,4 @@
-"""The splats of a scene's state where they are at a time, kept current on the render thread."""
+"""The splats of a scene's state at a time, placed in the world and kept current on the render thread."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ _OFFSET, _QUAT, _SCALE, _EXISTS, _FRAME_FLOATS = 9, 12, 16, 17, 18
 
 
 class PlacedSplats:
-    """Arrays of n rows that follow `update`. Each row names a frame, a pair of node and move; frame 0 is the
-    background that was never moved. Used by the render thread only."""
+    """Arrays of n rows that follow `update`; only the render thread uses them.
+
+    Each row names a frame, which is a pair of node and move; frame 0 is the background that was never moved.
+    """
 
     def __init__(self, state: SceneState, time: float) -> None:
-        """Place everything: tens of milliseconds for a million splats; `update` touches what has changed."""
+        """Place all splats, in tens of milliseconds for a million; `update` touches only what has changed."""
         gaussians = state.gaussians
         self.means = gaussians.means.copy()
-        """(n, 3) in the world."""
+        """World positions (n, 3), metres."""
         self.quats, self.log_scales = gaussians.quats.copy(), gaussians.log_scales.copy()
         self.opacities = np.empty(len(gaussians), np.float32)
-        """Recoloured; 0 for what is not drawn."""
+        """Opacities (n,) after recolouring; 0 for what is not drawn."""
         self.areas = np.empty(len(gaussians), np.float32)
-        """Product of the two longer standard deviations, m²."""
+        """Product of each splat's two longer standard deviations (n,), m²."""
         self.frames = np.zeros(len(gaussians), np.int32)
         self.look_version = 0
-        """Rises when the splats would be drawn otherwise: places, colours, what is shown."""
+        """Rises when the splats would look different: their places, colours, or which are shown."""
         self._base_opacities = to_kernel_array(sigmoid(gaussians.opacity_logits))
         self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
         self._table = _build_frame_table(list(self._frame_of), state, time)
@@ -48,16 +50,16 @@ class PlacedSplats:
 
     @property
     def rotations(self) -> Float32[ndarray, "f 3 3"]:
-        """world_from_frame: a splat looks up its harmonics in its frame."""
+        """World from frame: a splat evaluates its harmonics in its frame."""
         return self._table[:, :_OFFSET].reshape(-1, 3, 3).astype(np.float32)
 
     @property
     def turned(self) -> bool:
-        """Whether any frame but the first is named."""
+        """Whether there are frames other than the first."""
         return len(self._table) > 1
 
     def update(self, state: SceneState, time: float) -> None:
-        """Bring everything to another state of the same rows and to a time (seconds)."""
+        """Bring everything to another state with the same rows, and to a time (seconds)."""
         before = self.state
         if state is before and time == self._time:
             return
@@ -74,7 +76,7 @@ class PlacedSplats:
         self.state, self._time = state, time
 
     def _move(self, renamed: Int64[ndarray, " k"], state: SceneState, time: float) -> bool:
-        """Name the frames of rows, and place those rows and all whose frame lies elsewhere; whether any did."""
+        """Assign frames to rows, and place those rows and all whose frame has moved; returns whether there were any."""
         nodes, moves = state.nodes[renamed].astype(np.int64), state.move_entries[renamed]
         width = len(state.move_matrices)
         pairs = nodes * width + moves
@@ -107,7 +109,7 @@ class PlacedSplats:
 
 
 def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
-    """Where pairs of node and move lie; a move that was undone, which nobody names, counts as none."""
+    """Compute where pairs of node and move lie; a move that was undone, which no row names, counts as none."""
     poses, present = state.compute_poses(time)
     nodes, moves = np.array(pairs).T
     table = np.zeros((len(pairs), _FRAME_FLOATS))
@@ -126,7 +128,7 @@ def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: fl
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _place_rows(rows, frames, table, stored, shown):
-    """x → s R x + t; quaternions are turned, standard deviations scaled. What is never moved keeps its bits."""
+    """Compute x → s R x + t, rotate quaternions and scale standard deviations; what never moved keeps its bits."""
     means, quats, log_scales = stored
     for k in numba.prange(len(rows)):
         i = rows[k]

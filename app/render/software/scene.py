@@ -1,12 +1,11 @@
 """What the render thread knows of a document.
 
-Ownership: the document's arrays are written by the UI's thread only, and read by it only. `SceneWatcher`, on the UI's
-thread, hands over a `SceneState`: arrays that edits write to (a few bytes per splat) are copied when their version has
-risen, those that edits never write to (means, harmonics …) are shared. A handed-over state is never changed, so states
-can wait, be skipped or be drawn twice. `PlacedSplats` (placed_splats.py) belongs to the render thread; it compares each
-state with the last one and recomputes what differs.
+Ownership: only the UI thread writes and reads the document's arrays. There, `SceneWatcher` takes a `SceneState`: it
+copies arrays that edits write to (a few bytes per splat) when their version has risen, and shares those that edits never
+write to (means, harmonics …). A state never changes, so states can wait, be skipped or be drawn twice. `PlacedSplats`
+belongs to the render thread; it compares each state with the last one and recomputes what differs.
 
-Splats that are appended are written behind the end of the shared arrays, where no state taken before looks.
+New splats are appended behind the end of the shared arrays, where earlier states do not look.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from instdrive_core.scene.track import Track
 
 @dataclass(frozen=True)
 class SceneState:
-    """A document at one moment of its editing; nothing in it is ever written again."""
+    """A document at one moment of editing; nothing in it is ever written again."""
 
     gaussians: Gaussians
     nodes: UInt16[ndarray, " n"]
@@ -41,16 +40,16 @@ class SceneState:
     sky: Sky | None
     antialiased: bool
     rows_version: int
-    """Rises when the rows of the shared arrays are other ones."""
+    """Rises when the shared arrays get other rows."""
 
     def compute_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-        """As `Scene.at`."""
+        """Compute world_from_node of background and actors at a time (seconds), and which are present then."""
         poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
         return np.stack(poses), np.array([True, *(actor.covers(time) for actor in self.actors)], np.uint8)
 
 
 class SceneWatcher:
-    """Takes states of one document, on the UI's thread; parts that have not changed are those of the state before."""
+    """Takes states of one document on the UI thread; parts that have not changed are shared with the last state."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
@@ -58,7 +57,7 @@ class SceneWatcher:
         self._versions = document.versions
 
     def take_state(self) -> SceneState:
-        """The present state: the same object as before where nothing has changed."""
+        """Take the present state; it is the same object as before if nothing has changed."""
         document = self._document
         versions = document.versions
         if self._state is None or versions.rows != self._versions.rows:

@@ -1,4 +1,4 @@
-"""Loading the software renderer's compiled kernels while a scene is being read: a second less until its picture."""
+"""Loads the CPU renderer's compiled kernels while a scene is being read, which saves a second until its picture."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _SIDE = 16
 
 
 def start_warm_up() -> threading.Thread:
-    """Warm up on a thread of its own, which is returned; it need not be waited for."""
+    """Start warming up on another thread and return that thread; nobody has to wait for it."""
     thread = threading.Thread(target=warm_up_software, name="software-warm-up", daemon=True)
     thread.start()
     return thread
 
 
 def warm_up_software() -> None:
-    """Draw nothing in every way that there is."""
+    """Draw an empty scene in every view mode, with and without sky, and as a draft."""
     scene = scene_from_gaussians(create_empty_gaussians())
     scene.sky = Sky(np.zeros((6, 2, 2, 3), np.float32))
     state, draw = SceneWatcher(Document(scene)).take_state(), SoftwareDraw()

@@ -102,7 +102,7 @@ def test_a_redo_does_not_look_again(session, monkeypatch):
     session.selection.border.grow()
     finish(session)
     rows = selected(session)
-    monkeypatch.setattr(GrowSelection, "along_border", lambda *_: pytest.fail("looked again"))
+    monkeypatch.setattr(GrowSelection, "search_border", lambda *_: pytest.fail("looked again"))
     session.history.undo()
     session.history.redo()
     np.testing.assert_array_equal(selected(session), rows)
