@@ -17,6 +17,7 @@ from instdrive_app.shell.display import check_display, find_display_name
 from instdrive_app.state import EditorState, FrameSnapshot, Intrinsics, Viewpoint, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import InstDriveError
+from instdrive_core.extras import explain_missing_module
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.camera import look_at
 from instdrive_core.scene.gaussians import Gaussians
@@ -27,7 +28,11 @@ PACKAGES = (
     *("numpy", "numba", "scipy", "pillow", "torch", "gsplat", "moderngl", "imgui-bundle", "glfw"),
     *("trimesh", "zstandard", "transformers"),
 )
-OPTIONAL = {"gsplat": "only for training on a GPU", "transformers": "only for masks by Segment Anything"}
+OPTIONAL = {
+    "gsplat": "only for training on a GPU",
+    "torch": "only for training and masks",
+    "transformers": "only for masks by Segment Anything",
+}
 PICTURE = (160, 120)
 """Pixels of the tested render."""
 LARGEST_MEAN_DIFFERENCE = 2e-4
@@ -129,6 +134,8 @@ def _cuda_state() -> str:
             return f"training uses the CPU: {missing}"
         choose_backend("cuda")  # draws one Gaussian
         return f"{describe_gpu()}; gsplat draws"
+    except ModuleNotFoundError as error:
+        return f"not looked for: {explain_missing_module(error) or error}"
     except (ImportError, OSError) as error:
         return f"torch cannot be loaded ({error}). Install it again; training needs it, the editor does not"
     except InstDriveError as error:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app import camera
 from instdrive_app.panels.empty_view import EmptyView
 from instdrive_app.panels.instances.menu import draw_instance_menu
-from instdrive_app.panels.overlays import Handles, Overlay
-from instdrive_app.panels.overlays.reference import ReferenceOverlay, split_viewport
+from instdrive_app.panels.overlays.reference import draw_reference_beside, split_viewport
+from instdrive_app.panels.overlays.registry import ABOVE_HANDLES, BELOW_HANDLES, HANDLES
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
@@ -36,11 +34,11 @@ LIFT_KEYS = {imgui.Key.e: 1.0, imgui.Key.q: -1.0}
 class ViewportPanel:
     """Shows the document, moves the camera, and passes clicks and drags to the current tool."""
 
-    def __init__(self, beneath: Sequence[Overlay], handles: Handles, above: Sequence[Overlay]) -> None:
-        """What is drawn over the picture: all in this order, though the mouse is offered to the handles first."""
-        self._reference, self._handles = ReferenceOverlay(), handles
-        self._beneath: tuple[Overlay, ...] = (self._reference, *beneath)
-        self._above = tuple(above)
+    def __init__(self) -> None:
+        self._below, self._above = (
+            tuple(record.create() for record in records) for records in (BELOW_HANDLES, ABOVE_HANDLES)
+        )
+        self._handles = HANDLES.create()
         self._drags = False
         """Whether the present press, or the one just released, was a drag."""
         self._tool_drags = False
@@ -59,7 +57,7 @@ class ViewportPanel:
             return
         place, beside = split_viewport(ui, place)
         if beside is not None:
-            self._reference.draw_beside(ui, beside)
+            draw_reference_beside(ui, beside)
             at = ImVec2(place.x, place.y)
             imgui.set_cursor_screen_pos(at)
         ui.marks["picture"] = (place.x, place.y, place.x + place.width, place.y + place.height)
@@ -75,7 +73,7 @@ class ViewportPanel:
         self._navigate(ui, place, hovered, active)
         self._update_pointer(ui, place, hovered)
         self._draw_context_menu(ui)
-        for overlay in self._beneath:
+        for overlay in self._below:
             overlay.draw(ui, place)
         layers.channels_merge()
         for overlay in self._above:

@@ -42,7 +42,7 @@ class Picker:
         self._answer: tuple[tuple[Any, ...], PickedInstances] | None = None
 
     def find_instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
-        """Find the instances at a position of the picture (pixels): the one that the pixel stands for, then those behind.
+        """Find the instances at a position of the picture (pixels): the one the pixel stands for, then those behind.
 
         The answer is empty outside the picture, and where the pixel stands for nothing or a splat without an instance.
         """

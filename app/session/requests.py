@@ -1,6 +1,6 @@
 """What the session asks the window to do once: typed values in one queue.
 
-A new request is a class here and whatever answers it: usually a dialog, which names it in `Dialog.answers`.
+A new request is a class here and whatever answers it: usually a dialog, which `panels/dialogs/registry.py` lists.
 """
 
 from __future__ import annotations

@@ -15,12 +15,15 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_app.actions import register_actions
+from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.dialogs.registry import DIALOGS
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
-from instdrive_app.panels.registry import VIEW, DockedPanel, create_dialogs, create_panels
+from instdrive_app.panels.registry import PANELS, PanelRecord
 from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
 from instdrive_app.panels.widgets.theme import apply_style, load_fonts
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.panels.window_menu import list_panel_actions
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.render.warm_up import warm_up
@@ -47,9 +50,9 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs, self._panels = create_dialogs(), create_panels()
+        self._dialogs = DialogHost(DIALOGS)
         self._status, self._title = StatusBar(), ""
-        register_actions(session)
+        register_actions(session, list_panel_actions)
 
     @property
     def ui(self) -> Ui:
@@ -105,7 +108,7 @@ class EditorWindow:
     # ------------------------------------------------------------------ set-up
 
     def _parameters(self) -> hello_imgui.RunnerParams:
-        windows = [self._dockable(docked) for docked in self._panels]
+        windows = [self._dockable(record) for record in PANELS]
         parameters = build_runner_parameters(self._options, windows)
         calls = parameters.callbacks
         calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
@@ -122,15 +125,17 @@ class EditorWindow:
         calls.before_exit = self._guarded(self._stop)
         return parameters
 
-    def _dockable(self, docked: DockedPanel) -> hello_imgui.DockableWindow:
-        def draw() -> None:
-            docked.panel.draw(self.ui)
+    def _dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
+        panel = record.create()
 
-        window = hello_imgui.DockableWindow(docked.name, docked.place, self._guarded(draw))
-        window.can_be_closed = False
-        if docked.name == VIEW:
+        def draw() -> None:
+            panel.draw(self.ui)
+
+        window = hello_imgui.DockableWindow(record.title, record.place, self._guarded(draw), record.shown)
+        window.can_be_closed = not record.shown
+        if record.fills_window:
             window.call_begin_end = False
-            window.gui_function = self._guarded(lambda: _to_the_edges(VIEW, draw))
+            window.gui_function = self._guarded(lambda: _to_the_edges(record.title, draw))
         return window
 
     def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
@@ -219,10 +224,13 @@ class EditorWindow:
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
 
     def _show_panel(self, name: str) -> None:
-        if all(docked.name != name for docked in self._panels):
+        docking = hello_imgui.get_runner_params().docking_params
+        window = docking.dockable_window_of_name(name)
+        if window is None:
             _log.error("there is no panel %r to show", name)
             return
-        hello_imgui.get_runner_params().docking_params.focus_dockable_window(name)
+        window.is_visible = True
+        docking.focus_dockable_window(name)
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:

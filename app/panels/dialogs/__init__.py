@@ -1,13 +1,14 @@
 """Modal dialogs, one file each.
 
 A dialog opens when the session's queue holds a request that it answers. A new dialog is a request in
-`session/requests.py`, a file here, and a line in `panels/registry.py`.
+`session/requests.py`, a file here, and a line in `registry`.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from imgui_bundle import imgui
@@ -22,25 +23,36 @@ _log = logging.getLogger(__name__)
 class Dialog(Protocol):
     """A popup that asks for something."""
 
-    answers: tuple[type[Request], ...]
-    """The requests that open it; no other dialog answers them."""
-
     def open(self, ui: Ui, request: Any) -> None:
-        """Open it for a request of one of the types in `answers`."""
+        """Open it for a request of one of the types that its record answers."""
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame, whether it is open or not."""
 
 
+@dataclass(frozen=True)
+class DialogRecord:
+    """One dialog of the window."""
+
+    title: str
+    icon: str
+    """Name of an icon constant of Font Awesome 6."""
+    create: Callable[[], Dialog]
+    answers: tuple[type[Request], ...]
+    """Types of the requests that open the dialog; no other dialog answers them."""
+
+
 class DialogHost:
     """Opens the dialog for each request, one at a time, and draws the open one."""
 
-    def __init__(self, dialogs: Sequence[Dialog]) -> None:
-        """Raises ValueError where two dialogs answer the same request."""
-        self._dialogs = tuple(dialogs)
+    def __init__(self, records: Sequence[DialogRecord]) -> None:
+        """Create the dialogs. Raises ValueError if two of them answer the same request."""
+        self._dialogs: list[Dialog] = []
         self._by_request: dict[type[Request], Dialog] = {}
-        for dialog in dialogs:
-            for kind in dialog.answers:
+        for record in records:
+            dialog = record.create()
+            self._dialogs.append(dialog)
+            for kind in record.answers:
                 if kind in self._by_request:
                     raise ValueError(f"two dialogs answer {kind.__name__}")
                 self._by_request[kind] = dialog
@@ -51,7 +63,7 @@ class DialogHost:
         return frozenset(self._by_request)
 
     def draw(self, ui: Ui) -> None:
-        """One frame: opens the dialog for the next request, unless one is open, and draws all."""
+        """Draw one frame: open the dialog for the next request, unless one is open, and draw all dialogs."""
         request = ui.session.requests.take_due(is_blocked=imgui.internal.get_top_most_popup_modal() is not None)
         if request is not None:
             self.open(ui, request)

@@ -9,15 +9,13 @@ from imgui_bundle import imgui
 from instdrive_app.log_file import get_log_path
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels, scale_size
-from instdrive_app.session.requests import Request, ShowAbout
+from instdrive_app.session.requests import ShowAbout
 
 TITLE = "InstDrive"
 
 
 class AboutDialog:
     """Shows what a bug report should mention."""
-
-    answers: tuple[type[Request], ...] = (ShowAbout,)
 
     def __init__(self) -> None:
         self._copied = False

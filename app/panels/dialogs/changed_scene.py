@@ -6,15 +6,13 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_app.session.requests import AskChangedScene, Request
+from instdrive_app.session.requests import AskChangedScene
 
 TITLE = "The scene has changed"
 
 
 class ChangedSceneDialog:
     """Opens the document anyway, or leaves it closed."""
-
-    answers: tuple[type[Request], ...] = (AskChangedScene,)
 
     def __init__(self) -> None:
         self._request: AskChangedScene | None = None

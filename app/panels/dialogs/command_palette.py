@@ -9,16 +9,16 @@ from instdrive_app.matching import find_best_matches
 from instdrive_app.panels.menus import format_title
 from instdrive_app.panels.widgets.theme import DIM, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
-from instdrive_app.session.requests import Request, ShowPalette
+from instdrive_app.session.requests import ShowPalette
 
-TITLE = "##palette"
+TITLE = "Command palette"
+POPUP = "##palette"
+"""ID of the popup, which has no title bar."""
 ROWS = 11
 
 
 class CommandPalette:
     """Lists the actions that match what is typed; arrow keys or the mouse choose one, Enter runs it."""
-
-    answers: tuple[type[Request], ...] = (ShowPalette,)
 
     def __init__(self) -> None:
         self._typed = ""
@@ -27,7 +27,7 @@ class CommandPalette:
     def open(self, ui: Ui, request: ShowPalette) -> None:
         """Open it, with nothing typed."""
         self._typed, self._chosen = "", 0
-        imgui.open_popup(TITLE)
+        imgui.open_popup(POPUP)
 
     def draw(self, ui: Ui) -> None:
         """Draw one frame."""
@@ -36,7 +36,7 @@ class CommandPalette:
             ImVec2(viewport.get_center().x, viewport.pos.y + 5 * em), imgui.Cond_.always, ImVec2(0.5, 0)
         )
         imgui.set_next_window_size(ImVec2(36 * em, 0))
-        if not imgui.begin_popup(TITLE, imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move):
+        if not imgui.begin_popup(POPUP, imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move):
             return
         run = self._draw_search(ui)
         found = find_best_matches(

@@ -12,15 +12,13 @@ from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sort_droppe
 from instdrive_app.panels.dialogs.questions import Answers, draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import ReceiveDrop, Request
+from instdrive_app.session.requests import ReceiveDrop
 
 TITLE = "Dropped files"
 
 
 class DroppedDialog:
     """Opens dropped files; if a scene is open already, it asks whether to insert them there."""
-
-    answers: tuple[type[Request], ...] = (ReceiveDrop,)
 
     def __init__(self) -> None:
         self._asked: DroppedFiles | None = None

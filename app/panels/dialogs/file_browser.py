@@ -18,8 +18,10 @@ from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose, ho
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.theme import DIM, ERROR, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon
-from instdrive_app.session.requests import AskExport, AskPath, Request, do_nothing
+from instdrive_app.session.requests import AskExport, AskPath, do_nothing
 
+TITLE = "Choose a file"
+"""What the dialog is listed as; its window is titled by the purpose."""
 DESKTOP_TOOLS = ("zenity", "kdialog", "matedialog", "qarma")
 RELIST_SECONDS = 1.0
 """Interval at which the folder on screen is read again."""
@@ -28,8 +30,6 @@ _STAY = imgui.SelectableFlags_.no_auto_close_popups
 
 class FileBrowser:
     """One dialog for all `PURPOSES`; each purpose knows what to do with the answer."""
-
-    answers: tuple[type[Request], ...] = (AskPath, AskExport)
 
     def __init__(self) -> None:
         self._export = ExportOptions()

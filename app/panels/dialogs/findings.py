@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
-from instdrive_app.session.requests import OfferCleanup, Request
+from instdrive_app.session.requests import OfferCleanup
 from instdrive_core.edits.kinds.delete import DeleteRows
 from instdrive_core.scene.lint import HARMFUL
 
@@ -16,8 +16,6 @@ TITLE = "Odd splats"
 
 class FindingsDialog:
     """Lists the kinds of odd splats with a checkbox each; removal is one step that can be undone."""
-
-    answers: tuple[type[Request], ...] = (OfferCleanup,)
 
     def __init__(self) -> None:
         self._chosen: dict[str, bool] = {}

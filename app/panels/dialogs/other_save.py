@@ -6,15 +6,13 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_app.session.requests import AskOtherSave, Request
+from instdrive_app.session.requests import AskOtherSave
 
 TITLE = "Saved by another editor"
 
 
 class OtherSaveDialog:
     """Overwrites the project, or leaves it as it is."""
-
-    answers: tuple[type[Request], ...] = (AskOtherSave,)
 
     def __init__(self) -> None:
         self._request: AskOtherSave | None = None

@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, draw_fitted_selectable, draw_swatch, get_icon, scale_size
-from instdrive_app.session.requests import AskReassign, Request
+from instdrive_app.session.requests import AskReassign
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 
@@ -18,8 +18,6 @@ NEW, NONE = -1, 0
 
 class ReassignDialog:
     """Offers a new instance, no instance, and a searchable list of all instances."""
-
-    answers: tuple[type[Request], ...] = (AskReassign,)
 
     def __init__(self) -> None:
         self._rows, self._search, self._target, self._count = InstanceRows(), "", NEW, 0

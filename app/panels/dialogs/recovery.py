@@ -7,7 +7,7 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.panels.dialogs.frame import center_next_window
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
-from instdrive_app.session.requests import OfferRecovery, Request
+from instdrive_app.session.requests import OfferRecovery
 from instdrive_core.project.recoverable import RecoverableSession
 from instdrive_core.wording import format_count
 
@@ -16,8 +16,6 @@ TITLE = "Recover unsaved work"
 
 class RecoveryDialog:
     """Shows one row per document, to recover it, discard it, or leave it for later."""
-
-    answers: tuple[type[Request], ...] = (OfferRecovery,)
 
     def open(self, ui: Ui, request: OfferRecovery) -> None:
         """Open it."""

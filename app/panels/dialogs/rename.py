@@ -6,15 +6,13 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, scale_size
-from instdrive_app.session.requests import AskName, Request
+from instdrive_app.session.requests import AskName
 
 TITLE = "Rename"
 
 
 class RenameDialog:
     """Asks for the name of an instance while the list of instances, where names are usually typed, is hidden."""
-
-    answers: tuple[type[Request], ...] = (AskName,)
 
     def __init__(self) -> None:
         self._instance, self._name = 0, ""

@@ -6,15 +6,13 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_fitted_selectable, scale_size
-from instdrive_app.session.requests import AskClass, Request
+from instdrive_app.session.requests import AskClass
 
 TITLE = "Set class"
 
 
 class ClassDialog:
     """Offers the scene's classes, and a field to type any other; an empty name means unknown."""
-
-    answers: tuple[type[Request], ...] = (AskClass,)
 
     def __init__(self) -> None:
         self._ids: tuple[int, ...] = ()

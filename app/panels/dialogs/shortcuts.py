@@ -11,7 +11,7 @@ from instdrive_app.action import format_shortcut
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
 from instdrive_app.panels.menus import format_title
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
-from instdrive_app.session.requests import Request, ShowShortcuts
+from instdrive_app.session.requests import ShowShortcuts
 
 TITLE = "Keys and mouse"
 MOUSE = (
@@ -42,8 +42,6 @@ class ShortcutGroup:
 
 class ShortcutSheet:
     """Lists every action that has a shortcut, menu by menu, and the mouse gestures."""
-
-    answers: tuple[type[Request], ...] = (ShowShortcuts,)
 
     def open(self, ui: Ui, request: ShowShortcuts) -> None:
         """Open it."""

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_bounded_slider, draw_dim_text, scale_size
-from instdrive_app.session.requests import AskSplit, Request
+from instdrive_app.session.requests import AskSplit
 from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.split import DEFAULT_GAP, SplitInstance
 
@@ -17,8 +17,6 @@ MOST_SIZES = 6
 
 class SplitDialog:
     """Previews the parts that a gap gives; they are computed on another thread."""
-
-    answers: tuple[type[Request], ...] = (AskSplit,)
 
     def __init__(self) -> None:
         self._instance, self._gap = 0, DEFAULT_GAP

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_app.session.requests import AskTooLarge, Request
+from instdrive_app.session.requests import AskTooLarge
 from instdrive_core.errors import format_gigabytes, format_ordinal
 
 TITLE = "The scene is too large"
@@ -14,8 +14,6 @@ TITLE = "The scene is too large"
 
 class TooLargeDialog:
     """Opens every k-th splat of the scene, or nothing."""
-
-    answers: tuple[type[Request], ...] = (AskTooLarge,)
 
     def __init__(self) -> None:
         self._request: AskTooLarge | None = None

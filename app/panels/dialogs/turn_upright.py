@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
-from instdrive_app.session.requests import AskUp, Request
+from instdrive_app.session.requests import AskUp
 from instdrive_core.edits.kinds.turn_scene import SCALE_LIMITS
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import UpEstimate
@@ -33,8 +33,6 @@ Choice = Axis | str
 
 class TurnUprightDialog:
     """Offers the axes, the view's up and an estimate, which is chosen when it arrives unless the user was quicker."""
-
-    answers: tuple[type[Request], ...] = (AskUp,)
 
     def __init__(self) -> None:
         self._choice: Choice = UP

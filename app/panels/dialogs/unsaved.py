@@ -6,15 +6,13 @@ from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_app.session.requests import AskPath, AskUnsaved, Request
+from instdrive_app.session.requests import AskPath, AskUnsaved
 
 TITLE = "Unsaved changes"
 
 
 class UnsavedDialog:
     """Offers to save, not to save, or to stay; unless the user stays, what the request waits with follows."""
-
-    answers: tuple[type[Request], ...] = (AskUnsaved,)
 
     def __init__(self) -> None:
         self._request: AskUnsaved | None = None

@@ -14,7 +14,8 @@ class CameraTag:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
         state, document = ui.session.state, ui.session.document
-        assert document is not None
+        if document is None:
+            return
         name = "Free camera"
         if state.dataset_view is not None:
             view = document.scene.views[state.dataset_view]

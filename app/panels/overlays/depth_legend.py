@@ -18,7 +18,7 @@ class DepthLegend:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
-        if ui.session.state.view_mode is not ViewMode.DEPTH:
+        if ui.session.state.view_mode is not ViewMode.DEPTH or ui.session.document is None:
             return
         near, far = ui.view.renderer.depth_range
         width, height = min(scale_pixels(220), place.width - scale_pixels(32)), scale_pixels(10)

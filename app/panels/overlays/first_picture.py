@@ -22,7 +22,7 @@ class FirstPictureNotice:
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
         now = imgui.get_time()
-        if ui.view.snapshot is not None:
+        if ui.view.snapshot is not None or ui.session.document is None:
             self._since = now
         waited = now - self._since
         if waited < WAIT_SECONDS:

@@ -14,7 +14,7 @@ class OpacitySlider:
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
         """Draw one frame."""
-        if ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
+        if ui.session.document is None or ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
             return
         margin = scale_pixels(10)
         bottom = place.y + place.height - imgui.get_frame_height() - margin

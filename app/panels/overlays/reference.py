@@ -37,27 +37,28 @@ class ReferenceOverlay:
         elif missing := _explain_missing(ui):
             _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
 
-    def draw_beside(self, ui: Ui, place: Rectangle) -> None:
-        """Draw the photo in its own half, and a cross where the pointer is in the other half."""
-        draw = imgui.get_window_draw_list()
-        corner = ImVec2(place.x + place.width, place.y + place.height)
-        draw.add_rect_filled(ImVec2(place.x, place.y), corner, pack_color(BACKGROUND))
-        texture = _find_texture(ui)
-        if texture is None:
-            text = _explain_missing(ui) or "Reading…"
-            size = imgui.calc_text_size(text)
-            middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
-            draw.add_text(middle, pack_color(DIM), text)
-            return
-        _draw_image(ui, place, texture, 1.0)
-        _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), ui.session.state.reference.value)
-        ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
-        if ui.pointer is not None:
-            x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
-            arm = scale_pixels(9)
-            for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
-                draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(BACKGROUND, 0.8), scale_pixels(3))
-                draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(ACCENT), scale_pixels(1))
+
+def draw_reference_beside(ui: Ui, place: Rectangle) -> None:
+    """Draw the photo or masks in their own half, and a cross where the pointer is in the other half."""
+    draw = imgui.get_window_draw_list()
+    corner = ImVec2(place.x + place.width, place.y + place.height)
+    draw.add_rect_filled(ImVec2(place.x, place.y), corner, pack_color(BACKGROUND))
+    texture = _find_texture(ui)
+    if texture is None:
+        text = _explain_missing(ui) or "Reading…"
+        size = imgui.calc_text_size(text)
+        middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
+        draw.add_text(middle, pack_color(DIM), text)
+        return
+    _draw_image(ui, place, texture, 1.0)
+    _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), ui.session.state.reference.value)
+    ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
+    if ui.pointer is not None:
+        x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
+        arm = scale_pixels(9)
+        for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
+            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(BACKGROUND, 0.8), scale_pixels(3))
+            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(ACCENT), scale_pixels(1))
 
 
 def _find_texture(ui: Ui) -> int | None:

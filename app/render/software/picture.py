@@ -34,7 +34,7 @@ def paint_color(color: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
 def paint_depth(
     depth: Float32[ndarray, "h w"], alpha: Float32[ndarray, "h w"], depth_range: tuple[float, float]
 ) -> UInt8[ndarray, "h w 4"]:
-    """Paint depth (metres) with the colour ramp, logarithmic between two depths; black where there is almost nothing."""
+    """Paint depth (metres) with the colour ramp, logarithmic between two depths; black where almost nothing is."""
     picture = np.empty((*depth.shape, 4), np.uint8)
     ramp, ends = np.array(DEPTH_RAMP, np.float32), np.array(depth_range, np.float32)
     _write_depth(depth, alpha, ramp, ends, picture)

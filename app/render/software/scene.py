@@ -1,9 +1,9 @@
 """What the render thread knows of a document.
 
 Ownership: only the UI thread writes and reads the document's arrays. There, `SceneWatcher` takes a `SceneState`: it
-copies arrays that edits write to (a few bytes per splat) when their version has risen, and shares those that edits never
-write to (means, harmonics …). A state never changes, so states can wait, be skipped or be drawn twice. `PlacedSplats`
-belongs to the render thread; it compares each state with the last one and recomputes what differs.
+copies arrays that edits write to (a few bytes per splat) when their version has risen, and shares those that edits
+never write to (means, harmonics …). A state never changes, so states can wait, be skipped or be drawn twice.
+`PlacedSplats` belongs to the render thread; it compares each state with the last one and recomputes what differs.
 
 New splats are appended behind the end of the shared arrays, where earlier states do not look.
 """
