@@ -68,14 +68,14 @@ def _cut_out(
     predicted: Bool[ndarray, "h w"],
     labelled: Bool[ndarray, "h w"],
     name: str,
-) -> Markup:
+) -> Picture:
     rows, columns = _find_box(truth)
     part = photo[rows, columns].astype(np.float32)
     meant, got, counted = truth[rows, columns], predicted[rows, columns], labelled[rows, columns]
     image = np.where((meant & got)[..., None], part, part * _DIMMED)
     for wrong, color in ((meant & ~got, MISSED_COLOR), (got & ~meant & counted, EXTRA_COLOR)):
         image[wrong] = part[wrong] * (1 - _TINT) + color * _TINT
-    return photo_picture(_fit_to_row(np.round(image).astype(np.uint8)), name, class_="cutout", loading="lazy")
+    return encode_photo(_fit_to_row(np.round(image).astype(np.uint8)), name)
 
 
 def _find_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
@@ -88,7 +88,7 @@ def _find_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
 
 
 def _fit_to_row(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """At the size of a table's row."""
+    """Resize a picture to the height of a table's row."""
     height, width = image.shape[:2]
     factor = min(_MAX_ENLARGED, _HEIGHT / height, _MAX_WIDTH / width)
     size = max(1, round(width * factor)), max(1, round(height * factor))

@@ -22,7 +22,8 @@ from instdrive_core.evaluation.page.map_colors import (
     color_matched,
 )
 from instdrive_core.evaluation.page.pictures import Picture, convert_to_bytes, encode_map, encode_photo
-APPLY_EXPOSURE_IMPORTS
+from instdrive_core.rasterize.scene_view import view_scene
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 PICTURE_BUDGET = 4_500_000
@@ -195,3 +196,10 @@ def _describe_errors(categories: ndarray) -> str:
         return "errors: nothing is labelled"
     _, right, other, piece, nothing = (f"{share:.1%}" for share in shares)
     return f"errors: {right} right, {other} other object's ID, {piece} further pieces, {nothing} none"
+
+
+def _render_exposed(scene: Scene, frame: Frame) -> ndarray:
+    image = view_scene(scene, frame.view.camera, frame.view.time).color
+    if scene.exposures is None:
+        return image
+    return apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))

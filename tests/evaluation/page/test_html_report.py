@@ -167,7 +167,7 @@ def test_a_scene_without_instances(drive, report):
 
 
 def test_a_page_keeps_within_its_budget(drive, report, monkeypatch):
-    monkeypatch.setattr(html_report, "PICTURE_BUDGET", 30_000)
+    monkeypatch.setattr(html_report, "PICTURE_BUDGET", 20_000)
     page = report()
     shown = len(page.pictures("photo: "))
     assert 0 < shown < len(drive.clip.held_out_frames)
