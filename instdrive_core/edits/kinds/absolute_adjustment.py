@@ -1,7 +1,7 @@
-"""Adjusting colours to absolute amounts: how far each slider is from neutral, whatever was done before.
+"""Adjusting colours to absolute amounts: what a slider shows is how far it is from neutral, whatever was done before.
 
-`AdjustInstances` works on what is shown, and adjustments add up; here the last amount of each kind counts. What an
-instance is made of is remembered by its palette entry: the colours before adjustment, and the amounts.
+The last amount of each kind counts. An instance's palette entry remembers the colours before adjustment, and the
+amounts. The editor, the command line and Python all adjust by `SetAdjustment`.
 """
 
 from __future__ import annotations

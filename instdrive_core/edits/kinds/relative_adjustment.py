@@ -1,4 +1,4 @@
-"""Adjusting the colours of instances on top of what they are: hue, brightness, contrast, saturation and so on."""
+"""Adjustments that add up, as projects of version 0.1.0 may hold them; new ones are absolute (`SetAdjustment`)."""
 
 from __future__ import annotations
 
