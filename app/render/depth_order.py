@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, UInt32
 from numpy import ndarray
 
-from instdrive_core.maths.sorting import back_to_front
+from instdrive_core.maths.sorting import sort_back_to_front
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def sort_by_depth(
 ) -> DepthOrder:
     """Sort by depth = axis · (x, y, z, 1), metres; splats nearer than `near` count as behind the camera."""
     depths = means @ axis[:3] + axis[3]
-    front = back_to_front(depths, near)
+    front = sort_back_to_front(depths, near)
     behind = np.flatnonzero(depths <= near).astype(np.uint32)
     return DepthOrder(key, np.concatenate([front, behind]), len(front), _find_depth_range(depths, front))
 

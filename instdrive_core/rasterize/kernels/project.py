@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray
 
-from instdrive_core.maths.sorting import back_to_front
+from instdrive_core.maths.sorting import sort_front_to_back
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -63,7 +63,7 @@ def project(
     splats, covariances = np.empty((count, SPLAT_WIDTH), np.float32), np.empty((count, 3), np.float32)
     depths = np.empty(count, np.float32)
     project_rows(means, quats, log_scales, opacities, camera, settings, splats, covariances, depths)
-    rows = back_to_front(depths, 0.0)[::-1].astype(np.int32)
+    rows = sort_front_to_back(depths)
     sorted_splats, sorted_covariances = (
         np.empty((len(rows), SPLAT_WIDTH), np.float32),
         np.empty((len(rows), 3), np.float32),

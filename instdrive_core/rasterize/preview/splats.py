@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.maths.depth_order import nearest_first
+from instdrive_core.maths.sorting import sort_in_parallel
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.fragment import EIGHTH, FAST
 from instdrive_core.rasterize.kernels.project import (
@@ -81,7 +81,7 @@ def project_splats(
 
 def pack_splats(found: ProjectedSplats, settings: RasterSettings, workspace: Workspace) -> Float32[ndarray, "v 16"]:
     """The visible splats nearest first, equal depths in row order."""
-    order = nearest_first(found.depths, workspace)
+    order = sort_in_parallel(found.depths, workspace)
     packed = workspace.array("packed splats", (len(order), SPLAT_FLOATS))
     _pack(order, found.lines, settings.to_row(), packed, packed.view(np.int32))
     return packed
