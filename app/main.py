@@ -74,6 +74,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _run(name, rest)
 
 
+def gui(argv: Sequence[str] | None = None) -> int:
+    """Open the editor as a double click does, on the paths of the command line; returns the exit status."""
+    from instdrive_app.cli.desktop import start_from_desktop
+
+    return start_from_desktop(sys.argv[1:] if argv is None else argv)
+
+
 def _run(name: str, arguments: list[str]) -> int:
     from instdrive_core.errors import InstDriveError
     from instdrive_core.extras import explain_missing_module

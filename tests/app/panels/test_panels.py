@@ -4,37 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imgui_bundle import imgui
 
-from instdrive_app.actions import register_actions
 from instdrive_app.cli import edit as edit_command
 from instdrive_app.files import sample
 from instdrive_app.files.folder_listing import list_folder
 from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
 from instdrive_app.panels.instances.rows import matches
-from instdrive_app.panels.menus import parse_shortcut
-from instdrive_app.panels.widgets.ui import get_icon
-from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.window import require_display
 from instdrive_app.timeline import Timeline
 from instdrive_core.errors import InstDriveError
 from instdrive_core.formats.folder.scenes import MANIFEST
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.camera import Camera, CameraView
-
-
-def test_every_command_has_a_menu_an_icon_and_keys_that_exist():
-    session = EditorSession()
-    register_actions(session)
-    for command in session.actions:
-        assert command.menu
-        assert get_icon(command.icon)
-        for shortcut in command.shortcuts:
-            assert parse_shortcut(shortcut) > 0
-    session.close()
-    assert parse_shortcut("Ctrl+Shift+Z") == int(imgui.Key.mod_ctrl) | int(imgui.Key.mod_shift) | int(imgui.Key.z)
-    assert parse_shortcut("1") == imgui.Key._1
 
 
 def test_the_file_browser_lists_folders_and_scenes(tmp_path):
