@@ -6,36 +6,32 @@ import ctypes
 import sys
 import time
 from functools import cache
-from pathlib import Path
 
-STATM = Path("/proc/self/statm")
-PAGE_BYTES = 4096
+import psutil
+
 LOOK_SECONDS = 1.0
-"""Between two looks."""
+"""Time between two looks."""
 
 
 class MemoryGauge:
-    """Resident bytes of this process, looked up at most once a second; None where the system does not say."""
+    """Resident bytes of this process, looked up at most once a second."""
 
     def __init__(self) -> None:
-        self._bytes: int | None = None
+        self._bytes = 0
         self._next = 0.0
 
     @property
-    def resident(self) -> int | None:
-        """Bytes."""
+    def resident(self) -> int:
+        """Bytes that were in memory at the last look."""
         now = time.monotonic()
         if now >= self._next:
             self._bytes, self._next = read_resident_bytes(), now + LOOK_SECONDS
         return self._bytes
 
 
-def read_resident_bytes() -> int | None:
-    """What of this process is in memory now, in bytes; None where the system does not say."""
-    try:
-        return int(STATM.read_text().split()[1]) * PAGE_BYTES
-    except (OSError, ValueError, IndexError):
-        return None
+def read_resident_bytes() -> int:
+    """Read how many bytes of this process are in memory now."""
+    return psutil.Process().memory_info().rss
 
 
 def release_freed_memory() -> None:

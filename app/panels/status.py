@@ -42,8 +42,7 @@ class StatusBar:
             facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in total"]
             if ui.view.frame_seconds:
                 facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")
-        if self._memory.resident is not None:
-            facts.append(f"{self._memory.resident / 2**30:.1f} GiB memory")
+        facts.append(f"{self._memory.resident / 2**30:.1f} GiB memory")
         return [*facts, fit_text(ui.view.backend, scale_pixels(220))]
 
 

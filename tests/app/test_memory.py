@@ -9,13 +9,13 @@ from instdrive_app.memory import MemoryGauge, read_resident_bytes, release_freed
 
 FREED = """
 import numpy as np
-from instdrive_app.memory import give_back, resident_bytes
+from instdrive_app.memory import read_resident_bytes, release_freed_memory
 kept = [np.ones(30_000, np.uint8) for _ in range(4_000)]
 last = kept[-1]
 del kept
-before = resident_bytes()
-give_back()
-print(before - resident_bytes(), len(last))
+before = read_resident_bytes()
+release_freed_memory()
+print(before - read_resident_bytes(), len(last))
 """
 
 

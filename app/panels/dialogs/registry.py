@@ -2,25 +2,8 @@
 
 from __future__ import annotations
 
-from instdrive_app.panels.dialogs import (
-    DialogRecord,
-    about,
-    changed_scene,
-    command_palette,
-    dropped,
-    file_browser,
-    findings,
-    other_save,
-    reassign,
-    recovery,
-    rename,
-    set_class,
-    shortcuts,
-    split,
-    too_large,
-    turn_upright,
-    unsaved,
-)
+from instdrive_app.panels.dialogs import DialogRecord, about, changed_scene, command_palette, dropped, file_browser, other_save, reassign, recovery, rename, set_class, shortcuts, split, too_large, turn_upright, unsaved
+from instdrive_app.panels.dialogs import cleanup
 from instdrive_app.session.requests import (
     AskChangedScene,
     AskClass,
@@ -56,6 +39,6 @@ DIALOGS = (
     DialogRecord(changed_scene.TITLE, "ICON_FA_CODE_COMPARE", changed_scene.ChangedSceneDialog, (AskChangedScene,)),
     DialogRecord(other_save.TITLE, "ICON_FA_USER_PEN", other_save.OtherSaveDialog, (AskOtherSave,)),
     DialogRecord(too_large.TITLE, "ICON_FA_MEMORY", too_large.TooLargeDialog, (AskTooLarge,)),
-    DialogRecord(findings.TITLE, "ICON_FA_BROOM", findings.FindingsDialog, (OfferCleanup,)),
+    DialogRecord(cleanup.TITLE, "ICON_FA_BROOM", cleanup.CleanupDialog, (OfferCleanup,)),
     DialogRecord(turn_upright.TITLE, "ICON_FA_ARROW_UP", turn_upright.TurnUprightDialog, (AskUp,)),
 )

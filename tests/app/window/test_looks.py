@@ -13,7 +13,7 @@ pytestmark = pytest.mark.gui
 
 TOUR = Path(__file__).parents[2] / "support/window/look_tour.py"
 SIZES = [((1280, 720), 1.0), ((1280, 720), 2.0), ((1600, 900), 1.0), ((1024, 640), 1.0)]
-MOST_TELLING = ("empty", "open", "one", "move tool", "side by side, depth", "hover", "dialog export", "dialog findings")
+MOST_TELLING = ("empty", "open", "one", "move tool", "side by side, depth", "hover", "dialog export", "dialog cleanup")
 MOST_TELLING += ("dialog shortcuts", "dialog about", "menu Help")
 """States that are looked at where the window is large: frames are slow, and there is more room for everything."""
 CONTAINERS = ("viewport", "picture", "reference", "hover label", "aftermath")

@@ -12,53 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
+from example_requests import fill_in, list_requests
 from imgui_bundle import imgui
 from PIL import Image
 from tyro.conf import Positional
 
 from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.requests import (
-    AskClass,
-    AskExport,
-    AskName,
-    AskPath,
-    AskReassign,
-    AskSplit,
-    AskUnsaved,
-    AskUp,
-    OfferCleanup,
-    ReceiveDrop,
-    Request,
-    ShowAbout,
-    ShowPalette,
-    ShowShortcuts,
-    do_nothing,
-)
+from instdrive_app.session.requests import ReceiveDrop
 from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode
-from instdrive_core.scene.lint import Defect
 
-DIALOGS: dict[str, Callable[[int], Request]] = {
-    "open": lambda _: AskPath("open"),
-    "insert": lambda _: AskPath("insert"),
-    "save": lambda _: AskPath("save"),
-    "export": lambda _: AskExport(),
-    "shortcuts": lambda _: ShowShortcuts(),
-    "about": lambda _: ShowAbout(),
-    "palette": lambda _: ShowPalette(),
-    "unsaved": lambda _: AskUnsaved(do_nothing),
-    "findings": lambda _: OfferCleanup(),
-    "split": AskSplit,
-    "turn_upright": lambda _: AskUp(),
-    "class": lambda instance: AskClass((instance,)),
-    "rename": AskName,
-}
-"""What opens each dialog, for an instance where it is about one."""
 LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
 """The longest name allowed."""
 PATIENCE_FRAMES = 400
@@ -136,31 +103,21 @@ class Tour:
 
     def _dialogs(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
-        session.files.defects = (
-            Defect(
-                "not_finite",
-                "3 splats hold values that are not finite (means of 2, log_scales of 3)",
-                3,
-                np.arange(3),
-                "Best deleted: most viewers draw nothing or fail where one is in view",
-            ),
-            Defect("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
-        )
-        for name in filter(lambda name: self._wanted(f"dialog {name}"), DIALOGS):
+        fill_in(session, self._scene)
+        for name, request in list_requests(self._scene, ids[0]).items():
+            if not self._wanted(f"dialog {name}"):
+                continue
             # Not by the queue: the list of instances would take the renaming.
-            self._window._dialogs.open(self._window.ui, DIALOGS[name](ids[0]))
+            self._window._dialogs.open(self._window.ui, request)
             yield from self._look(f"dialog {name}", frames=25 if name == "split" else 5)
             yield from self._escape()
-        session.requests.put(AskReassign())
-        yield from self._look("dialog reassign")
-        yield from self._escape()
+        session.files.autosave.recoverable = []
         others = tuple(self._options.out / f"{number} {LONG_NAME}.ply" for number in range(5))
         for other in others:
             other.symlink_to(self._scene)
-        for name, dropped in (("dropped", (self._scene,)), ("several dropped", others)):
-            session.requests.put(ReceiveDrop(dropped))
-            yield from self._look(f"dialog {name}")
-            yield from self._escape()
+        session.requests.put(ReceiveDrop(others))
+        yield from self._look("dialog several dropped")
+        yield from self._escape()
 
     def _menus(self) -> Iterator[None]:
         for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.actions.menus):

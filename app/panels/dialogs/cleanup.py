@@ -14,7 +14,7 @@ from instdrive_core.scene.lint import HARMFUL
 TITLE = "Odd splats"
 
 
-class FindingsDialog:
+class CleanupDialog:
     """Lists the kinds of odd splats with a checkbox each; removal is one step that can be undone."""
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class FindingsDialog:
 
     def open(self, ui: Ui, request: OfferCleanup) -> None:
         """Open it with the harmful kinds ticked."""
-        self._chosen = {finding.kind: finding.kind in HARMFUL for finding in ui.session.files.defects}
+        self._chosen = {defect.kind: defect.kind in HARMFUL for defect in ui.session.files.defects}
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
@@ -31,19 +31,19 @@ class FindingsDialog:
         center_next_window(ImVec2(38 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        findings = ui.session.files.defects
+        defects = ui.session.files.defects
         imgui.text_wrapped("Some splats of this scene may look like haze or spikes, or trouble other programs.")
         imgui.spacing()
-        for finding in findings:
-            _, self._chosen[finding.kind] = imgui.checkbox(f"##{finding.kind}", self._chosen.get(finding.kind, False))
-            ui.mark(f"findings.{finding.kind}")
+        for defect in defects:
+            _, self._chosen[defect.kind] = imgui.checkbox(f"##{defect.kind}", self._chosen.get(defect.kind, False))
+            ui.mark(f"cleanup.{defect.kind}")
             imgui.same_line()
             imgui.push_text_wrap_pos(0)
-            imgui.text(finding.what)
+            imgui.text(defect.what)
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + imgui.get_frame_height() + scale_pixels(8))
-            draw_dim_text(finding.remedy)
+            draw_dim_text(defect.remedy)
             imgui.pop_text_wrap_pos()
-        rows = [finding.rows for finding in findings if self._chosen.get(finding.kind)]
+        rows = [defect.rows for defect in defects if self._chosen.get(defect.kind)]
         if draw_confirm_buttons(ui, "Remove", False, any(map(len, rows)), cancel="Keep all"):
             ui.session.history.apply(DeleteRows(np.unique(np.concatenate(rows))))
         imgui.end_popup()
