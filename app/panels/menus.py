@@ -89,6 +89,6 @@ def parse_shortcut(shortcut: str) -> int:
     return chord
 
 
-def format_title(command: Action) -> str:
+def format_action_title(command: Action) -> str:
     """The title, and where what the command does cannot be undone, that it cannot."""
     return f"{command.title}  (cannot be undone)" if command.undoable is False else command.title

@@ -15,7 +15,7 @@ WIDTH = 380.0
 MARGIN = 12.0
 LONGEST = 400
 """Characters of a message that are shown; the log has the whole message."""
-PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "aftermath")
+PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "deletion review")
 """Marks of what stands at the viewport's lower left and must not be covered."""
 
 

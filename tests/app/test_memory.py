@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -28,3 +29,16 @@ def test_the_gauge_reads_what_the_system_says():
 def test_freed_memory_behind_a_block_in_use_goes_back():
     done = subprocess.run([sys.executable, "-c", FREED], capture_output=True, text=True, check=True)
     assert int(done.stdout.split()[0]) > 50e6
+
+
+def test_memory_is_looked_up_once_a_second(monkeypatch):
+    if read_resident_bytes() is None:
+        pytest.skip("this system does not say how much memory a process holds")
+    asked = []
+    monkeypatch.setattr("instdrive_app.memory.read_resident_bytes", lambda: asked.append(1) or 5)
+    now = time.monotonic()
+    monkeypatch.setattr("instdrive_app.memory.time.monotonic", lambda: now)
+    gauge = MemoryGauge()
+    assert [gauge.resident, gauge.resident, len(asked)] == [5, 5, 1]
+    now += 1.5
+    assert [gauge.resident, len(asked)] == [5, 2]

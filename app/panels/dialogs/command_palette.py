@@ -6,7 +6,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import Action, format_shortcut
 from instdrive_app.matching import find_best_matches
-from instdrive_app.panels.menus import format_title
+from instdrive_app.panels.menus import format_action_title
 from instdrive_app.panels.widgets.theme import DIM, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
 from instdrive_app.session.requests import ShowPalette
@@ -93,7 +93,7 @@ class CommandPalette:
         color, draw = pack_color(TEXT if command.enabled() else DIM), imgui.get_window_draw_list()
         glyph = get_icon(command.icon)
         draw.add_text(ImVec2(at.x + (1.4 * em - imgui.calc_text_size(glyph).x) / 2, at.y), color, glyph)
-        draw.add_text(ImVec2(at.x + 2 * em, at.y), color, format_title(command))
+        draw.add_text(ImVec2(at.x + 2 * em, at.y), color, format_action_title(command))
         keys = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
         draw.add_text(
             ImVec2(at.x + width - imgui.calc_text_size(keys).x - scale_pixels(4), at.y), pack_color(DIM), keys

@@ -2,8 +2,25 @@
 
 from __future__ import annotations
 
-from instdrive_app.panels.dialogs import DialogRecord, about, changed_scene, command_palette, dropped, file_browser, other_save, reassign, recovery, rename, set_class, shortcuts, split, too_large, turn_upright, unsaved
-from instdrive_app.panels.dialogs import cleanup
+from instdrive_app.panels.dialogs import (
+    DialogRecord,
+    about,
+    changed_scene,
+    cleanup,
+    command_palette,
+    dropped,
+    file_browser,
+    other_save,
+    reassign,
+    recovery,
+    rename,
+    set_class,
+    shortcuts,
+    split,
+    too_large,
+    turn_upright,
+    unsaved,
+)
 from instdrive_app.session.requests import (
     AskChangedScene,
     AskClass,

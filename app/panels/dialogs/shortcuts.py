@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.action import format_shortcut
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
-from instdrive_app.panels.menus import format_title
+from instdrive_app.panels.menus import format_action_title
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
 from instdrive_app.session.requests import ShowShortcuts
 
@@ -100,7 +100,7 @@ def _collect_groups(ui: Ui) -> list[ShortcutGroup]:
     found = []
     for menu in commands.menus:
         rows = [
-            (", ".join(map(format_shortcut, command.shortcuts)), format_title(command))
+            (", ".join(map(format_shortcut, command.shortcuts)), format_action_title(command))
             for command in commands.in_menu(menu)
             if command.shortcuts
         ]

@@ -110,7 +110,7 @@ def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
         bottom -= scale_pixels(LEGEND_HEIGHT)
     low, high = ImVec2(left, bottom - height), ImVec2(left + width, bottom)
     imgui.get_window_draw_list().add_rect_filled(low, high, pack_color(BACKGROUND, 0.9), scale_pixels(6))
-    ui.marks["aftermath"] = (low.x, low.y, high.x, high.y)
+    ui.marks["deletion review"] = (low.x, low.y, high.x, high.y)
     _block_clicks(low, high)
     _draw_text(low.x + padding, low.y + padding, title, TEXT)
     _draw_close_button(ui, high.x - padding, low.y + padding)
@@ -129,13 +129,13 @@ def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
     commands, lines = ui.session.actions, []
     if found.residue_count:
         text = f"{format_count(found.residue_count, 'splat')} of residue"
-        lines.append(_Line(text, f"{get_icon('ICON_FA_BROOM')}  Absorb floaters", commands["aftermath.absorb"]))
+        lines.append(_Line(text, f"{get_icon('ICON_FA_BROOM')}  Absorb floaters", commands["deletion.absorb"]))
     if found.hole is not None:
         words = "Filling…" if ui.session.deletion.review.is_filling else "Fill hole"
         text = f"Hole of {found.hole.area:.1f} m²"
         if found.hole.shadow_area:
             text += f" and a shadow of {found.hole.shadow_area:.1f} m²"
-        lines.append(_Line(text, f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["aftermath.fill"]))
+        lines.append(_Line(text, f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
     return lines
 
 
@@ -143,7 +143,7 @@ def _block_clicks(low: ImVec2, high: ImVec2) -> None:
     """Keep clicks beside the buttons from the picture behind."""
     imgui.set_cursor_screen_pos(low)
     imgui.set_next_item_allow_overlap()
-    imgui.invisible_button("##aftermath", ImVec2(high.x - low.x, high.y - low.y))
+    imgui.invisible_button("##deletion review", ImVec2(high.x - low.x, high.y - low.y))
 
 
 def _draw_text(left: float, top: float, text: str, color: tuple[float, float, float]) -> None:
@@ -152,7 +152,7 @@ def _draw_text(left: float, top: float, text: str, color: tuple[float, float, fl
 
 
 def _draw_close_button(ui: Ui, right: float, top: float) -> None:
-    command, side = ui.session.actions["aftermath.clear"], imgui.get_frame_height()
+    command, side = ui.session.actions["deletion.clear"], imgui.get_frame_height()
     imgui.set_cursor_screen_pos(ImVec2(right - side, top))
     imgui.push_style_color(imgui.Col_.button, rgba(BACKGROUND, 0.0))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))

@@ -12,7 +12,7 @@ from instdrive_app.panels.widgets.theme import ACCENT, TEXT, pack_color
 from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Operation
 from instdrive_app.session.move_controller import MoveController
-from instdrive_app.session.selection_box import BOX_EDGES, Box, upright
+from instdrive_app.session.selection_box import BOX_EDGES, Box, compute_upright_axes
 from instdrive_core.scene.camera import Camera
 
 guizmo = imguizmo.im_guizmo
@@ -117,7 +117,7 @@ class Gizmo:
 def choose_gizmo_axes(moving: MoveController, box: Box, operation: Operation) -> Float64[ndarray, "3 3"]:
     """The handles' axes as columns x, y, z: the box's without its tilt; y follows the lane if moves are bound to it."""
     lane = moving.lane() if operation == "move" and moving.options.along_lane else None
-    return box.upright_axes if lane is None else upright(lane)
+    return box.upright_axes if lane is None else compute_upright_axes(lane)
 
 
 def compute_gl_view(camera: Camera) -> Float64[ndarray, "4 4"]:

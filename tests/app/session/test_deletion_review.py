@@ -29,18 +29,18 @@ def texts(session):
 
 
 def test_a_deletion_is_reported_and_cleaned_up(session):
-    assert not session.actions["aftermath.fill"].enabled()
+    assert not session.actions["deletion.fill"].enabled()
     session.deletion.delete((CAR,))
     assert session.deletion.review.findings is None, "nothing waits for the report"
     finish(session)
     found = session.deletion.review.findings
     assert found.residue_count == 40
     assert texts(session)[-1] == f"Deleted Car 7: {found.report.summary}"
-    assert session.actions.run("aftermath.absorb")
+    assert session.actions.run("deletion.absorb")
     assert session.deletion.review.findings.residue_count == 0
-    assert not session.actions.run("aftermath.absorb"), "there is nothing left to absorb"
-    assert session.actions.run("aftermath.fill")
-    assert not session.actions.run("aftermath.fill"), "it is being worked out"
+    assert not session.actions.run("deletion.absorb"), "there is nothing left to absorb"
+    assert session.actions.run("deletion.fill")
+    assert not session.actions.run("deletion.fill"), "it is being worked out"
     finish(session)
     assert session.deletion.review.findings is None
     titles = [edit.title for edit in session.document.history.done]
@@ -63,7 +63,7 @@ def test_undo_brings_the_report_back_and_takes_it_away(session):
     assert session.deletion.review.findings is None
     session.history.redo()
     assert session.deletion.review.findings.residue_count == 40
-    session.actions.run("aftermath.clear")
+    session.actions.run("deletion.clear")
     assert session.deletion.review.findings is None
 
 

@@ -24,22 +24,22 @@ def test_residue_is_absorbed_and_the_hole_filled_by_clicks(window):
     told = window.wait_for(lambda state: "residue" in state["messages"][-1], "the report")
     assert told["messages"][-1].startswith("Deleted Car 7: 40 splats of residue, hole of ")
     widgets = window.wait_until_calm()["widgets"]
-    box, picture = widgets["aftermath"], widgets["picture"]
+    box, picture = widgets["deletion review"], widgets["picture"]
     assert picture[0] < box[0] < box[2] < picture[2]
     assert picture[1] < box[1] < box[3] < picture[3]
-    for name in ("aftermath.absorb", "aftermath.fill", "aftermath.clear"):
+    for name in ("deletion.absorb", "deletion.fill", "deletion.clear"):
         left, top, right, bottom = widgets[name]
         assert box[0] < left < right < box[2], name
         assert box[1] < top < bottom < box[3], name
-    window.click_widget("aftermath.absorb")
+    window.click_widget("deletion.absorb")
     window.wait_for_edit("Absorb floaters of instance 7")
-    state = window.wait_for(lambda state: "aftermath.absorb" not in state["widgets"], "the residue to be gone")
+    state = window.wait_for(lambda state: "deletion.absorb" not in state["widgets"], "the residue to be gone")
     assert state["selected"] == [], "the click was not for the picture"
-    window.click_widget("aftermath.fill")
+    window.click_widget("deletion.fill")
     window.wait_for_edit("Fill hole of ")
-    window.wait_for(lambda state: "aftermath" not in state["widgets"], "the box to be gone")
+    window.wait_for(lambda state: "deletion review" not in state["widgets"], "the box to be gone")
     window.key("ctrl+z")
-    window.wait_for(lambda state: "aftermath.fill" in state["widgets"], "undo to bring the hole back")
-    window.click_widget("aftermath.clear")
-    window.wait_for(lambda state: "aftermath" not in state["widgets"], "the box to be dismissed")
+    window.wait_for(lambda state: "deletion.fill" in state["widgets"], "undo to bring the hole back")
+    window.click_widget("deletion.clear")
+    window.wait_for(lambda state: "deletion review" not in state["widgets"], "the box to be dismissed")
     assert window.quit() == 0

@@ -3,12 +3,13 @@
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD
 
-from instdrive_app.panels.instances.rows import InstanceRows, Query, build_natural_key
+from instdrive_app.panels.instances.rows import InstanceRows, Query, build_natural_key, matches
 from instdrive_core.edits.kinds.classes import SetInstanceClass
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances
+from instdrive_core.instances.table import Instance
 
 CARS = tuple(range(FIRST_CAR, FIRST_CAR + 5))
 
@@ -78,3 +79,10 @@ def test_nothing_is_sorted_again_for_a_selection(street, monkeypatch):
     street.apply(DeleteInstances((FIRST_CAR,)))
     rows.update(street, Query())
     assert FIRST_CAR not in rows.place
+
+
+@pytest.mark.parametrize(
+    ("search", "found"), [("", True), ("CAR", True), ("17", True), ("red car", True), ("tree", False)]
+)
+def test_search_takes_every_word(search, found):
+    assert matches(Instance(17, "red taxi", class_name="Car"), search.lower().split()) is found

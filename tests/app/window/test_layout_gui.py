@@ -16,7 +16,7 @@ SIZES = [((1280, 720), 1.0), ((1280, 720), 2.0), ((1600, 900), 1.0), ((1024, 640
 MOST_TELLING = ("empty", "open", "one", "move tool", "side by side, depth", "hover", "dialog export", "dialog cleanup")
 MOST_TELLING += ("dialog shortcuts", "dialog about", "menu Help")
 """States that are looked at where the window is large: frames are slow, and there is more room for everything."""
-CONTAINERS = ("viewport", "picture", "reference", "hover label", "aftermath")
+CONTAINERS = ("viewport", "picture", "reference", "hover label", "deletion review")
 """What other widgets stand in, or what follows the mouse over them."""
 SLACK = 1.0
 """Pixels by which neighbours may overlap: halves that were rounded."""

@@ -4,7 +4,7 @@ import numpy as np
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.panels.menus import format_title
+from instdrive_app.panels.menus import format_action_title
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.split import SplitInstance
@@ -220,8 +220,8 @@ def test_what_commands_change_is_said_by_the_commands(session, street):
     for command in session.actions:
         if command.menu in ("Edit", "Labels", "Select") and command.id not in ("edit.undo", "edit.redo"):
             assert command.undoable is not None, command.id
-    assert format_title(session.actions["file.export"]) == "Export…  (cannot be undone)"
-    assert format_title(session.actions["edit.delete"]) == "Delete"
+    assert format_action_title(session.actions["file.export"]) == "Export…  (cannot be undone)"
+    assert format_action_title(session.actions["edit.delete"]) == "Delete"
     steps = street.history.cursor
     for command in session.actions:
         if command.undoable is None and command.menu in ("View", "Time"):
