@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
+
+import psutil
 
 from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.datasets.clip import Clip, Frame
@@ -60,3 +63,13 @@ def _suggest_cameras(clip: Clip, available: float) -> str:
         if estimate_training_bytes(_sizes(chosen)) <= available:
             return f"--cameras {','.join(names)} would fit"
     return ""
+
+
+def measure_peak_memory() -> int:
+    """Bytes that this process held at most so far."""
+    if sys.platform == "win32":
+        return psutil.Process().memory_info().peak_wset
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak  # macOS counts bytes, Linux KiB

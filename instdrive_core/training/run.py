@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import resource
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +17,19 @@ from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.masks.label_map_folder import MaskFolder
-from instdrive_core.masks.sources import ensure_masks
+from instdrive_core.masks.making import ensure_masks
 from instdrive_core.scene.exposure import Exposures
+from instdrive_core.scene.track import Track
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend
 from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
 from instdrive_core.training.gaussians.exposures import export_exposures
+from instdrive_core.training.gaussians.first_gaussians import MIN_ACTOR_POINTS
 from instdrive_core.training.instances.instance_learner import InstanceLearner, LearnedInstances, read_codewords
 from instdrive_core.training.instances.scene_export import export_trained_scene
 from instdrive_core.training.instances.voted_instances import vote_instances
-from instdrive_core.training.memory_check import check_training_memory
+from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
@@ -36,6 +37,8 @@ from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.view_store import ViewStore, open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
+_NAMED_TRACKS = 8
+"""Moving objects that a note names one by one."""
 CHECKPOINT, CONFIG, FACTS, LOG = "checkpoint.safetensors", "config.json", "run.json", "log.jsonl"
 
 
@@ -57,6 +60,18 @@ class RunRequest:
     """Learns instances in place of the trainer's instance stage (baselines)."""
 
 
+@dataclass(frozen=True)
+class _Notes:
+    """What a run has told its user, passed on at once and kept for `run.json`."""
+
+    on_note: Callable[[str], None]
+    told: list[str] = field(default_factory=list)
+
+    def add(self, note: str) -> None:
+        self.told.append(note)
+        self.on_note(note)
+
+
 def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note: Callable[[str], None]) -> Path:
     """Train a clip into `request.out` and return it.
 
@@ -64,34 +79,38 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there, or where
     memory is too small for the clip's photos.
     """
-    out = request.out
+    out, notes = request.out, _Notes(on_note)
     torch.set_num_threads(1)  # the work is in our kernels' threads; torch's would wait for theirs and take their cores
     _check_output(request)
     backend = choose_backend(request.device)
     out.mkdir(parents=True, exist_ok=True)
-    on_note(f"reading {request.clip}")
+    notes.add(f"reading {request.clip}")
     clip = load_clip(str(request.clip), request.options)
     if not clip.training_frames:
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
     check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
-    on_note(
+    notes.add(
         f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
     )
     for note in clip.notes:
-        on_note(note)
-    _note_what_is_missing(clip, request.config, on_note)
+        notes.add(note)
+    _note_what_is_missing(clip, request.config, notes.add)
     with open_view_store(clip, masks) as store:
-        compile_kernels(on_note)
-        trainer = _build_trainer(request, clip, store, backend, on_note)
+        compile_kernels(notes.add)
+        trainer = _build_trainer(request, clip, store, backend, notes.add)
+        if request.init is None:
+            _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
         _write_json(out / CONFIG, _config_facts(request, masks))
         _train(trainer, out, on_event)
-        learned = _learn_instances(request, trainer, on_note) if trainer.has_masks else None
-        on_note("naming instances and writing the scene")
+        learned = _learn_instances(request, trainer, notes.add) if trainer.has_masks else None
+        notes.add("naming instances and writing the scene")
         scene = export_trained_scene(trainer.model, clip, request.config, learned, _export_exposures(trainer))
     write_scene_folder(out, scene)
-    _write_json(out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)))
+    _write_json(
+        out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)) | {"notes": notes.told}
+    )
     return out
 
 
@@ -128,6 +147,24 @@ def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[st
         on_note("static-only: moving objects stay in the background and will blur")
     elif not any(track.moving for track in clip.tracks):
         on_note(f"{len(clip.tracks)} cuboid tracks, none of which moves: a static scene")
+
+
+def _note_movers_without_node(
+    clip: Clip, config: TrainConfig, actors: tuple[Track, ...], on_note: Callable[[str], None]
+) -> None:
+    """Tell which moving objects got no node of their own, and why: they stay in the background and blur."""
+    known = {track.id for track in actors}
+    missing = [track for track in clip.tracks if track.moving and track.id not in known]
+    if not missing or not config.init.moving_actors:
+        return
+    moving = sum(track.moving for track in clip.tracks)
+    names = ", ".join(f"{track.label} {track.id}" for track in missing[:_NAMED_TRACKS])
+    more = "" if len(missing) <= _NAMED_TRACKS else f" and {len(missing) - _NAMED_TRACKS} more"
+    if clip.training_sweeps:
+        reason = f"fewer than {MIN_ACTOR_POINTS} LiDAR points lie in their boxes"
+    else:
+        reason = "the clip has no LiDAR points to start them from"
+    on_note(f"{len(missing)} of {moving} moving objects will blur, {reason}: {names}{more}")
 
 
 def _check_output(request: RunRequest) -> None:
@@ -184,7 +221,7 @@ def _collect_facts(
         "init": str(request.init.resolve()) if request.init else None,
         "iterations": (0 if config.freeze_geometry else config.geometry.iterations) + config.instance_iterations,
         "train_seconds": round(trainer.seconds, 1),
-        "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "peak_rss_mb": round(measure_peak_memory() / 2**20),
         "backend": backend,
         "threads": numba.get_num_threads(),
         "n_gaussians": len(trainer.model),

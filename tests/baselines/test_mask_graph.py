@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from instdrive_core.baselines.mask_consensus import (
     MaskGraphConfig,
@@ -14,7 +13,6 @@ from instdrive_core.baselines.mask_consensus import (
 )
 from instdrive_core.baselines.mask_graph import cluster_masks, learn_mask_graph, vote_clusters
 from instdrive_core.baselines.mask_members import MaskMembers
-from instdrive_core.baselines.registry import find_learner
 from instdrive_core.training.views.view_store import ViewStore
 
 CONFIG = MaskGraphConfig()
@@ -150,8 +148,3 @@ def test_where_no_view_shows_a_mask_there_is_one_code_and_a_note(toy):
     assert (learned.codewords == 0).all()
     assert len(learned.features) == len(toy.model)
     assert "no view" in notes[0]
-
-
-@pytest.mark.parametrize("preset", ["quick", "paper"])
-def test_it_is_registered(preset):
-    assert find_learner("mask-graph", preset) is learn_mask_graph

@@ -9,6 +9,7 @@ import pytest
 from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
 from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError, OptionError
@@ -16,6 +17,7 @@ from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.formats.ply.inria import write_ply
 from instdrive_core.instances.codebook import quantize_features
 from instdrive_core.training.build_trainer import add_first_features
+from instdrive_core.training.gaussians import first_gaussians
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
 from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config, keep_geometry
 from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
@@ -246,3 +248,24 @@ def test_a_clip_without_cuboids_is_static_and_says_so(street, tmp_path):
     scene = read_scene_folder(train(bare, tmp_path / "run", notes))
     assert scene.actors == ()
     assert any("no cuboids" in note for note in notes)
+
+
+def test_moving_objects_that_lidar_hardly_hits_are_told(street, tmp_path, monkeypatch):
+    monkeypatch.setattr(first_gaussians, "MIN_ACTOR_POINTS", 10**9)
+    notes = []
+    run = train(street, tmp_path / "run", notes)
+    assert read_scene_folder(run).actors == ()
+    (told,) = [note for note in notes if "moving objects will blur" in note]
+    assert "LiDAR points lie in their boxes" in told
+    assert json.loads((run / "run.json").read_text())["notes"] == notes
+
+
+def test_moving_objects_of_a_clip_without_lidar_are_told(street, tmp_path):
+    bare, notes = tmp_path / "bare", []
+    shutil.copytree(street, bare, ignore=shutil.ignore_patterns("lidar"))
+    assert read_scene_folder(train(bare, tmp_path / "run", notes)).actors == ()
+    moving = [track for track in load_clip(str(bare), ClipOptions(cameras="1")).tracks if track.moving]
+    (told,) = [note for note in notes if "moving objects will blur" in note]
+    assert told.startswith(f"{len(moving)} of {len(moving)} ")
+    assert "no LiDAR points" in told
+    assert f"{moving[0].label} {moving[0].id}" in told

@@ -29,7 +29,7 @@ from instdrive_core.training.gaussians.voxel_thinning import thin_by_voxels
 from instdrive_core.training.settings.config import InitConfig
 from instdrive_core.training.views.view_store import ViewStore
 
-_MIN_ACTOR_POINTS = 30
+MIN_ACTOR_POINTS = 30
 """A moving object hit less often stays out: nothing could be learned of its shape."""
 _MIN_SCENE_RADIUS = 10.0
 """Metres; keeps the means' learning rate sane where the car hardly moves."""
@@ -87,7 +87,7 @@ def build_initial_scene(
     nodes, actors = [np.zeros(len(background), np.uint16)], []
     for track in clip.tracks:
         on_track = points.actors.get(track.id)
-        if on_track is None or len(on_track) < _MIN_ACTOR_POINTS:
+        if on_track is None or len(on_track) < MIN_ACTOR_POINTS:
             continue
         on_track = subsample(on_track, config.actor_points, rng)
         actors.append(track)

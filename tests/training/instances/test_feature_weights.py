@@ -7,10 +7,12 @@ import pytest
 import torch
 from tiny_training import new_trainer, tiny_config
 
+from instdrive_core.maths.streams import Stream
 from instdrive_core.training.gaussians.view_rendering import render_view
 from instdrive_core.training.instances.feature_weights import blend_features, cache_view
 from instdrive_core.training.instances.instance_losses import sample_stratified_pixels, segments_from_labels
-from instdrive_core.training.instances.instance_terms import compute_pixel_terms
+from instdrive_core.training.losses.instance_terms import INSTANCE_TERMS, InstanceStep
+from instdrive_core.training.losses.loss_term import compute_terms
 from instdrive_core.training.settings.config import keep_geometry
 from instdrive_core.training.trainer import Trainer
 
@@ -35,7 +37,15 @@ def test_the_blended_features_and_their_gradient_are_those_of_the_rasterizer(tra
 
     segments = segments_from_labels(view.labels.ravel()[chosen])
     for features in (blended, rendered):
-        torch.stack(list(compute_pixel_terms(features, segments, config, True).values())).sum().backward()
+        step = InstanceStep(
+            trainer.config,
+            trainer.config.instances.iterations,
+            trainer.model,
+            Stream.INSTANCE_VOXELS,
+            features,
+            segments,
+        )
+        torch.stack(list(compute_terms(INSTANCE_TERMS, step).values())).sum().backward()
     everywhere = torch.zeros(len(trainer.model), config.feature_dim)
     everywhere[drawn.rows] = drawn.gradients()["features"]
     largest = float(everywhere.abs().max())

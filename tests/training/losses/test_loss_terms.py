@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from instdrive_core.training.losses.loss_term import LossTerm
 from instdrive_core.training.losses.registry import LOSS_TERMS, format_loss_table
 from instdrive_core.training.settings.config import TrainConfig, keep_geometry
 
+WEIGHTED = [term for term in LOSS_TERMS if term.weight_field is not None]
 METHOD = Path(__file__).parents[3] / "docs" / "method.md"
 
 
@@ -32,10 +32,6 @@ def _terms_of_first_step(config: TrainConfig, stage: str) -> dict[str, float]:
     return trainer.rgb_step()[0]
 
 
-def _weighted() -> Iterable[LossTerm]:
-    return (term for term in LOSS_TERMS if term.weight_field is not None)
-
-
 def test_names_are_distinct() -> None:
     assert len({term.name for term in LOSS_TERMS}) == len(LOSS_TERMS)
 
@@ -50,7 +46,7 @@ def test_instance_terms_ride_along_with_the_joint_schedule() -> None:
     assert list(_terms_of_first_step(tiny_config("joint"), "rgb")) == [term.name for term in LOSS_TERMS]
 
 
-@pytest.mark.parametrize("term", _weighted(), ids=lambda term: term.name)
+@pytest.mark.parametrize("term", WEIGHTED, ids=lambda term: term.name)
 def test_a_term_grows_with_its_weight_and_goes_with_it(term: LossTerm) -> None:
     config = tiny_config()
     weight = term.find_weight(config)
