@@ -38,13 +38,13 @@ def release_freed_memory() -> None:
     """Let the system have the freed memory that the C library keeps: after hours of large jobs on several threads that
     would be as much as the scene itself. Does nothing where the C library has no such call (all but Linux with glibc).
     """
-    trim = _trim()
+    trim = _find_trim()
     if trim is not None:
         trim(0)
 
 
 @cache
-def _trim():
+def _find_trim():
     if not sys.platform.startswith("linux"):
         return None
     return getattr(ctypes.CDLL(None), "malloc_trim", None)

@@ -17,13 +17,13 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.grow import GrowSelection, ShrinkSelection
 from instdrive_core.edits.queries.region import find_rows_in_region
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.instances import nearness, neighbors
+from instdrive_core.instances import neighbors, proximity
 from instdrive_core.maths import sorting
 from instdrive_core.rasterize import pixel, shown_rows
 from instdrive_core.rasterize.kernels import project
 from instdrive_core.scene import screen_region
 
-modules = (sorting, pixel, project, shown_rows, nearness, neighbors, screen_region)
+modules = (sorting, pixel, project, shown_rows, proximity, neighbors, screen_region)
 kernels = [kernel for module in modules for kernel in vars(module).values() if hasattr(kernel, "signatures")]
 assert not any(kernel.signatures for kernel in kernels)
 warm_up()
