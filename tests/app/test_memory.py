@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from instdrive_app.memory import MemoryGauge, release_freed_memory
+from instdrive_app.memory import MemoryGauge, read_resident_bytes, release_freed_memory
 
 FREED = """
 import numpy as np
