@@ -41,7 +41,7 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
     logging.getLogger("instdrive_app").setLevel(logging.INFO)
     logging.getLogger("instdrive_core").setLevel(logging.INFO)
     logging.captureWarnings(True)
-    threading.excepthook = _thread_failed
+    threading.excepthook = _log_thread_failure
     return handler
 
 
@@ -53,7 +53,7 @@ def stop_logging(handler: logging.Handler) -> None:
     threading.excepthook = threading.__excepthook__
 
 
-def _thread_failed(failure: threading.ExceptHookArgs) -> None:
+def _log_thread_failure(failure: threading.ExceptHookArgs) -> None:
     if failure.exc_value is None or isinstance(failure.exc_value, SystemExit):
         return
     name = failure.thread.name if failure.thread else "a thread"

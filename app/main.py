@@ -57,10 +57,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] in ("-h", "--help"):
-        print(_help())
+        print(_format_help())
         return 0
     if arguments[0] in ("-V", "--version"):
-        print(f"instdrive {_version()}")
+        print(f"instdrive {_find_version()}")
         return 0
     name, rest = arguments[0], arguments[1:]
     if name not in COMMANDS:
@@ -111,7 +111,7 @@ def _run(name: str, arguments: list[str]) -> int:
     return 0
 
 
-def _help() -> str:
+def _format_help() -> str:
     width = max(len(name) for name in COMMANDS)
     lines = [
         "usage: instdrive COMMAND [OPTIONS]",
@@ -122,7 +122,7 @@ def _help() -> str:
     return "\n".join([*lines, "", "Options of a command: instdrive COMMAND --help. Version: instdrive --version."])
 
 
-def _version() -> str:
+def _find_version() -> str:
     from importlib.metadata import version
 
     return version("instdrive")

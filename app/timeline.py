@@ -19,7 +19,7 @@ class Timeline:
 
     def __init__(self, views: Sequence[CameraView], actors: Sequence[Track] = ()) -> None:
         self._views = views
-        times = _step_times(views) or {float(time) for actor in actors for time in actor.times}
+        times = _find_step_times(views) or {float(time) for actor in actors for time in actor.times}
         self.steps: tuple[float, ...] = tuple(sorted(times))
         self.camera_names: tuple[str, ...] = tuple(dict.fromkeys(view.name for view in views))
 
@@ -49,7 +49,7 @@ class Timeline:
         return min(candidates)[1]
 
 
-def _step_times(views: Sequence[CameraView]) -> set[float]:
+def _find_step_times(views: Sequence[CameraView]) -> set[float]:
     """The middle one of the times of each step's photos."""
     of_step: dict[int, list[float]] = {}
     for view in views:

@@ -19,7 +19,7 @@ from tyro.conf import Positional, arg
 
 from benchmarks.own_state import own_state
 from benchmarks.picture_layout import beside, save_jpeg
-from instdrive_app.demo.showpiece import choose_view, rank_objects
+from instdrive_app.demo.showpiece import choose_showpiece_view, rank_objects
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.requests import ShowPalette
@@ -49,7 +49,7 @@ class Tour:
             yield
         yield from self._calm()
         self._window.ui.script_pointer = (-1.0, -1.0)  # wherever the mouse is, nothing is pointed at
-        session.navigation.look_through(choose_view(self._renderer, session))
+        session.navigation.look_through(choose_showpiece_view(self._renderer, session))
         yield from self._calm()
         first, second = self._things()
         for name, state in (
@@ -95,7 +95,7 @@ class Tour:
         state = self._session.state
         state.view_mode, state.tool = ViewMode.COLOR, "pick"
         state.reference, state.reference_beside = Reference.PHOTO, True
-        yield from self._until(lambda: not self._session.references.reading)
+        yield from self._until(lambda: not self._session.references.is_reading)
 
     def _finding(self) -> Iterator[None]:
         self._session.state.reference = Reference.NONE

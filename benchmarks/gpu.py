@@ -25,7 +25,7 @@ from benchmarks.workload import load_workload
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.masks.sources import ensure_masks
+from instdrive_core.masks.making import ensure_masks
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.device import choose_backend

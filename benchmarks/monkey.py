@@ -254,7 +254,7 @@ class Monkey:
 
     def _check(self) -> None:
         document = self._session.document
-        if document is not None and not self._session.jobs.blocking:
+        if document is not None and not self._session.jobs.is_blocking:
             self.problems += find_broken_invariants(document)
         self.objects.append(sum(count_live_objects().values()))
         fault = self._window.ui.view.gl_error

@@ -10,7 +10,7 @@ from instdrive_app.session.requests import Request
 
 def is_editable(session: EditorSession) -> bool:
     """Whether a document is open and no modal work is under way."""
-    return session.document is not None and not session.jobs.blocking
+    return session.document is not None and not session.jobs.is_blocking
 
 
 def put_request(session: EditorSession, request: Request) -> Callable[[], None]:

@@ -21,7 +21,7 @@ def list_actions(session: EditorSession) -> list[Action]:
 
     return [
         Action(
-            "aftermath.absorb",
+            "deletion.absorb",
             "Absorb floaters of the deletion",
             review.absorb,
             "Edit",
@@ -31,7 +31,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             undoable=True,
         ),
         Action(
-            "aftermath.fill",
+            "deletion.fill",
             "Fill hole",
             review.fill,
             "Edit",
@@ -40,7 +40,7 @@ def list_actions(session: EditorSession) -> list[Action]:
             undoable=True,
         ),
         Action(
-            "aftermath.clear",
+            "deletion.clear",
             "Clear report of the deletion",
             review.clear,
             "View",

@@ -10,10 +10,10 @@ from instdrive_app.session.requests import AskName, OfferCleanup
 
 def list_actions(session: EditorSession) -> list[Action]:
     """The Edit menu."""
-    return [*_history(session), *_changes(session), *_showing(session), *_odd_splats(session)]
+    return [*_list_history(session), *_list_changes(session), *_list_visibility(session), *_list_cleanup(session)]
 
 
-def _history(session: EditorSession) -> list[Action]:
+def _list_history(session: EditorSession) -> list[Action]:
     def reaches(back: bool) -> bool:
         if session.document is None:
             return False
@@ -42,7 +42,7 @@ def _history(session: EditorSession) -> list[Action]:
     ]
 
 
-def _changes(session: EditorSession) -> list[Action]:
+def _list_changes(session: EditorSession) -> list[Action]:
     return [
         Action(
             "edit.delete",
@@ -88,7 +88,7 @@ def _changes(session: EditorSession) -> list[Action]:
     ]
 
 
-def _showing(session: EditorSession) -> list[Action]:
+def _list_visibility(session: EditorSession) -> list[Action]:
     """What is shown, and what may be edited."""
     return [
         Action(
@@ -146,7 +146,7 @@ def _showing(session: EditorSession) -> list[Action]:
     ]
 
 
-def _odd_splats(session: EditorSession) -> list[Action]:
+def _list_cleanup(session: EditorSession) -> list[Action]:
     return [
         Action(
             "edit.odd_splats",

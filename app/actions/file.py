@@ -13,12 +13,12 @@ from instdrive_app.session.requests import AskExport, AskPath
 
 def list_actions(session: EditorSession) -> list[Action]:
     """The File menu."""
-    return [*_opening(session), *_saving(session), *_exporting(session), *_leaving(session)]
+    return [*_list_opening(session), *_list_saving(session), *_list_exporting(session), *_list_leaving(session)]
 
 
-def _opening(session: EditorSession) -> list[Action]:
+def _list_opening(session: EditorSession) -> list[Action]:
     def list_recents() -> list[MenuItem]:
-        return [(path.name, partial(session.files.replace_by, path)) for path in session.files.recents.paths]
+        return [(path.name, partial(session.files.leave_for, path)) for path in session.files.recents.paths]
 
     return [
         Action(
@@ -36,7 +36,7 @@ def _opening(session: EditorSession) -> list[Action]:
         Action(
             "file.sample",
             "Open the sample scene",
-            lambda: session.files.replace_by(find_sample_scene()),
+            lambda: session.files.leave_for(find_sample_scene()),
             "File",
             enabled=has_sample_scene,
             icon="ICON_FA_CITY",
@@ -54,7 +54,7 @@ def _opening(session: EditorSession) -> list[Action]:
     ]
 
 
-def _saving(session: EditorSession) -> list[Action]:
+def _list_saving(session: EditorSession) -> list[Action]:
     def save() -> None:
         if session.files.project is None:
             session.requests.put(AskPath("save"))
@@ -89,7 +89,7 @@ def _saving(session: EditorSession) -> list[Action]:
     ]
 
 
-def _exporting(session: EditorSession) -> list[Action]:
+def _list_exporting(session: EditorSession) -> list[Action]:
     return [
         Action(
             "file.export",
@@ -114,7 +114,7 @@ def _exporting(session: EditorSession) -> list[Action]:
     ]
 
 
-def _leaving(session: EditorSession) -> list[Action]:
+def _list_leaving(session: EditorSession) -> list[Action]:
     return [
         Action(
             "file.quit",

@@ -10,10 +10,10 @@ from instdrive_app.session.requests import AskClass, AskReassign, AskSplit
 
 def list_actions(session: EditorSession) -> list[Action]:
     """The Labels menu."""
-    return [*_of_instances(session), *_of_splats(session)]
+    return [*_list_instance_actions(session), *_list_splat_actions(session)]
 
 
-def _of_instances(session: EditorSession) -> list[Action]:
+def _list_instance_actions(session: EditorSession) -> list[Action]:
     def some(count: int = 1) -> bool:
         return is_editable(session) and len(session.selection.ids) >= count
 
@@ -55,7 +55,7 @@ def _of_instances(session: EditorSession) -> list[Action]:
     ]
 
 
-def _of_splats(session: EditorSession) -> list[Action]:
+def _list_splat_actions(session: EditorSession) -> list[Action]:
     def splats() -> bool:
         return is_editable(session) and not session.selection.is_empty
 

@@ -16,10 +16,10 @@ SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 
 def list_actions(session: EditorSession) -> list[Action]:
     """The Move menu."""
-    return [*_moves(session), *_bindings(session)]
+    return [*_list_moves(session), *_list_constraints(session)]
 
 
-def _moves(session: EditorSession) -> list[Action]:
+def _list_moves(session: EditorSession) -> list[Action]:
     moving = session.movement
 
     def selected() -> bool:
@@ -68,14 +68,14 @@ def _moves(session: EditorSession) -> list[Action]:
     ]
 
 
-def _bindings(session: EditorSession) -> list[Action]:
+def _list_constraints(session: EditorSession) -> list[Action]:
     """What moves are bound to."""
     moving = session.movement
     return [
         Action(
             "move.on_ground",
             "Moves stay on the ground",
-            _flip(moving.options, "on_ground"),
+            _toggle_option(moving.options, "on_ground"),
             "Move",
             checked=lambda: moving.options.on_ground,
             icon="ICON_FA_MAGNET",
@@ -84,7 +84,7 @@ def _bindings(session: EditorSession) -> list[Action]:
         Action(
             "move.yaw_only",
             "Turn about the vertical only",
-            _flip_yaw_only(session),
+            _toggle_yaw_only(session),
             "Move",
             checked=lambda: moving.yaw_only,
             icon="ICON_FA_COMPASS",
@@ -92,7 +92,7 @@ def _bindings(session: EditorSession) -> list[Action]:
         Action(
             "move.along_lane",
             "Move along the lane",
-            _flip(moving.options, "along_lane"),
+            _toggle_option(moving.options, "along_lane"),
             "Move",
             checked=lambda: moving.options.along_lane,
             icon="ICON_FA_ROAD",
@@ -100,14 +100,14 @@ def _bindings(session: EditorSession) -> list[Action]:
     ]
 
 
-def _flip(options: MoveOptions, name: str) -> Callable[[], None]:
+def _toggle_option(options: MoveOptions, name: str) -> Callable[[], None]:
     def run() -> None:
         setattr(options, name, not getattr(options, name))
 
     return run
 
 
-def _flip_yaw_only(session: EditorSession) -> Callable[[], None]:
+def _toggle_yaw_only(session: EditorSession) -> Callable[[], None]:
     def run() -> None:
         session.movement.options.yaw_only = not session.movement.yaw_only
 

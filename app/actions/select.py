@@ -11,10 +11,10 @@ from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, Select
 
 def list_actions(session: EditorSession) -> list[Action]:
     """The Select menu."""
-    return [*_sets(session), *_borders(session), *_kinds(session)]
+    return [*_list_sets(session), *_list_borders(session), *_list_kinds(session)]
 
 
-def _sets(session: EditorSession) -> list[Action]:
+def _list_sets(session: EditorSession) -> list[Action]:
     return [
         Action(
             "select.all",
@@ -49,7 +49,7 @@ def _sets(session: EditorSession) -> list[Action]:
     ]
 
 
-def _borders(session: EditorSession) -> list[Action]:
+def _list_borders(session: EditorSession) -> list[Action]:
     return [
         Action(
             "select.grow",
@@ -75,7 +75,7 @@ def _borders(session: EditorSession) -> list[Action]:
     ]
 
 
-def _kinds(session: EditorSession) -> list[Action]:
+def _list_kinds(session: EditorSession) -> list[Action]:
     return [
         Action(
             "select.class",
@@ -83,7 +83,7 @@ def _kinds(session: EditorSession) -> list[Action]:
             lambda: _select_classes(session),
             "Select",
             ("K",),
-            enabled=lambda: bool(_classes(session)),
+            enabled=lambda: bool(_find_classes(session)),
             icon="ICON_FA_TAGS",
             undoable=True,
             separator=True,
@@ -101,7 +101,7 @@ def _kinds(session: EditorSession) -> list[Action]:
     ]
 
 
-def _classes(session: EditorSession) -> tuple[str, ...]:
+def _find_classes(session: EditorSession) -> tuple[str, ...]:
     """The classes of the selected instances."""
     if session.document is None:
         return ()
@@ -110,7 +110,7 @@ def _classes(session: EditorSession) -> tuple[str, ...]:
 
 
 def _select_classes(session: EditorSession) -> None:
-    classes = _classes(session)
+    classes = _find_classes(session)
     edits = tuple(SelectClass(name, "add") for name in classes)
     if len(edits) == 1:
         session.history.apply(edits[0])

@@ -23,7 +23,7 @@ def list_actions(session: EditorSession) -> list[Action]:
         state.region_visible_only = not state.region_visible_only
 
     return [
-        *(_taking(session, record) for record in TOOLS),
+        *(_create_tool_action(session, record) for record in TOOLS),
         Action(
             "tool.whole_instances",
             "Regions select whole instances",
@@ -52,7 +52,7 @@ def list_actions(session: EditorSession) -> list[Action]:
     ]
 
 
-def _taking(session: EditorSession, record: ToolRecord) -> Action:
+def _create_tool_action(session: EditorSession, record: ToolRecord) -> Action:
     def take() -> None:
         session.state.tool = record.name
 

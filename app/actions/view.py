@@ -70,12 +70,12 @@ def list_actions(session: EditorSession) -> list[Action]:
             enabled=lambda: session.document is not None,
             icon="ICON_FA_DOVE",
         ),
-        _switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
-        _switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+        _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
+        _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
     ]
 
 
-def _switch(
+def _create_switch(
     session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False
 ) -> Action:
     def flip() -> None:

@@ -21,7 +21,7 @@ MAX_SHARE = 0.35
 TRIED_VIEWS, TRIED_WIDTH = 24, 320
 
 
-def choose_view(renderer: FrameRenderer, session: EditorSession) -> int:
+def choose_showpiece_view(renderer: FrameRenderer, session: EditorSession) -> int:
     """Index of the dataset view whose two largest objects are largest, among evenly spread ones."""
     assert session.document is not None
     scene, before = session.document.scene, session.state

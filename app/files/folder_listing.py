@@ -51,11 +51,11 @@ def list_folder(folder: Path, suffixes: tuple[str, ...], holds_scene: Callable[[
         found = [path for path in folder.iterdir() if not path.name.startswith(".") and is_displayable(path)]
     except OSError:
         return []
-    entries = [entry for path in found if (entry := _entry(path, suffixes, holds_scene)) is not None]
+    entries = [entry for path in found if (entry := _create_entry(path, suffixes, holds_scene)) is not None]
     return sorted(entries, key=lambda entry: (entry.size is not None, entry.path.name.lower()))
 
 
-def _entry(path: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> FolderEntry | None:
+def _create_entry(path: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> FolderEntry | None:
     try:
         status = path.stat()
         if path.is_dir():

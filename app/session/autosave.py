@@ -38,7 +38,7 @@ class Autosave:
         if problem is not None:
             self._report_error(str(problem))
 
-    def saved(self, path: Path, state: ProjectState) -> None:
+    def note_save(self, path: Path, state: ProjectState) -> None:
         """The document's project was written."""
         if self._recovery is not None:
             self._recovery.mark_saved(path, state)

@@ -108,19 +108,21 @@ class DeletionReview:
         frozen = freeze_document(document)
         self._filling = True
 
-        def done(_: object) -> None:
+        def finish(_: object) -> None:
             self._filling = False
             if self._context.document is document and self._context.apply(edit):
                 found.fill_edit = edit
                 self._messages.info(f"Filled a hole of {found.report.hole_area:.1f} m² with synthetic ground")
 
-        def failed(error: BaseException) -> bool:
+        def handle_failure(error: BaseException) -> bool:
             self._filling = False
             if isinstance(error, EditError):
                 self._messages.error(f"The hole cannot be filled: {error}")
             return isinstance(error, EditError)
 
-        self._jobs.submit("Filling the hole", lambda: edit.prepare(frozen), done, modal=False, failed=failed)
+        self._jobs.submit(
+            "Filling the hole", lambda: edit.prepare(frozen), finish, modal=False, on_failure=handle_failure
+        )
 
     def clear(self) -> None:
         """Show the report no longer."""
@@ -141,9 +143,9 @@ class DeletionReview:
             places = frozen.compute_means(report.residue).astype(np.float64)
             return DeletionFindings(document, deletion, report, places, frozen.scene.nodes[report.residue], absorption)
 
-        def done(found: DeletionFindings) -> None:
+        def finish(found: DeletionFindings) -> None:
             if self._context.document is document and found.is_current:
                 self._finding = found
                 self._messages.info(f"Deleted {found.report.name}: {found.report.summary}")
 
-        self._jobs.submit_aside("Looking at what is left", look, done)
+        self._jobs.submit_in_background("Looking at what is left", look, finish)

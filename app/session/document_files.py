@@ -20,7 +20,7 @@ from instdrive_app.session.requests import (
     OfferRecovery,
     do_nothing,
 )
-from instdrive_app.session.view_memory import view_as_json
+from instdrive_app.session.view_memory import store_view
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import SceneChangedError, SceneTooLargeError
@@ -76,7 +76,7 @@ class DocumentFiles:
         else:
             then()
 
-    def replace_by(self, path: Path) -> None:
+    def leave_for(self, path: Path) -> None:
         """Leave the open document for the one at `path`."""
         self.leave(lambda: self.open(path))
 
@@ -98,7 +98,7 @@ class DocumentFiles:
         def work() -> OpenedDocument:
             return open_for_editing(path, accept_changed, keep_every)
 
-        self._jobs.submit(f"Opening {path.name}", work, self._show, failed=handle_failure)
+        self._jobs.submit(f"Opening {path.name}", work, self._show, on_failure=handle_failure)
 
     def offer_recovery(self) -> None:
         """Look for the work of editors that ended without saving, and offer it; the answer may come frames later."""
@@ -125,7 +125,7 @@ class DocumentFiles:
         def work() -> OpenedDocument:
             return recover_for_editing(session, accept_changed)
 
-        self._jobs.submit(f"Recovering {session.title}", work, show, failed=handle_failure)
+        self._jobs.submit(f"Recovering {session.title}", work, show, on_failure=handle_failure)
 
     def save(self, path: Path | None = None, then: Callable[[], None] = do_nothing) -> None:
         """Write the project in the background, to its own file where no path is given; `then` follows a success.
@@ -134,7 +134,7 @@ class DocumentFiles:
         """
         document, path = self._context.document, path or self.project
         if document is not None and path is not None:
-            self._save(document, path, view_as_json(self._context.state), then)
+            self._save(document, path, store_view(self._context.state), then)
 
     def _save(
         self, document: Document, path: Path, view: dict[str, Any], then: Callable[[], None], over_other: bool = False
@@ -151,7 +151,7 @@ class DocumentFiles:
 
         def finish(_: None) -> None:
             self.path, self._saved = path, changes
-            self.autosave.saved(path, state)
+            self.autosave.note_save(path, state)
             self.recents.add(path)
             self._messages.info(f"Saved {path}")
             then()
@@ -162,7 +162,7 @@ class DocumentFiles:
                 self._context.requests.put(AskOtherSave(path, save_over))
             return isinstance(error, _SavedElsewhereError)
 
-        self._jobs.submit(f"Saving {path.name}", work, finish, modal=False, failed=handle_failure)
+        self._jobs.submit(f"Saving {path.name}", work, finish, modal=False, on_failure=handle_failure)
 
     def _ask_about_change(self, error: BaseException, open_anyway: Callable[[], None]) -> bool:
         if isinstance(error, SceneChangedError):

@@ -8,9 +8,9 @@ from pathlib import Path
 from instdrive_app.action import ActionRegistry
 from instdrive_app.jobs import Jobs
 from instdrive_app.messages import Messages
+from instdrive_app.session.bounds_updater import BoundsUpdater
 from instdrive_app.session.color_controller import ColorController
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.deferred_bounds import DeferredBounds
 from instdrive_app.session.deletion_controller import DeletionController
 from instdrive_app.session.document_files import DocumentFiles
 from instdrive_app.session.export_controller import ExportController
@@ -63,7 +63,7 @@ class EditorSession:
         self.deletion = DeletionController(context)
         self.insertion = InsertController(context, self.movement)
         self.orientation = TurnController(context, self.navigation, turned=self.deletion.review.clear)
-        self._deferred_bounds = DeferredBounds(context)
+        self._deferred_bounds = BoundsUpdater(context)
         self.is_quitting = False
 
     @property

@@ -37,14 +37,14 @@ class ExportController:
     def propose_path(self) -> Path:
         """A path for what is chosen, in the folder of the last export or of the scene."""
         near = self._files.last_export or self._files.path
-        return (near.resolve().parent if near else find_working_folder()) / self._proposed_name()
+        return (near.resolve().parent if near else find_working_folder()) / self._propose_name()
 
     def propose_path_in(self, path: str) -> Path:
         """The same in the folder of the path as it is typed."""
         folder = Path(os.path.expanduser(path))  # these never raise, whatever is typed
-        return (folder if os.path.isdir(folder) else folder.parent) / self._proposed_name()
+        return (folder if os.path.isdir(folder) else folder.parent) / self._propose_name()
 
-    def _proposed_name(self) -> str:
+    def _propose_name(self) -> str:
         source, document = self._files.path, self._context.document
         stem = source.name.split(".")[0].removesuffix("_edited") if source else "scene"
         selected = document.find_selected_instances() if document else ()
@@ -63,8 +63,8 @@ class ExportController:
         request = ExportRequest.of(document, path, choice or self.choice, self._context.state)
         write = KINDS[request.choice.what].write
 
-        def done(told: str) -> None:
+        def finish(told: str) -> None:
             self._files.last_export = path
             self._context.messages.info(told)
 
-        self._context.jobs.submit(f"Exporting {path.name}", lambda: write(request), done)
+        self._context.jobs.submit(f"Exporting {path.name}", lambda: write(request), finish)

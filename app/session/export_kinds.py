@@ -113,15 +113,15 @@ def choose_actors(document: Document) -> tuple[int, ...]:
     return find_selected_actors(document) or find_remaining_actors(document)
 
 
-def _scene(request: ExportRequest) -> str:
-    return _scene_or_part(request, None)
+def _write_scene(request: ExportRequest) -> str:
+    return _write_scene_or_part(request, None)
 
 
-def _selection(request: ExportRequest) -> str:
-    return _scene_or_part(request, find_selected_rows(request.document))
+def _write_selection(request: ExportRequest) -> str:
+    return _write_scene_or_part(request, find_selected_rows(request.document))
 
 
-def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
+def _write_scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
     path, choice = request.path, request.choice
     is_folder = not path.suffix or path.is_dir()
     time = None if is_folder and choice.keep_tracks else request.time
@@ -130,24 +130,24 @@ def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
     return f"Exported {format_count(count, 'splat')} to {path}, read back and compared"
 
 
-def _instances(request: ExportRequest) -> str:
+def _write_instances(request: ExportRequest) -> str:
     choice, ids = request.choice, choose_instances(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
     skipped = (
         f"; {format_count(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
     )
-    return f"{_parts(written, 'instance', request.path)}{skipped}"
+    return f"{_describe_parts(written, 'instance', request.path)}{skipped}"
 
 
-def _actors(request: ExportRequest) -> str:
+def _write_actors(request: ExportRequest) -> str:
     choice, nodes = request.choice, choose_actors(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_actors(request.document, request.path, nodes, choice.suffix, sibr=sibr)
-    return f"{_parts(written, 'actor', request.path)}; their poses are in .poses.json"
+    return f"{_describe_parts(written, 'actor', request.path)}; their poses are in .poses.json"
 
 
-def _objects(request: ExportRequest) -> str:
+def _write_objects(request: ExportRequest) -> str:
     with report_span(0.0, _BAKING):
         scene = bake_document(request.document, to_read=True)
     hulls = request.choice.hulls
@@ -156,7 +156,7 @@ def _objects(request: ExportRequest) -> str:
     return f"Exported the {shapes} of {format_count(len(written), 'instance')} to {request.path}"
 
 
-def _masks(request: ExportRequest) -> str:
+def _write_masks(request: ExportRequest) -> str:
     with report_span(0.0, _BAKING):
         scene = bake_document(request.document, to_read=True)
     views = choose_views(scene)
@@ -167,8 +167,8 @@ def _masks(request: ExportRequest) -> str:
     return f"Exported the masks of {format_count(count, 'photo')} to {request.path}"
 
 
-def _cameras(request: ExportRequest) -> str:
-    scene = _shown_scene(request)
+def _write_cameras(request: ExportRequest) -> str:
+    scene = _bake_shown_scene(request)
     views = choose_views(scene)
     with report_span(_BAKING, 1.0):
         for number, view in enumerate(views):
@@ -178,8 +178,8 @@ def _cameras(request: ExportRequest) -> str:
     return f"Exported {format_count(len(views), 'picture')} to {request.path}"
 
 
-def _view(request: ExportRequest) -> str:
-    scene, lens = _shown_scene(request), request.viewpoint.lens
+def _write_view(request: ExportRequest) -> str:
+    scene, lens = _bake_shown_scene(request), request.viewpoint.lens
     pose = request.viewpoint.world_from_camera
     camera = Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose)
     with report_span(_BAKING, 1.0):
@@ -187,7 +187,7 @@ def _view(request: ExportRequest) -> str:
     return f"Exported the picture to {request.path}"
 
 
-def _shown_scene(request: ExportRequest) -> Scene:
+def _bake_shown_scene(request: ExportRequest) -> Scene:
     """What is drawn: without what is hidden, and with the tracks."""
     document = request.document
     with report_span(0.0, _BAKING):
@@ -202,40 +202,40 @@ def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request
     save_png(path, colorize_preview(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
 
 
-def _parts(written: ExportedParts, noun: str, folder: Path) -> str:
+def _describe_parts(written: ExportedParts, noun: str, folder: Path) -> str:
     files, splats = format_count(len(written.files), noun), format_count(written.splats, "splat")
     return f"Exported {files} of {splats} to {folder}, read back and compared"
 
 
-def _splats(document: Document) -> str:
+def _count_splats(document: Document) -> str:
     left = len(document.state) - len(document.state.rows_with(Flag.DELETED))
     return format_count(left, "splat") if left else ""
 
 
-def _selected_splats(document: Document) -> str:
+def _count_selected_splats(document: Document) -> str:
     count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.find_selected_instances())
     return f"{format_count(count, 'splat')} of {format_count(instances, 'instance')}" if count else ""
 
 
-def _all_instances(document: Document) -> str:
+def _count_chosen_instances(document: Document) -> str:
     count = len(choose_instances(document))
     selected = "selected " if document.find_selected_instances() else ""
     return format_count(count, f"{selected}instance") if count else ""
 
 
-def _every_instance(document: Document) -> str:
+def _count_instances(document: Document) -> str:
     counts = document.count_states()
     left = int((counts.count > counts.deleted).sum())
     return format_count(left, "instance") if left else ""
 
 
-def _all_actors(document: Document) -> str:
+def _count_actors(document: Document) -> str:
     count = len(choose_actors(document))
     selected = "selected " if find_selected_actors(document) else ""
     return format_count(count, f"{selected}actor") if count else ""
 
 
-def _photos(document: Document) -> str:
+def _count_photos(document: Document) -> str:
     views = document.scene.views
     return format_count(len(views), "photo") if views else ""
 
@@ -243,36 +243,48 @@ def _photos(document: Document) -> str:
 _NO_INSTANCES, _NO_CAMERAS = "The scene has no instances", "The scene has no photo cameras"
 
 KINDS: dict[What, ExportKind] = {
-    "scene": ExportKind("Whole scene", _scene, WRITTEN, True, "_edited.ply", _splats, "No splats are left"),
+    "scene": ExportKind("Whole scene", _write_scene, WRITTEN, True, "_edited.ply", _count_splats, "No splats are left"),
     "selection": ExportKind(
-        "Selection only", _selection, WRITTEN, True, "_selection.ply", _selected_splats, "Nothing is selected"
+        "Selection only",
+        _write_selection,
+        WRITTEN,
+        True,
+        "_selection.ply",
+        _count_selected_splats,
+        "Nothing is selected",
     ),
     "instances": ExportKind(
         "One file per instance",
-        _instances,
+        _write_instances,
         suggestion="_instances",
-        amount=_all_instances,
+        amount=_count_chosen_instances,
         missing=_NO_INSTANCES,
     ),
     "actors": ExportKind(
         "Actors in their own frames",
-        _actors,
+        _write_actors,
         suggestion="_actors",
-        amount=_all_actors,
+        amount=_count_actors,
         missing="The scene has no moving actors",
     ),
     "objects": ExportKind(
         "Boxes of instances",
-        _objects,
+        _write_objects,
         SUFFIXES,
         suggestion="_objects.json",
-        amount=_every_instance,
+        amount=_count_instances,
         missing=_NO_INSTANCES,
     ),
-    "masks": ExportKind("Masks of the photos", _masks, suggestion="_masks", amount=_photos, missing=_NO_CAMERAS),
-    "cameras": ExportKind(
-        "Pictures from the photos' cameras", _cameras, suggestion="_pictures", amount=_photos, missing=_NO_CAMERAS
+    "masks": ExportKind(
+        "Masks of the photos", _write_masks, suggestion="_masks", amount=_count_photos, missing=_NO_CAMERAS
     ),
-    "view": ExportKind("Picture of this view", _view, (".png",), suggestion="_view.png", amount=_splats),
+    "cameras": ExportKind(
+        "Pictures from the photos' cameras",
+        _write_cameras,
+        suggestion="_pictures",
+        amount=_count_photos,
+        missing=_NO_CAMERAS,
+    ),
+    "view": ExportKind("Picture of this view", _write_view, (".png",), suggestion="_view.png", amount=_count_splats),
 }
 """In the order of the dialog."""

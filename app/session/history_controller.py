@@ -52,7 +52,7 @@ class HistoryController:
         """
         if self._document is None:
             return False
-        if self._jobs.blocking or self.is_jumping:
+        if self._jobs.is_blocking or self.is_jumping:
             self._messages.error("Please wait until the current task has finished")
             return False
         try:
@@ -64,19 +64,19 @@ class HistoryController:
 
     def undo(self) -> None:
         """Undo one step; does nothing while a modal job runs."""
-        if self._document is not None and not self._jobs.blocking:
+        if self._document is not None and not self._jobs.is_blocking:
             self.stop_jump()
             self._document.undo()
 
     def redo(self) -> None:
         """Redo one step; does nothing while a modal job runs."""
-        if self._document is not None and not self._jobs.blocking:
+        if self._document is not None and not self._jobs.is_blocking:
             self.stop_jump()
             self._document.redo()
 
     def jump(self, cursor: int) -> None:
         """Undo or redo until `cursor` edits are done, or as many as there are: a few now, more in later frames."""
-        if self._document is not None and not self._jobs.blocking:
+        if self._document is not None and not self._jobs.is_blocking:
             self._target = min(max(cursor, 0), len(self._document.history.edits))
             self.tick()
 

@@ -58,7 +58,7 @@ class InsertController:
             spot = find_spot(document, source, viewpoint, time, edge)
             return InsertScene.from_scene(source, str(path), spot.translation), spot
 
-        def done(result: tuple[InsertScene, Spot]) -> None:
+        def finish(result: tuple[InsertScene, Spot]) -> None:
             edit, spot = result
             mode = "replace" if edge is None else "add"
             if self._context.document is document and self._movement.apply_and_select(edit, edit.added_instances, mode):
@@ -66,11 +66,11 @@ class InsertController:
                 self._messages.info(f"Inserted {path.name}{spot.note}")
                 self._insert_next(others, spot.edge)
 
-        def failed(_: BaseException) -> bool:
+        def handle_failure(_: BaseException) -> bool:
             self._insert_next(others, edge)
             return False
 
-        self._jobs.submit(f"Inserting {path.name}", work, done, failed=failed)
+        self._jobs.submit(f"Inserting {path.name}", work, finish, on_failure=handle_failure)
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,12 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
     """
     if not len(source):
         raise EditError("the scene to be inserted has no splats")
-    means = _solid_means(source, time)
+    means = _find_solid_means(source, time)
     low, high = np.array(compute_middle_bounds(means))
-    size, right = (high - low)[:2], _rightwards(viewpoint)
+    size, right = (high - low)[:2], _find_right(viewpoint)
     half_width = float(np.abs(right[:2]) @ size) / 2
     aside = 0.0 if edge is None else edge + GAP + half_width
-    place = _place_before(viewpoint, float(size.max())) + aside * right
+    place = _find_place_ahead(viewpoint, float(size.max())) + aside * right
     bottom = estimate_foot(means[:, 2])
     note = ""
     try:
@@ -108,7 +108,7 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
     return Spot((x, y, ground - bottom), aside + half_width, note)
 
 
-def _place_before(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
+def _find_place_ahead(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
     """A place ahead (what is below the camera's level does not count); under the pivot where the camera looks down."""
     ahead = viewpoint.forward * [1.0, 1.0, 0.0]
     if np.linalg.norm(ahead) < 0.2:
@@ -116,14 +116,14 @@ def _place_before(viewpoint: Viewpoint, size: float) -> Float64[ndarray, "3"]:
     return viewpoint.position + ahead / np.linalg.norm(ahead) * max(NEAREST, 1.5 * size)
 
 
-def _rightwards(viewpoint: Viewpoint) -> Float64[ndarray, "3"]:
+def _find_right(viewpoint: Viewpoint) -> Float64[ndarray, "3"]:
     """Unit vector to the right in the picture, level."""
     right = viewpoint.world_from_camera[:3, 0] * [1.0, 1.0, 0.0]
     length = np.linalg.norm(right)
     return right / length if length > 0.2 else np.array([1.0, 0.0, 0.0])
 
 
-def _solid_means(source: Scene, time: float) -> Float64[ndarray, "n 3"]:
+def _find_solid_means(source: Scene, time: float) -> Float64[ndarray, "n 3"]:
     gaussians = source.gaussians
     rows = np.flatnonzero(find_solid(gaussians.opacities))
     poses, _ = source.at(time)

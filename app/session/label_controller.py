@@ -43,7 +43,7 @@ class LabelController:
         before = len(document.scene.table) if document else 0
         if document is not None and self._context.apply(split):
             count = len(document.scene.table) - before
-            self._messages.info(f"{format_count(count, 'new instance')} from {_name(document, split.id)}")
+            self._messages.info(f"{format_count(count, 'new instance')} from {_find_name(document, split.id)}")
 
     def reassign(self, into: int | None) -> None:
         """Give the selected splats to an instance, to a new one (None), or to none (0)."""
@@ -53,7 +53,7 @@ class LabelController:
         if into is None:
             self._messages.info(f"New instance {document.first_free_id - 1} from the selected splats")
         elif into:
-            self._messages.info(f"The selected splats belong to {_name(document, into)}")
+            self._messages.info(f"The selected splats belong to {_find_name(document, into)}")
         else:
             self._messages.info("The selected splats belong to no instance")
 
@@ -70,7 +70,7 @@ class LabelController:
                 edit.prepare(frozen)
                 copy(edit).do(frozen)  # the next one finds what this one leaves
 
-        def done(_: None) -> None:
+        def finish(_: None) -> None:
             if self._context.document is not document:
                 return
             if edits[0].is_prepared_for(document):
@@ -78,7 +78,7 @@ class LabelController:
             else:  # edited meanwhile: look again, beside the window, too
                 self.absorb(tuple(i for i in ids if i in document.scene.table))
 
-        self._jobs.submit("Looking for floaters", look, done, modal=False)
+        self._jobs.submit("Looking for floaters", look, finish, modal=False)
 
     def _absorb(self, document: Document, edits: tuple[AbsorbFloaters, ...]) -> None:
         table, ids = document.scene.table, [edit.id for edit in edits]
@@ -100,7 +100,7 @@ class LabelController:
         if ids:
             self._context.apply(lambda: SetClass(ids, class_name))
 
-    def classes(self) -> tuple[str, ...]:
+    def list_classes(self) -> tuple[str, ...]:
         """The classes that occur in the scene, in alphabetical order."""
         document = self._context.document
         if document is None:
@@ -108,5 +108,5 @@ class LabelController:
         return tuple(sorted({instance.class_name for instance in document.scene.table} - {""}, key=str.lower))
 
 
-def _name(document: Document, instance: int) -> str:
+def _find_name(document: Document, instance: int) -> str:
     return document.scene.table[instance].name

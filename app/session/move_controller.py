@@ -103,7 +103,7 @@ class MoveController:
 
     def box(self) -> Box:
         """The box of the selection, which is not empty."""
-        return self._boxes.find_box(self._opened, self.ids, self._state.time)
+        return self._boxes.find_box(self._require_document, self.ids, self._state.time)
 
     def center(self) -> Float64[ndarray, "3"]:
         """The centre of the box: unlike that of the bounds it stays where it is as things turn about it."""
@@ -113,7 +113,7 @@ class MoveController:
         """Unit direction of the lane at the selection, which is not empty; None where no lane is known."""
         if self._lane is not None and self.drag is not None:
             return self._lane[1]
-        document, ids, time, place = self._opened, self.ids, self._state.time, self.center()
+        document, ids, time, place = self._require_document, self.ids, self._state.time, self.center()
         key = (ref(document), ids, time, place.tobytes(), document.versions.tracks)
         if self._lane is None or self._lane[0] != key:
             try:
@@ -124,12 +124,12 @@ class MoveController:
 
     def placement(self) -> Placement:
         """Where the selection, which is not empty, is now."""
-        document, time = self._opened, self._state.time
+        document, time = self._require_document, self._state.time
         first = document.scene.table[self.ids[0]]
         matrix = document.transforms.get_move(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
         turned = document.scene.actors[first.node - 1].pose_at(time) if first.node else matrix
         yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
-        return Placement(_vector(self.center()), yaw, extract_scale(matrix))
+        return Placement(_as_vector(self.center()), yaw, extract_scale(matrix))
 
     def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
         """Move from a placement to another one; on the ground, where that is asked for and no height was."""
@@ -139,7 +139,7 @@ class MoveController:
         self._context.apply(
             lambda: MoveInstances(
                 self.ids,
-                _vector(np.subtract(wanted.position, before.position)),
+                _as_vector(np.subtract(wanted.position, before.position)),
                 (math.cos(half), 0.0, 0.0, math.sin(half)),
                 clamp_scale(wanted.scale / before.scale),
                 before.position,
@@ -151,10 +151,10 @@ class MoveController:
 
     def shift_along_lane(self, metres: float, gesture: str | None = None) -> None:
         """Move forwards along the lane, or back; what has the same `gesture` is one step, told from its beginning."""
-        document, ids, time, ground = self._opened, self.ids, self._state.time, self.options.on_ground
+        document, ids, time, ground = self._require_document, self.ids, self._state.time, self.options.on_ground
 
         def edit() -> MoveInstances:
-            shift = _vector(find_lane(document, ids, self.center(), time) * metres)
+            shift = _as_vector(find_lane(document, ids, self.center(), time) * metres)
             return MoveInstances(ids, shift, time=time, on_ground=ground)
 
         self._context.apply(edit, gesture)
@@ -175,13 +175,13 @@ class MoveController:
             return
         lane = self.lane()
         direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
-        edit = DuplicateInstances(ids, _vector(direction * (self.box().extent(direction) + COPY_GAP)))
+        edit = DuplicateInstances(ids, _as_vector(direction * (self.box().extent(direction) + COPY_GAP)))
         if self.apply_and_select(edit, len(ids)):
             self._state.tool = "move"
 
     def apply_and_select(self, edit: AppendEdit, instances: int, mode: SelectMode = "replace") -> bool:
         """Do an edit that adds so many instances, and select them, in one step; returns whether that was done."""
-        document = self._opened
+        document = self._require_document
 
         def both() -> CompoundEdit:
             added = tuple(entry.id for entry in create_instances(document, [None] * instances))
@@ -194,7 +194,7 @@ class MoveController:
     def begin_drag(self, axes: Float64[ndarray, "3 3"]) -> None:
         """The gizmo, with these axes, was grasped."""
         gesture = f"gizmo {next(self._gestures)}"
-        self.drag = Drag(self._opened, self.ids, self._state.time, gesture, self.center(), axes)
+        self.drag = Drag(self._require_document, self.ids, self._state.time, gesture, self.center(), axes)
 
     def drag_to(self, shift: Float[ndarray, "3"], rotation: Float[ndarray, "3 3"], scale: float) -> None:
         """Where the drag has come: metres, a rotation matrix and a factor, all since it began."""
@@ -208,10 +208,10 @@ class MoveController:
         try:
             edit = MoveInstances(
                 drag.ids,
-                _vector(shift),
+                _as_vector(shift),
                 tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
                 clamp_scale(scale),
-                _vector(drag.center),
+                _as_vector(drag.center),
                 drag.time,
                 yaw_only=self.yaw_only,
                 along_lane=self.options.along_lane and lane is None,  # then it says that no lane is known
@@ -223,7 +223,7 @@ class MoveController:
                 self._messages.error(user_message(error))
             drag.told = True
 
-    def give_up_drag(self) -> None:
+    def cancel_drag(self) -> None:
         """Put everything back to where the drag began."""
         drag, self.drag = self.drag, None
         if drag is not None and drag.document is self._context.document and drag.ids == self.ids:
@@ -234,13 +234,13 @@ class MoveController:
         self.drag = None
 
     @property
-    def _opened(self) -> Document:
+    def _require_document(self) -> Document:
         document = self._context.document
         assert document is not None, "no document is open"
         return document
 
 
-def _vector(values: Float[ndarray, "3"]) -> Vector:
+def _as_vector(values: Float[ndarray, "3"]) -> Vector:
     x, y, z = np.asarray(values, np.float64).tolist()
     return x, y, z
 

@@ -78,7 +78,7 @@ class Navigation:
         if len(means):
             self.look_from(camera.frame_points(self._state.viewpoint, means))
 
-    def go_along(self, matrix: Similarity) -> None:
+    def follow_scene(self, matrix: Similarity) -> None:
         """The whole scene was turned and scaled by [s R | t]: look at the same thing, but with the picture upright.
 
         Where that would be from below or straight from above, everything is brought into view instead.

@@ -23,12 +23,12 @@ class RecentFiles:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Those that are still there."""
-        return tuple(path for path in self._listed() if os.path.exists(path))
+        return tuple(path for path in self._read_list() if os.path.exists(path))
 
     def add(self, path: Path) -> None:
         """Put a path at the top."""
         path = path.absolute()
-        listed = [path, *(other for other in self._listed() if other != path)][:KEPT]
+        listed = [path, *(other for other in self._read_list() if other != path)][:KEPT]
         try:
             write_bytes(self._file, json.dumps([str(entry) for entry in listed], indent=1).encode())
         except DataError:
@@ -38,7 +38,7 @@ class RecentFiles:
         """Forget all."""
         self._file.unlink(missing_ok=True)
 
-    def _listed(self) -> list[Path]:
+    def _read_list(self) -> list[Path]:
         try:
             listed = json.loads(self._file.read_text(encoding="utf-8"))
         except FileNotFoundError:

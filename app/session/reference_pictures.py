@@ -48,7 +48,7 @@ class ReferencePictures:
 
         While it is being read it is the camera's last one, so that nothing flickers as the drive plays, else None.
         """
-        key = _key(view, kind)
+        key = _build_key(view, kind)
         if key not in self._pictures:
             self._request(key, view, kind)
         self._pictures.move_to_end(key)
@@ -68,15 +68,15 @@ class ReferencePictures:
                 self._report_error(str(error))
         return None
 
-    def missing(self, view: CameraView, kind: Reference) -> str:
+    def explain_missing(self, view: CameraView, kind: Reference) -> str:
         """Why a view has no such picture, in a few words; empty where it has one, or nobody knows yet."""
-        future = self._pictures.get(_key(view, kind))
+        future = self._pictures.get(_build_key(view, kind))
         if future is None or not future.done() or future.exception() is None:
             return ""
         return "Held out from training: no masks" if _is_held_back(view, kind) else "Not available"
 
     @property
-    def reading(self) -> bool:
+    def is_reading(self) -> bool:
         """Whether a picture is on its way."""
         return any(not future.done() for future in self._pictures.values())
 
@@ -100,7 +100,7 @@ class ReferencePictures:
             self._pictures.popitem(last=False)
 
 
-def _key(view: CameraView, kind: Reference) -> _Key:
+def _build_key(view: CameraView, kind: Reference) -> _Key:
     return view.photo, view.name, view.index, kind
 
 

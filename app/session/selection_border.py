@@ -49,14 +49,14 @@ class SelectionBorder:
             return
         frozen = freeze_document(document)
 
-        def done(_: None) -> None:
+        def finish(_: None) -> None:
             if self._context.document is document and edit.is_prepared_for(document):
                 self._finish(edit)
             else:
                 self._following.clear()
                 self._messages.info(f"{_TITLES[kind]} was given up: something else was done meanwhile")
 
-        self._job = self._jobs.submit(_TITLES[kind], lambda: edit.prepare(frozen), done, modal=False)
+        self._job = self._jobs.submit(_TITLES[kind], lambda: edit.prepare(frozen), finish, modal=False)
 
     def _finish(self, edit: BorderEdit) -> None:
         if self._context.apply(edit) and self._following:

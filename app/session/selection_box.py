@@ -41,9 +41,9 @@ class Box:
     @property
     def upright_axes(self) -> Float64[ndarray, "3 3"]:
         """The axes with no tilt: the same forward as seen from above."""
-        return upright(self.axes[:, 1])
+        return compute_upright_axes(self.axes[:, 1])
 
-    def moved(self, matrix: Similarity) -> Box:
+    def transform(self, matrix: Similarity) -> Box:
         """The box after [s R | t]."""
         scale = extract_scale(matrix)
         center = matrix[:, :3] @ self.center + matrix[:, 3]
@@ -58,7 +58,7 @@ BOX_EDGES = tuple((corner, corner | bit) for corner in range(8) for bit in (1, 2
 """Pairs of corners."""
 
 
-def upright(forward: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
+def compute_upright_axes(forward: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
     """Axes as of a `Box` that stands level and heads where `forward` points as seen from above."""
     length = float(np.hypot(forward[0], forward[1]))
     if length < 1e-6:
@@ -87,37 +87,39 @@ class SelectionBoxes:
         """
         instance = document.scene.table[ids[0]]
         if len(ids) == 1 and instance.node:
-            return _track_box(document, instance.node, time)
-        entry = None if len(ids) > 1 else _common_entry(document, document.find_rows(ids))
+            return _find_track_box(document, instance.node, time)
+        entry = None if len(ids) > 1 else _find_common_entry(document, document.find_rows(ids))
         if entry is None:
             key = (tuple(ids), time, document.versions.geometry, document.versions.table)
-            return self._group.of(document, key, lambda: self._level_box(document, ids, time))
+            return self._group.of(document, key, lambda: self._find_level_box(document, ids, time))
         counts = document.count_states()  # made anew where splats change owner or state, but not where they move
         home = document.transforms.homes[entry]
         if counts is not self._counts or instance.id != self._instance or not np.array_equal(home, self._home):
-            self._trained = _trained_box(document, instance.id, home)
+            self._trained = _find_trained_box(document, instance.id, home)
             self._counts, self._instance, self._home = counts, instance.id, home.copy()
-        return self._trained.moved(document.transforms.get_move(entry))
+        return self._trained.transform(document.transforms.get_move(entry))
 
-    def _level_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
+    def _find_level_box(self, document: Document, ids: Sequence[int], time: float) -> Box:
         """Around the bounds of all instances, along the world's axes."""
         table = document.scene.table
-        still = self._still.of(document, (tuple(ids), document.versions.table), lambda: _still_bounds(document, ids))
+        still = self._still.of(
+            document, (tuple(ids), document.versions.table), lambda: _find_still_bounds(document, ids)
+        )
         if isinstance(document.deferred, DeferredBounds) and len(still):
             still = document.deferred.move_box(still, ids)
         nodes = [node for node in (table[instance_id].node for instance_id in ids) if node]
-        points = np.concatenate([still, *(_track_box(document, node, time).corners for node in nodes)])
+        points = np.concatenate([still, *(_find_track_box(document, node, time).corners for node in nodes)])
         low, high = points.min(axis=0), points.max(axis=0)
         return Box((low + high) / 2, np.eye(3), high - low)
 
 
-def _track_box(document: Document, node: int, time: float) -> Box:
+def _find_track_box(document: Document, node: int, time: float) -> Box:
     track = document.scene.actors[node - 1]
     pose = track.pose_at(time)
     return Box(pose[:3, 3], pose[:3, :3], track.dimensions)
 
 
-def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
+def _find_trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
     """Of the solid splats that are left, as they were trained, in a scene that was turned so."""
     rows = document.find_rows((instance_id,))
     left = rows[(document.state.flags[rows] & Flag.DELETED) == 0]
@@ -132,14 +134,14 @@ def _trained_box(document: Document, instance_id: int, home: Similarity) -> Box:
     return box if longer[1] >= 0 else replace(box, axes=box.axes * [-1, -1, 1])
 
 
-def _still_bounds(document: Document, ids: Sequence[int]) -> Float64[ndarray, "e 3"]:
+def _find_still_bounds(document: Document, ids: Sequence[int]) -> Float64[ndarray, "e 3"]:
     """Lowest and highest corner of what does not drive; nothing where all does."""
     instances = [document.scene.table[instance_id] for instance_id in ids]
     corners = np.array([instance.bounds for instance in instances if not instance.node], np.float64).reshape(-1, 3)
     return np.stack([corners.min(axis=0), corners.max(axis=0)]) if len(corners) else corners
 
 
-def _common_entry(document: Document, rows: Int64[ndarray, " k"]) -> int | None:
+def _find_common_entry(document: Document, rows: Int64[ndarray, " k"]) -> int | None:
     """The transform entry of all these rows; None where they were moved in different ways."""
     entries = document.transforms.indices[rows]
     return int(entries[0]) if (entries == entries[0]).all() else None

@@ -33,10 +33,10 @@ class SoloController:
             return ()
         versions = (document.versions.states, document.versions.table)
         if self._known is None or self._known[:2] != versions:
-            self._known = (*versions, self._still_holds(document))
+            self._known = (*versions, self._is_in_force(document))
         return self._ids if self._known[2] else ()
 
-    def _still_holds(self, document: Document) -> bool:
+    def _is_in_force(self, document: Document) -> bool:
         visible = document.find_visible_instances()
         if visible:
             return len(visible) <= len(self._ids) and set(visible) <= set(self._ids)

@@ -43,9 +43,9 @@ class TurnController:
         """
         self._seen, self._stated = (document, document.orientation), stated
         if not len(document.scene.table) and not document.scene.views and not document.history.edits:
-            self.look(self._tell)
+            self.guess_up(self._tell)
 
-    def look(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:
+    def guess_up(self, then: Callable[[UpEstimate], None] = lambda _: None) -> None:
         """Guess which way is up now, beside the window."""
         document, stated = self._context.document, self._stated
         self.estimate = None
@@ -53,14 +53,14 @@ class TurnController:
             return
         frozen, orientation = freeze_document(document), document.orientation
 
-        def done(found: UpEstimate) -> None:
+        def finish(found: UpEstimate) -> None:
             if self._context.document is document and document.orientation is orientation:
                 self.estimate = found
                 then(found)
 
-        self._jobs.submit_aside("Looking for the way up", lambda: estimate_document_up(frozen, stated), done)
+        self._jobs.submit_in_background("Looking for the way up", lambda: estimate_document_up(frozen, stated), finish)
 
-    def view_up(self) -> tuple[Float64[ndarray, "3"], float]:
+    def find_view_up(self) -> tuple[Float64[ndarray, "3"], float]:
         """What is up in the view, exactly an axis where one is near, and by how many degrees it then was off."""
         up = -self._state.viewpoint.world_from_camera[:3, 1]
         axis, angle = find_nearest_axis(up)
@@ -79,11 +79,11 @@ class TurnController:
             return
         frozen = freeze_document(document)
 
-        def done(_: None) -> None:
+        def finish(_: None) -> None:
             if self._context.document is document:
                 self._context.apply(edit)
 
-        self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), done)
+        self._jobs.submit("Turning the scene", lambda: edit.prepare(frozen), finish)
 
     def tick(self) -> None:
         """Once a frame: where the scene was turned, by whatever edit, undo or redo, the view goes along."""
@@ -91,7 +91,7 @@ class TurnController:
         if document is None or document is not seen or document.orientation is before:
             return
         self._seen = (document, document.orientation)
-        self._navigation.go_along(compose_transforms(document.orientation, invert_transform(before)))
+        self._navigation.follow_scene(compose_transforms(document.orientation, invert_transform(before)))
         self._turned()
 
     def _tell(self, found: UpEstimate) -> None:

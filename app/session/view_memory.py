@@ -14,7 +14,7 @@ from instdrive_app.state import EditorState, Intrinsics, ViewMode, Viewpoint
 _LENS = ("fx", "fy", "cx", "cy", "width", "height")
 
 
-def view_as_json(state: EditorState) -> dict[str, Any]:
+def store_view(state: EditorState) -> dict[str, Any]:
     """Camera, moment and view mode as JSON values."""
     viewpoint = state.viewpoint
     return {
@@ -28,7 +28,7 @@ def view_as_json(state: EditorState) -> dict[str, Any]:
 
 
 def restore_view(view: Mapping[str, Any], state: EditorState, navigation: Navigation, views: int) -> bool:
-    """Look as `view_as_json` says, in a scene of `views` dataset cameras.
+    """Look as `store_view` says, in a scene of `views` dataset cameras.
 
     Returns whether it did: what another version or hand has written may not fit, and then nothing is changed.
     """

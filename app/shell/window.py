@@ -78,13 +78,13 @@ class EditorWindow:
         """
         self._script = script
         try:
-            hello_imgui.run(self._parameters())
+            hello_imgui.run(self._build_parameters())
         except RuntimeError as error:  # also where a first frame was cut short: then the failure kept is the cause
-            self._failure = self._failure or self._explained(error)
+            self._failure = self._failure or self._explain(error)
         if self._failure is not None:
             raise self._failure
 
-    def _explained(self, error: RuntimeError) -> BaseException:
+    def _explain(self, error: RuntimeError) -> BaseException:
         if self._ui is not None:
             return error
         display = os.environ.get("DISPLAY", "not set")
@@ -107,38 +107,38 @@ class EditorWindow:
 
     # ------------------------------------------------------------------ set-up
 
-    def _parameters(self) -> hello_imgui.RunnerParams:
-        windows = [self._dockable(record) for record in PANELS]
+    def _build_parameters(self) -> hello_imgui.RunnerParams:
+        windows = [self._create_dockable(record) for record in PANELS]
         parameters = build_runner_parameters(self._options, windows)
         calls = parameters.callbacks
         calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
-        calls.load_additional_fonts = self._guarded(self._create_ui)
+        calls.load_additional_fonts = self._guard(self._create_ui)
         calls.setup_imgui_style = apply_style
-        calls.setup_imgui_config = _configure
-        calls.post_init = self._guarded(self._create_context)
-        calls.pre_new_frame = self._guarded(self._before_frame)
-        calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
-        calls.show_status = self._guarded(lambda: self._status.draw(self.ui))
-        calls.show_gui = self._guarded(self._before_panels)
-        calls.post_render_dockable_windows = self._guarded(self._after_panels)
-        calls.before_swap = self._guarded(self._before_swap)
-        calls.before_exit = self._guarded(self._stop)
+        calls.setup_imgui_config = _configure_imgui
+        calls.post_init = self._guard(self._create_context)
+        calls.pre_new_frame = self._guard(self._before_frame)
+        calls.show_menus = self._guard(lambda: draw_menus(self.ui))
+        calls.show_status = self._guard(lambda: self._status.draw(self.ui))
+        calls.show_gui = self._guard(self._before_panels)
+        calls.post_render_dockable_windows = self._guard(self._after_panels)
+        calls.before_swap = self._guard(self._before_swap)
+        calls.before_exit = self._guard(self._stop)
         return parameters
 
-    def _dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
+    def _create_dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
         panel = record.create()
 
         def draw() -> None:
             panel.draw(self.ui)
 
-        window = hello_imgui.DockableWindow(record.title, record.place, self._guarded(draw), record.shown)
+        window = hello_imgui.DockableWindow(record.title, record.place, self._guard(draw), record.shown)
         window.can_be_closed = not record.shown
         if record.fills_window:
             window.call_begin_end = False
-            window.gui_function = self._guarded(lambda: _to_the_edges(record.title, draw))
+            window.gui_function = self._guard(lambda: _draw_without_padding(record.title, draw))
         return window
 
-    def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
+    def _guard(self, call: Callable[[], None]) -> Callable[[], None]:
         """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
 
         def guarded() -> None:
@@ -189,7 +189,7 @@ class EditorWindow:
 
     def _show_title(self) -> None:
         """What is open, and a dot where it is unsaved, for the desktop's list of windows."""
-        title = format_title(self._session)
+        title = format_window_title(self._session)
         if title != self._title:
             import glfw  # see above
 
@@ -199,7 +199,7 @@ class EditorWindow:
     def _is_waiting(self) -> bool:
         """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
         session = self._session
-        busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
+        busy = session.jobs.current is not None or session.navigation.playing or session.references.is_reading
         busy = busy or session.history.is_jumping
         return busy or not self.ui.view.settled
 
@@ -253,7 +253,7 @@ class EditorWindow:
 _FINISHED = object()
 
 
-def format_title(session: EditorSession) -> str:
+def format_window_title(session: EditorSession) -> str:
     """``street.instdrive • InstDrive``: the dot stands for unsaved changes."""
     path = session.files.path
     if session.document is None or path is None:
@@ -270,13 +270,13 @@ def require_display() -> None:
         )
 
 
-def _configure() -> None:
+def _configure_imgui() -> None:
     io = imgui.get_io()
     io.config_flags |= imgui.ConfigFlags_.docking_enable
     io.config_windows_move_from_title_bar_only = True
 
 
-def _to_the_edges(name: str, draw: Callable[[], None]) -> None:
+def _draw_without_padding(name: str, draw: Callable[[], None]) -> None:
     """A window of its own without padding: the picture fills it."""
     flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))

@@ -34,7 +34,7 @@ class DroppedDialog:
             draw_question(ui, TITLE, text, answers)
 
     def _receive(self, session: EditorSession, dropped: Sequence[Path]) -> None:
-        if session.jobs.blocking:
+        if session.jobs.is_blocking:
             session.messages.error("Please wait until the present job is done, then drop the files again")
             return
         if imgui.internal.get_top_most_popup_modal() is not None:
@@ -76,7 +76,7 @@ def _compose_question(session: EditorSession, found: DroppedFiles) -> tuple[str,
 
 def _open_first(session: EditorSession, found: DroppedFiles) -> None:
     first, *others = found.openable
-    session.files.replace_by(first)
+    session.files.leave_for(first)
     if others:
         session.messages.info(f"Only one scene can be open at a time: {first.name}. Left out: {join_names(others)}")
 

@@ -81,7 +81,7 @@ def holds_scene(folder: Path) -> bool:
 
 
 def _open(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
-    session.files.replace_by(path)
+    session.files.leave_for(path)
 
 
 def _insert(session: EditorSession, path: Path, _: Callable[[], None]) -> None:

@@ -39,7 +39,7 @@ class ClassDialog:
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
         entered, self._text = imgui.input_text_with_hint("##class", "unknown", self._text, flags)
         ui.mark("class.name")
-        known = ui.session.labels.classes()
+        known = ui.session.labels.list_classes()
         height = min(max(len(known), 1), 8) * imgui.get_text_line_height_with_spacing()
         imgui.begin_child("##known", ImVec2(0, height))
         for name in known:

@@ -43,7 +43,7 @@ class TurnUprightDialog:
     def open(self, ui: Ui, request: AskUp) -> None:
         """Open it, and guess which way is up."""
         self._choice, self._chosen, self._scale = UP, False, 1.0
-        ui.session.orientation.look(self._propose)
+        ui.session.orientation.guess_up(self._propose)
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
@@ -83,7 +83,7 @@ class TurnUprightDialog:
             self._draw_radio(ui, axis, format_axis(axis))
 
     def _draw_other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
-        up, angle = ui.session.orientation.view_up()
+        up, angle = ui.session.orientation.find_view_up()
         axis, tilt = find_nearest_axis(up)
         exact = f"{format_axis(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {format_axis(axis)}"
         near = f" (the view is {angle:.0f}° off)" if angle >= 1 else ""
@@ -111,7 +111,7 @@ class TurnUprightDialog:
     def _find_up(self, ui: Ui, estimate: UpEstimate | None) -> Float64[ndarray, "3"]:
         """The chosen direction, a unit vector in the world."""
         if self._choice == VIEW:
-            return ui.session.orientation.view_up()[0]
+            return ui.session.orientation.find_view_up()[0]
         if self._choice == GROUND and estimate is not None:
             return estimate.direction
         return next((compute_axis_direction(axis) for axis in AXES if axis == self._choice), compute_axis_direction(UP))

@@ -61,7 +61,7 @@ class FactsSection:
     def _draw_class_popup(self, ui: Ui, document: Document, ids: Ids) -> None:
         if not imgui.begin_popup("##known classes"):
             return
-        names = ui.session.labels.classes()
+        names = ui.session.labels.list_classes()
         for name in (*names, ""):
             chosen = all(document.scene.table[i].class_name == name for i in ids)
             if imgui.selectable(name or "unknown", chosen)[0]:

@@ -96,7 +96,7 @@ def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     opened = begin_icon_submenu("ICON_FA_TAG", "Set class")
     ui.mark("menu.classes")
     if opened:
-        for name in session.labels.classes():
+        for name in session.labels.list_classes():
             title = f"{fit_text(name, scale_pixels(WIDEST))}##{name}"
             if imgui.menu_item(title, "", all(document.scene.table[i].class_name == name for i in ids))[0]:
                 session.labels.set_class(ids, name)

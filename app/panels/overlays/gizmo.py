@@ -94,7 +94,7 @@ class Gizmo:
             snap=None if step is None else guizmo.Matrix3([step] * 3),
         )
         if moving.drag is not None and imgui.is_key_pressed(imgui.Key.escape):
-            moving.give_up_drag()
+            moving.cancel_drag()
             self._given_up = True
             guizmo.enable(False)  # which makes it let go
             guizmo.enable(True)

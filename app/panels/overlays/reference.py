@@ -85,7 +85,7 @@ def _explain_missing(ui: Ui) -> str:
     document, state = ui.session.document, ui.session.state
     if document is None or state.dataset_view is None:
         return ""
-    return ui.session.references.missing(document.scene.views[state.dataset_view], state.reference)
+    return ui.session.references.explain_missing(document.scene.views[state.dataset_view], state.reference)
 
 
 def _draw_plate(left: float, top: float, text: str) -> None:

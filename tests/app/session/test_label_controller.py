@@ -121,7 +121,7 @@ def test_the_class_of_several_is_one_step(session, street):
     before = picture(street)
     session.labels.set_class(CARS, "Taxi")
     assert {street.scene.table[i].class_name for i in CARS} == {"Taxi"}
-    assert "Taxi" in session.labels.classes()
+    assert "Taxi" in session.labels.list_classes()
     assert street.history.cursor == 1
     undone_and_redone(street, before)
     session.labels.set_class((FIRST_CAR,), "")

@@ -82,11 +82,11 @@ def test_a_drag_that_is_given_up_leaves_nothing(session, street):
     session.movement.options.on_ground = True
     session.movement.begin_drag(np.eye(3))
     session.movement.drag_to(np.array([1.0, 2.0, 0.0]), yaw(20), 1.1)
-    session.movement.give_up_drag()
+    session.movement.cancel_drag()
     assert street.history.edits == edits
     np.testing.assert_array_equal(street.compute_means(street.find_rows((FIRST_CAR,))), start)
     session.movement.begin_drag(np.eye(3))
-    session.movement.give_up_drag()
+    session.movement.cancel_drag()
     assert street.history.edits == edits
 
 

@@ -80,13 +80,13 @@ def test_photos_that_were_held_out_have_no_masks_and_nobody_is_told_off(view):
     pictures.get(view, Reference.MASKS)
     assert ready.wait(120)
     masks = pictures.get(view, Reference.MASKS)
-    assert pictures.missing(view, Reference.MASKS) == ""
+    assert pictures.explain_missing(view, Reference.MASKS) == ""
     ready.clear()
     held_out = replace(view, index=1, held_out=True)
     pictures.get(held_out, Reference.MASKS)
     assert ready.wait(120)
     assert pictures.get(held_out, Reference.MASKS) is None
-    assert "Held out" in pictures.missing(held_out, Reference.MASKS)
+    assert "Held out" in pictures.explain_missing(held_out, Reference.MASKS)
     assert told == []
     assert pictures.get(view, Reference.MASKS) is masks
     ready.clear()

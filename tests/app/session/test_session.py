@@ -147,7 +147,7 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
 def test_opening_and_exporting_run_beside_the_window_and_failures_become_messages(session, tmp_path):
     save_scene(tmp_path / "other.ply", freeze_at_time(procedural_street(0.4), 0.0))
     session.files.open(tmp_path / "other.ply")
-    assert session.jobs.blocking
+    assert session.jobs.is_blocking
     session.deletion.delete((FIRST_CAR,))
     assert "wait" in errors(session)[-1]
     finish(session)
@@ -199,11 +199,11 @@ def test_of_jobs_aside_only_the_newest_counts_and_nothing_waits_for_them(session
         report(0.5)
         return "old"
 
-    session.jobs.submit_aside("Looking", slow, results.append)
+    session.jobs.submit_in_background("Looking", slow, results.append)
     assert begun.wait(120)
-    session.jobs.submit_aside("Looking", lambda: "new", results.append)
+    session.jobs.submit_in_background("Looking", lambda: "new", results.append)
     session.jobs.submit("Saving", lambda: "saved", results.append)
-    assert session.jobs.blocking
+    assert session.jobs.is_blocking
     while not results:
         session.tick(0.0)
     assert results == ["saved"], "what stands aside holds nothing up"

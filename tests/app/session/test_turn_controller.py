@@ -100,11 +100,11 @@ def test_a_dataset_camera_is_looked_through_after_as_before(session):
 def test_what_is_up_in_the_view_means_the_axis_when_it_is_near(session):
     points = session.navigation.compute_world_means(())
     session.navigation.look_from(look_straight_down(session.state.viewpoint, points))
-    up, angle = session.orientation.view_up()
+    up, angle = session.orientation.find_view_up()
     assert sorted(np.abs(up)) == [0, 0, 1]
     assert angle <= 10
     session.navigation.look_down(())
-    assert session.orientation.view_up()[0][2] == 0, "from above, up in the picture is level"
+    assert session.orientation.find_view_up()[0][2] == 0, "from above, up in the picture is level"
 
 
 def test_after_the_turn_boxes_numbers_ground_and_resets_know_up(session):
@@ -169,6 +169,6 @@ def test_the_dialog_says_what_will_happen_and_how_it_knows(session):
     assert " The sky changes with it." in describe_turn(DOWN, 1.0, replace(parked, sky=scene.sky))
     assert " The photos' cameras change with it." in describe_turn(DOWN, 1.0, replace(parked, views=scene.views))
     assert describe_guess(None) == "Estimating which way is up…"
-    session.orientation.look()
+    session.orientation.guess_up()
     finish(session)
     assert describe_guess(session.orientation.estimate) == "Guess: +Z, according to the photos' cameras."

@@ -8,7 +8,7 @@ ROWS_PER_FRAME = 150_000
 """Splats of moved instances that are looked at in one frame."""
 
 
-class DeferredBounds:
+class BoundsUpdater:
     """Runs what the document's moves have deferred, once nothing moves any more."""
 
     def __init__(self, context: SessionContext) -> None:
