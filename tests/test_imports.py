@@ -3,6 +3,7 @@
 Imports inside functions and those for type checkers count like all others.
 """
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +77,13 @@ def test_no_modules_import_each_other_in_a_circle(graph):
 def test_rooms_inside_a_room_know_few_others(graph, room):
     arrows = arrows_between_children(graph, room)
     assert 0 < len(arrows) <= MOST_ARROWS[room], arrows
+
+
+def test_benchmarks_are_imported_by_their_own_tests_only():
+    pattern = re.compile(r"^\s*(from|import) benchmarks\b", re.MULTILINE)
+    folders = [ROOT / "instdrive_core", ROOT / "app", ROOT / "tests"]
+    files = [path for folder in folders for path in folder.rglob("*.py") if pattern.search(path.read_text("utf-8"))]
+    assert {path.parent for path in files} == {ROOT / "tests" / "benchmarks"}
 
 
 @pytest.mark.parametrize(

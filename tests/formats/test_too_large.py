@@ -6,8 +6,8 @@ import tracemalloc
 import numpy as np
 import pytest
 from random_scene import random_scene
+from scene_files import SCENE_FILES
 
-from benchmarks.fuzz_seeds import all_seeds
 from instdrive_core.available_memory import VARIABLE, assume_memory, measure_available_memory
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.queries.bake import freeze_at_time
@@ -23,16 +23,10 @@ from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document, open_edited_scene, open_project
 from instdrive_core.project.save import save_project
 
-KINDS = ("ply", "compressed_ply", "splat", "spz", "sog", "sog_folder", "sog_levels", "scene_folder")
-SCENES = [seed for seed in all_seeds() if seed.kind in KINDS]
 
-
-@pytest.fixture(params=SCENES, ids=lambda seed: f"{seed.kind}-{seed.name}")
+@pytest.fixture(params=SCENE_FILES)
 def scene_path(request, tmp_path):
-    for name, data in request.param.files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_bytes(data)
-    return tmp_path / request.param.entry
+    return SCENE_FILES[request.param](tmp_path)
 
 
 def is_joined(path):

@@ -7,9 +7,13 @@ import zipfile
 import numpy as np
 import pytest
 from document_snapshot import snapshot
+from edit_cases import EXAMPLES
 from project_cases import VIEW, edited_document, rewrite_json, rewrite_member
 from safetensors.numpy import save
 
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, UntrustedDataError
 from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.project.open import open_document
@@ -196,18 +200,10 @@ def test_json_is_bounded():
 
 
 def test_every_edit_is_packed_to_its_json():
-    from benchmarks.edit_street import edit_street
-    from benchmarks.random_edits import RandomEdits
-    from instdrive_core.edits.document.document import Document
-    from instdrive_core.edits.kinds.compound import CompoundEdit
-    from instdrive_core.edits.kinds.select_rows import SelectRows
-
-    drawn = RandomEdits(document := Document(edit_street()), "absent")
-    while len(document.history.edits) < 60:
-        drawn.apply_one()
     long = SelectRows(np.arange(0, 5000, 2))
     kept = []
-    for edit in (*document.history.edits, long, CompoundEdit((long, long), "two")):
+    edits = [edit_from_json({"kind": kind, **parameters}) for kind, parameters in EXAMPLES.items()]
+    for edit in (*edits, long, CompoundEdit((long, long), "two")):
         lean = pack_lists(edit, lambda numbers: kept.append(numbers) or len(kept) - 1)
         again = unpack_lists(json.loads(json.dumps(lean)), lambda number: kept[number])
         assert again == json.loads(json.dumps(edit.to_json()))
