@@ -18,7 +18,7 @@ from instdrive_core.files.json_fields import parse_whole_number, read_json, requ
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 from instdrive_core.masks.label_map_folder import read_label_map, read_sky_mask, resample_nearest
 
-_REMEDY = "Write the synthetic clip again with `instdrive synth`, or use --source annotations"
+_REMEDY = "Write the synthetic clip again with `instdrive synth`, or choose another source of masks"
 
 
 def has_exact_labels(clip_path: str | Path) -> bool:
@@ -35,9 +35,7 @@ class ExactLabels:
         self.folder = Path(clip_path) / "labels"
         if not has_exact_labels(clip_path):
             problem = "has no exact labels: 'labels/instances.json' is missing"
-            raise DataError(
-                clip_path, problem, "Only synthetic clips have them; use --source annotations, lidar, sam or import"
-            )
+            raise DataError(clip_path, problem, "Only synthetic clips have them; choose another source of masks")
         self.instances = _read_instances(self.folder / "instances.json")
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:

@@ -78,7 +78,7 @@ def test_perfect_ids_on_good_geometry(drive):
     assert figures["click.hit_rate"] > 0.85, "some pixels of the thin pole show the road"
     assert figures["scene.pq"] == pytest.approx(figures["scene.miou"])
     assert figures["scene.id_switches"] == 0
-    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.03)
+    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.05)
     assert figures["codeword.scene.miou"] > 0.7
     assert figures["psnr"] > 15
     assert figures["psnr_actors"] > 12

@@ -14,7 +14,7 @@ from instdrive_core.masks.annotated.labels import AnnotationLabels
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import open_ground_truth
 from instdrive_core.masks.label_map_folder import open_masks
-from instdrive_core.masks.sources import ensure_masks, make_masks
+from instdrive_core.masks.making import ensure_masks, make_masks
 
 INSTANCES = {
     "1": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None},

@@ -106,9 +106,9 @@ def test_borders_move_by_two_pixels_at_most(instances, seed):
 
 
 def test_borders_move_both_ways_and_by_two_pixels_somewhere():
-    instances = np.zeros((60, 200), np.uint8)
+    instances = np.zeros((60, 600), np.uint8)
     instances[30:] = 1
-    found = faulty(MaskFaults(**ONLY | {"ragged": 2.0}), instances=instances, closed=np.zeros((60, 200), bool))
+    found = faulty(MaskFaults(**ONLY | {"ragged": 2.0}), instances=instances, closed=np.zeros((60, 600), bool))
     heights = np.argmax(found, axis=0)
     assert heights.min() == 28
     assert heights.max() == 32
@@ -117,7 +117,7 @@ def test_borders_move_both_ways_and_by_two_pixels_somewhere():
 
 
 def test_masks_grow_into_no_sky():
-    instances = np.zeros((60, 200), np.uint8)
+    instances = np.zeros((60, 600), np.uint8)
     instances[30:] = 1
     found = faulty(SAM, instances=instances, closed=instances == 0)
     assert not found[:30].any()

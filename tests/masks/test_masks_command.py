@@ -11,13 +11,12 @@ from instdrive_app.main import main
 from instdrive_core.cli.masks import masks
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import DataError
-from instdrive_core.masks import sources
+from instdrive_core.masks import making
 from instdrive_core.masks.label_map_folder import open_masks
 
 
-@pytest.fixture
-def root(tmp_path):
-    root = write_small_clip(tmp_path / "clip")
+def write_exact_labels(root):
+    """Write labels beside a small clip, the road everywhere, and return its folder."""
     for camera in ("front_camera", "back_camera"):
         for step in STEPS:
             for name in (f"{camera}/{step:02d}.png", f"sky/{camera}/{step:02d}.png"):
@@ -27,6 +26,11 @@ def root(tmp_path):
     table = {"7": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None}}
     (root / "labels" / "instances.json").write_text(json.dumps(table))
     return root
+
+
+@pytest.fixture
+def root(tmp_path):
+    return write_exact_labels(write_small_clip(tmp_path / "clip"))
 
 
 def test_exact_masks_go_beside_the_photos(root, capsys):
@@ -78,16 +82,16 @@ def test_imported_masks_and_a_sheet_from_the_command_line(root, tmp_path, capsys
 
 
 def test_an_interrupted_command_says_that_it_goes_on(root, capsys, monkeypatch):
-    real = sources._make_frame_masks
+    real = making._make_frame_masks
 
     def stopped(labels, frame, *others):
         if frame.key == "front_camera/03":
             raise KeyboardInterrupt
         return real(labels, frame, *others)
 
-    monkeypatch.setattr(sources, "_make_frame_masks", stopped)
+    monkeypatch.setattr(making, "_make_frame_masks", stopped)
     assert main(["masks", str(root)]) == 130
-    monkeypatch.setattr(sources, "_make_frame_masks", real)
+    monkeypatch.setattr(making, "_make_frame_masks", real)
     capsys.readouterr()
     assert main(["masks", str(root)]) == 0
     output = capsys.readouterr().out

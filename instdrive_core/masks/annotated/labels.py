@@ -54,7 +54,7 @@ class AnnotationLabels:
     def __init__(self, clip: Clip, held_out: bool) -> None:
         if not has_annotations(clip):
             problem = "has no annotations: LiDAR with cuboids or semantic classes is needed"
-            raise DataError(clip.path, problem, "Make masks with `instdrive masks --source sam`, or import some")
+            raise DataError(clip.path, problem, "Choose another source of masks; `instdrive masks --help` lists them")
         self._cloud = build_cloud(clip, held_out)
         self._sky = 1 + max(self.instances, default=0)
         self._things = range(min(self._cloud.tracks, default=self._sky), self._sky)

@@ -49,7 +49,7 @@ class LidarLabels:
 
     def __init__(self, clip: Clip) -> None:
         if not clip.training_sweeps:
-            remedy = "Make masks with `instdrive masks --source sam`, or import some"
+            remedy = "Choose another source of masks; `instdrive masks --help` lists them"
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
         self._scene: LidarScene = build_lidar_scene(clip)
         self._things = self._scene.group_things()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -12,49 +11,12 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.image.sky_finder import SkyFinder
+from instdrive_core.masks.sam.options import SamOptions
 from instdrive_core.masks.sam.regions import clean_regions, merge_parts, paint_regions
-from instdrive_core.masks.sam.weights import SUGGESTED, find_weights, load_model
+from instdrive_core.masks.sam.weights import find_weights, load_model
 
 if TYPE_CHECKING:
     from instdrive_core.masks.sam.proposals import Proposer
-
-
-@dataclass(frozen=True)
-class SamOptions:
-    """How Segment Anything makes masks."""
-
-    model: str = SUGGESTED
-    """Weights: a name on the Hugging Face hub, or a local folder with config.json and *.safetensors."""
-    batch: int = 64
-    """Points asked at a time; less needs less memory."""
-    points_per_side: int = 32
-    """The model is asked at a grid of this many points to each side."""
-    predicted_iou: float = 0.8
-    """Masks that the model itself believes to be worse than this are dropped."""
-    stability: float = 0.92
-    """Masks with a border less sharp than this are dropped (1 = sharpest)."""
-    overlap: float = 0.7
-    """Of masks whose boxes have a larger IoU than this, one is kept."""
-    min_area: float = 0.0002
-    """Share of the photo below which masks, their holes and their islands are dropped."""
-    whole_objects: bool = True
-    """Let parts join the object that contains them: cars instead of wheels and doors."""
-    containment: float = 0.85
-    """Share of a mask that must lie within a larger one to be a part of it."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where the model runs; `auto`: on an NVIDIA GPU if torch sees one."""
-    offline: bool = False
-    """Never download: use what is on this machine."""
-
-    def __post_init__(self) -> None:
-        for name, low in (("batch", 1), ("points_per_side", 1)):
-            if getattr(self, name) < low:
-                raise OptionError(f"{name} is {getattr(self, name)}; it must be {low} or more")
-        for name in ("predicted_iou", "stability", "overlap", "min_area"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise OptionError(f"{name} is {getattr(self, name)}; it must lie between 0 and 1")
-        if not 0.5 < self.containment <= 1:
-            raise OptionError(f"containment is {self.containment}; it must be more than 0.5 and at most 1")
 
 
 class SamLabels:
@@ -69,7 +31,7 @@ class SamLabels:
 
     source = "sam"
 
-    def __init__(self, clip: Clip, options: SamOptions = SamOptions()) -> None:
+    def __init__(self, clip: Clip, options: SamOptions = SamOptions()) -> None:  # noqa: B008 (frozen)
         self._options = options
         self._proposer = _open_proposer(options)
         self._sky = SkyFinder(clip)

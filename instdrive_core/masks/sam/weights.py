@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json
+from instdrive_core.masks.sam.options import SUGGESTED
 
 if TYPE_CHECKING:
     from torch.nn import Module
 
-SUGGESTED = "facebook/sam2.1-hiera-small"
 CONFIG, WEIGHTS = "config.json", "*.safetensors"
 IMAGENET_MEAN, IMAGENET_STD, HALF = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225), (0.5, 0.5, 0.5)
 KEEPS_SHAPE = frozenset(("sam", "sam_hq"))

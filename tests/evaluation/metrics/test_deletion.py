@@ -80,8 +80,8 @@ def test_hits_weigh_by_clicks_and_misses_delete_nothing(drive):
 def test_many_selections_are_sampled(drive, monkeypatch):
     clicks = [Clicks(view, label, label, 1, 1.0) for view in range(4) for label in (ROAD, PARKED, DRIVING)]
     drawn = []
-    real = deletion.without_rows
-    monkeypatch.setattr(deletion, "without_rows", lambda *args: drawn.append(1) or real(*args))
+    real = deletion.redraw_without_rows
+    monkeypatch.setattr(deletion, "redraw_without_rows", lambda *args: drawn.append(1) or real(*args))
     monkeypatch.setattr(deletion, "MAX_DELETIONS", 5)
     sampled = score_deletions(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
     assert len(drawn) == 5

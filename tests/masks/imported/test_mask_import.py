@@ -22,7 +22,8 @@ from instdrive_core.masks.imported.label_map import read_imported_label_map
 from instdrive_core.masks.imported.labels import ImportedLabels
 from instdrive_core.masks.imported.npz import read_imported_npz
 from instdrive_core.masks.imported.rle import read_imported_rle
-from instdrive_core.masks.sources import SourceOptions, make_masks
+from instdrive_core.masks.making import make_masks
+from instdrive_core.masks.sources import SourceOptions
 
 HEIGHT, WIDTH = 18, 32
 NESTED = np.zeros((3, HEIGHT, WIDTH), bool)

@@ -12,7 +12,8 @@ from tiny_sam import EDGE, permissive, write_tiny_model
 
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.masks.sam import weights as sam_weights
-from instdrive_core.masks.sam.labels import SamLabels, SamOptions
+from instdrive_core.masks.sam.labels import SamLabels
+from instdrive_core.masks.sam.options import SamOptions
 from instdrive_core.masks.sam.weights import IMAGENET_MEAN, IMAGENET_STD, PhotoFormat, find_weights, load_model
 
 pytestmark = pytest.mark.usefixtures("one_thread")
