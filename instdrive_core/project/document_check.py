@@ -25,7 +25,7 @@ class DocumentCheck:
     """Of the entries of the transform palette that splats name."""
 
 
-def check_of(document: Document) -> DocumentCheck:
+def compute_check(document: Document) -> DocumentCheck:
     """The checksums now: 5 ms at a million splats."""
     arrays = (
         document.state.flags,

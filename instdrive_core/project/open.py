@@ -17,7 +17,7 @@ from instdrive_core.errors import DataError, OptionError, format_ordinal
 from instdrive_core.files.archive import ARCHIVE_REMEDY, Archive, open_project_archive
 from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.project.document_check import check_of
+from instdrive_core.project.document_check import compute_check
 from instdrive_core.project.manifest import Manifest, OtherVersionError, manifest_from_json
 from instdrive_core.project.packed_lists import Numbers, unpack_lists
 from instdrive_core.project.replay import KeptHistory, replay_history
@@ -87,7 +87,7 @@ def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProjec
 
         kept = KeptHistory(path, manifest.base, manifest.inserted, manifest.cursor, entries)
         document, notes = replay_history(kept, accept_changed)
-    if not notes and check_of(document) != manifest.check:
+    if not notes and compute_check(document) != manifest.check:
         notes = (f"The edits gave another result than when they were saved (by version {manifest.program})",)
     return OpenedProject(document, view, notes)
 

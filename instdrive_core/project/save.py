@@ -17,7 +17,7 @@ from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import DataError
 from instdrive_core.files.archive import MAX_MEMBERS, add_member
 from instdrive_core.files.atomic import open_atomically
-from instdrive_core.project.document_check import DocumentCheck, check_of
+from instdrive_core.project.document_check import DocumentCheck, compute_check
 from instdrive_core.project.manifest import Manifest, find_program_version, manifest_to_json
 from instdrive_core.project.packed_lists import Numbers, pack_lists
 from instdrive_core.project.sources import SceneSource, get_sources, record_source
@@ -56,7 +56,8 @@ def capture_project_state(document: Document, view: Mapping[str, Any] | None = N
     Raises DataError where the document does not come from a file.
     """
     history, sources = document.history, get_sources(document)
-    return ProjectState(history.edits, history.cursor, sources.base, dict(sources.inserted), check_of(document), view)
+    check, inserted = compute_check(document), dict(sources.inserted)
+    return ProjectState(history.edits, history.cursor, sources.base, inserted, check, view)
 
 
 def save_project(path: str | Path, document: Document, view: Mapping[str, Any] | None = None) -> None:

@@ -66,7 +66,7 @@ def test_an_actors_file_and_its_poses_give_the_scene_again(document, tmp_path, s
         track, origin, splats = read_poses(path.with_name(path.name.replace(suffix, ".poses.json")))
         assert splats == path
         np.testing.assert_array_equal(origin, document.scene.origin)
-        pose, means = track.pose_at(time), open_scene(splats).gaussians.means
+        pose, means = track.interpolate_pose(time), open_scene(splats).gaussians.means
         expected = whole.gaussians.means[whole.instance_ids == number]
         np.testing.assert_allclose(means @ pose[:3, :3].T + pose[:3, 3], expected, atol=5e-4)
 

@@ -49,7 +49,7 @@ def check_number(value: float, what: str) -> float:
     return float(value)
 
 
-def check_numbers(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
+def check_number_list(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
     """The values as floats. Raises EditError unless they are `length` finite numbers."""
     if isinstance(values, str) or len(values) != length or not all(is_number(value) for value in values):
         raise EditError(f"{what} {values!r} is not {length} finite numbers")
@@ -58,5 +58,5 @@ def check_numbers(values: Sequence[float], what: str, length: int) -> tuple[floa
 
 def check_vector(values: Sequence[float], what: str) -> Vector:
     """Three floats. Raises EditError unless they are finite numbers."""
-    x, y, z = check_numbers(values, what, 3)
+    x, y, z = check_number_list(values, what, 3)
     return x, y, z

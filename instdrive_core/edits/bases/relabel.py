@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_main_nodes
+from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_main_nodes_of_parts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
 from instdrive_core.instances.table import Instance, make_default_name
@@ -81,7 +81,7 @@ def recount_instances(document: Document, ids: Iterable[int]) -> None:
         del table.instances[known[place]]
     left = parts.drop_empty()
     known = [instance_id for instance_id in known if instance_id in table]
-    nodes = find_main_nodes(document, left)
+    nodes = find_main_nodes_of_parts(document, left)
     counted = left
     if document.scene.actors:
         counted = left.filter(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))

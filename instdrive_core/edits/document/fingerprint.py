@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -48,7 +47,7 @@ def fingerprint(document: Document, parts: Collection[Part] = tuple(Part)) -> by
     return digest.digest()
 
 
-def _list_values(document: Document, part: Part) -> Iterator[Any]:
+def _list_values(document: Document, part: Part) -> Iterator[object]:
     scene, flags = document.scene, document.state.flags
     match part:
         case Part.SPLATS:
@@ -72,7 +71,7 @@ def _list_values(document: Document, part: Part) -> Iterator[Any]:
             yield from (scene.views, scene.exposures, scene.sky, scene.origin, document.orientation)
 
 
-def _feed(digest: hashlib.blake2b, value: Any) -> None:
+def _feed(digest: hashlib.blake2b, value: object) -> None:
     """Add arrays with their type and shape, and whatever holds arrays; anything else as it prints."""
     if isinstance(value, ndarray):
         digest.update(f"{value.dtype.str} {value.shape}".encode())

@@ -23,7 +23,7 @@ def freeze_document(document: Document) -> Document:
     scene.extra = dict(document.scene.extra)
     frozen = Document(scene)
     for flag in Flag:
-        frozen.state.change(document.state.rows_with(flag), flag, True)
+        frozen.state.change(document.state.find_rows(flag), flag, True)
     frozen.transforms = deepcopy(document.transforms)
     frozen.replace_surroundings(scene.views, scene.sky, document.orientation)
     return frozen

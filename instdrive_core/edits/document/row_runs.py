@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Int, Int64
@@ -31,7 +31,7 @@ class RowRuns:
         return cls(ordered[first], np.diff(first, append=len(ordered)))
 
     @classmethod
-    def from_json(cls, pairs: Any) -> RowRuns:
+    def from_json(cls, pairs: Sequence[object]) -> RowRuns:
         """The inverse of `to_json`. Raises EditError where `pairs` is something else."""
         whole = [
             pair
@@ -83,7 +83,7 @@ def expand_runs(runs: RowRuns, count: int) -> Int64[ndarray, " m"]:
     return runs.rows
 
 
-def make_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) -> RowRuns:
+def make_runs(rows: RowRuns | Int[ndarray, " m"] | Sequence[object]) -> RowRuns:
     """Rows given in any of the ways that edits take them: runs, their JSON, or an array of row numbers.
 
     Raises EditError where they are something else.

@@ -92,7 +92,7 @@ def _hides(occluder: Occluder, view: CameraView, points: Float64[ndarray, "n 3"]
     if occluder.track is not None:
         if not occluder.track.covers(view.time):
             return np.zeros(len(points), bool)
-        pose = occluder.track.pose_at(view.time)
+        pose = occluder.track.interpolate_pose(view.time)
         points, eye = (points - pose[:3, 3]) @ pose[:3, :3], (eye - pose[:3, 3]) @ pose[:3, :3]
     points, eye = np.ascontiguousarray(points), np.ascontiguousarray(eye)
     return _segments_meet(occluder.planes, occluder.center, occluder.radius, eye, points)

@@ -80,7 +80,7 @@ def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None
 
     `residue` are rows that are left of what was deleted: they neither cover the ground nor stand on it.
     """
-    grid = build_grid(found)
+    grid = build_ground_grid(found)
     if grid is None:
         return None
     ground = build_ground_map(grid, found.around.exclude(residue))
@@ -113,7 +113,7 @@ def _close_gaps(
     return whole | (islands & ~keep_large_parts(islands, size, MAX_ISLAND) & ~obstructed)
 
 
-def build_grid(found: Surroundings) -> GroundGrid | None:
+def build_ground_grid(found: Surroundings) -> GroundGrid | None:
     """Cells along the lane, on the plane of the ground; None where there are too few splats for one."""
     near = found.around
     offsets = near.means - found.place.astype(np.float32)
@@ -176,7 +176,7 @@ def _find_footprints(
     for each in deleted:
         if each.track is not None:
             times = each.track.times
-            path = np.stack([each.track.pose_at(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
+            path = np.stack([each.track.interpolate_pose(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
             gaps = np.linalg.norm(places[:, None] - path[None], axis=-1).min(axis=1)
             reached = reached | (gaps <= MAX_AWAY).reshape(grid.shape)
     return under, reached

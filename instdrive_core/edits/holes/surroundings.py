@@ -148,4 +148,4 @@ def _alive(document: Document, instance_id: int) -> Int64[ndarray, " m"]:
 
 
 def _middle(standing: StandingObject, time: float) -> Float64[ndarray, "3"]:
-    return standing.body.center if standing.track is None else standing.track.pose_at(time)[:3, 3]
+    return standing.body.center if standing.track is None else standing.track.interpolate_pose(time)[:3, 3]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from jaxtyping import Int
 from numpy import ndarray
@@ -54,7 +54,7 @@ class DeleteSelected(FlagEdit):
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the selected rows."""
-        rows = document.state.rows_with(Flag.SELECTED)
+        rows = document.state.find_rows(Flag.SELECTED)
         if not len(rows):
             raise EditError("nothing is selected; select what to delete first")
         return _plan_deletion(rows)
@@ -65,7 +65,7 @@ class DeleteRows(FlagEdit):
     """Delete any splats, e.g. those that the linter objects to; locked ones are spared."""
 
     kind: ClassVar[str] = "delete_rows"
-    rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
+    rows: RowRuns | Int[ndarray, " m"] | Sequence[object]
     """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
 
     def __post_init__(self) -> None:
@@ -76,7 +76,7 @@ class DeleteRows(FlagEdit):
         """``Delete 12 splats``."""
         return f"Delete {format_count(len(make_runs(self.rows)), 'splat')}"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The rows as runs."""
         return {"kind": self.kind, "rows": make_runs(self.rows).to_json()}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from instdrive_core.edits.bases.flags import FlagChange
 from instdrive_core.edits.bases.parameters import (
     Vector,
     check_number,
-    check_numbers,
+    check_number_list,
     check_switch,
     check_vector,
     is_whole,
@@ -45,7 +45,7 @@ class FillHole(AppendEdit):
     """
 
     kind: ClassVar[str] = "fill_hole"
-    cells: tuple[Any, ...]
+    cells: tuple[object, ...]
     """Pairs: places of the cells along and across the lane."""
     corner: tuple[float, float]
     """World x and y (metres) of the outer corner of cell (0, 0)."""
@@ -68,7 +68,7 @@ class FillHole(AppendEdit):
 
     def __post_init__(self) -> None:
         self.cells = _check_cells(self.cells)
-        (x, y), (ax, ay) = check_numbers(self.corner, "corner", 2), check_numbers(self.along, "along", 2)
+        (x, y), (ax, ay) = check_number_list(self.corner, "corner", 2), check_number_list(self.along, "along", 2)
         if not 0.99 < np.hypot(ax, ay) < 1.01:
             raise EditError(f"along {self.along!r} is no unit vector")
         self.corner, self.along = (x, y), (ax, ay)
@@ -175,7 +175,7 @@ class FillHole(AppendEdit):
         return plan_fill(near, hole, ground, known, rng)
 
 
-def _check_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:
+def _check_cells(cells: Sequence[object]) -> tuple[tuple[int, int], ...]:
     pairs = []
     for cell in cells:
         if not isinstance(cell, tuple | list):

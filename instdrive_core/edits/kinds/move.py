@@ -15,7 +15,7 @@ from instdrive_core.edits.bases.parameters import (
     Vector,
     check_ids,
     check_number,
-    check_numbers,
+    check_number_list,
     check_switch,
     check_vector,
 )
@@ -64,7 +64,7 @@ class MoveInstances(PoseEdit):
         self.ids = check_ids(self.ids)
         self.translation = check_vector(self.translation, "translation")
         self.pivot = None if self.pivot is None else check_vector(self.pivot, "pivot")
-        turn = check_numbers(self.rotation, "rotation", 4)
+        turn = check_number_list(self.rotation, "rotation", 4)
         self.rotation = (turn[0], turn[1], turn[2], turn[3])
         if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
             raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
@@ -132,7 +132,7 @@ class MoveInstances(PoseEdit):
 def move_track(track: Track, matrix: Similarity, scale: float, time: float) -> Track:
     """The track moved as a rigid path, so that where it is at `time` (seconds) goes where `matrix` = [s R | t] says."""
     rotation: Float64[ndarray, "3 3"] = matrix[:, :3] / scale
-    here = track.pose_at(time)[:3, 3]
+    here = track.interpolate_pose(time)[:3, 3]
     poses = track.world_from_box.copy()
     poses[:, :3, :3] = rotation @ poses[:, :3, :3]
     poses[:, :3, 3] = (poses[:, :3, 3] - here) @ rotation.T + matrix[:, :3] @ here + matrix[:, 3]

@@ -39,7 +39,7 @@ class ReassignSelected(RelabelEdit):
 
     def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """All selected rows to the one target."""
-        rows = document.state.rows_with(Flag.SELECTED)
+        rows = document.state.find_rows(Flag.SELECTED)
         if not len(rows):
             raise EditError("nothing is selected; select what to reassign first")
         if self.into == 0:

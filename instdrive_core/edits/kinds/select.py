@@ -138,7 +138,7 @@ class InvertSelection(FlagEdit):
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Swap the two sets."""
-        selected, others = document.state.rows_with(Flag.SELECTED), _find_free_rows(document.state)
+        selected, others = document.state.find_rows(Flag.SELECTED), _find_free_rows(document.state)
         yield FlagChange(selected, Flag.SELECTED, False)
         yield FlagChange(others, Flag.SELECTED, True)
 
@@ -157,7 +157,7 @@ class SelectNone(FlagEdit):
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear all selected rows."""
-        yield FlagChange(document.state.rows_with(Flag.SELECTED), Flag.SELECTED, False)
+        yield FlagChange(document.state.find_rows(Flag.SELECTED), Flag.SELECTED, False)
 
 
 def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:

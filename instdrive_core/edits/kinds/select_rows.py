@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from jaxtyping import Int
 from numpy import ndarray
@@ -22,7 +22,7 @@ class SelectRows(FlagEdit):
 
     kind: ClassVar[str] = "select_rows"
     selects_only: ClassVar[bool] = True
-    rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
+    rows: RowRuns | Int[ndarray, " m"] | Sequence[object]
     """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
     mode: SelectMode = "replace"
 
@@ -36,10 +36,10 @@ class SelectRows(FlagEdit):
         return f"{VERBS[self.mode]} {format_count(len(make_runs(self.rows)), 'splat')}"
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
-        """As `SelectInstances`, for the rows."""
+        """Clear the selection where it is replaced, then set or clear the rows."""
         rows = expand_runs(make_runs(self.rows), len(document.scene))
         return plan_selection_changes(document.state, rows, self.mode)
 
-    def to_json(self) -> dict[str, Any]:
-        """As every edit's, with the rows as runs."""
+    def to_json(self) -> dict[str, object]:
+        """Kind and parameters, with the rows as runs."""
         return {"kind": self.kind, "rows": make_runs(self.rows).to_json(), "mode": self.mode}

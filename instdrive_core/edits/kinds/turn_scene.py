@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64, UInt16
 from numpy import ndarray
 
-from instdrive_core.edits.bases.parameters import Vector, check_number, check_numbers, check_vector
+from instdrive_core.edits.bases.parameters import Vector, check_number, check_number_list, check_vector
 from instdrive_core.edits.bases.relabel import recount_instances, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
@@ -72,7 +72,7 @@ class TurnScene(Edit):
     _before: _Before | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        w, x, y, z = check_numbers(self.rotation, "rotation", 4)
+        w, x, y, z = check_number_list(self.rotation, "rotation", 4)
         self.rotation = (w, x, y, z)
         if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
             raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")

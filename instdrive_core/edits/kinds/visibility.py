@@ -72,7 +72,7 @@ class ShowAll(FlagEdit):
 
     def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit wherever it is set."""
-        yield FlagChange(document.state.rows_with(Flag.HIDDEN), Flag.HIDDEN, False)
+        yield FlagChange(document.state.find_rows(Flag.HIDDEN), Flag.HIDDEN, False)
 
 
 def _plan_flag_changes(state: SplatState, rows: ndarray, flag: Flag, on: bool) -> Iterator[FlagChange]:

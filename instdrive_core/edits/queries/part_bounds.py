@@ -25,7 +25,7 @@ def compute_part_bounds(document: Document, parts: RowParts) -> Float32[ndarray,
     return _compute_bounds(means, palette.indices, np.array(palette.matrices), parts.rows, parts.bounds, ranks)
 
 
-def find_main_nodes(document: Document, parts: RowParts) -> Int64[ndarray, " p"]:
+def find_main_nodes_of_parts(document: Document, parts: RowParts) -> Int64[ndarray, " p"]:
     """The node that most rows of each part, which has at least one, belong to; the lowest of equals."""
     main = np.zeros(len(parts), np.int64)
     if not document.scene.actors:

@@ -43,7 +43,7 @@ def compute_center(document: Document, ids: Sequence[int], time: float) -> Float
     centers = np.array([instance.bounds for instance in instances], np.float64).mean(axis=1)
     for place, instance in enumerate(instances):
         if instance.node:
-            centers[place] = actors[instance.node - 1].pose_at(time)[:3, 3]
+            centers[place] = actors[instance.node - 1].interpolate_pose(time)[:3, 3]
     return centers.mean(axis=0)
 
 
@@ -54,7 +54,7 @@ def compute_bottom(document: Document, ids: Sequence[int], matrix: Similarity, t
         node = document.scene.table[instance_id].node
         if node:
             track = document.scene.actors[node - 1]
-            center = matrix[:, :3] @ track.pose_at(time)[:3, 3] + matrix[:, 3]
+            center = matrix[:, :3] @ track.interpolate_pose(time)[:3, 3] + matrix[:, 3]
             feet.append(center[2] - extract_scale(matrix) * track.dimensions[2] / 2)
         else:
             rows = document.find_rows((instance_id,))
@@ -80,16 +80,16 @@ def _gather_background(
     scene = document.scene
     stored, entries = scene.gaussians.means, document.transforms.indices
 
-    def counted(rows: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+    def keep_usable(rows: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
         usable = (scene.nodes[rows] == 0) & ((document.state.flags[rows] & Flag.DELETED) == 0)
         rows = rows[usable & ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
         return rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY]
 
-    settled = document.transforms.entry_at_home(document.orientation)
+    settled = document.transforms.find_entry_at_home(document.orientation)
     near = _find_near(stored, place, reach, document.transforms.matrices[settled])
     # Of what was moved, little is of others: during a drag it is mostly the instances themselves.
-    moved = document.compute_means(counted(np.flatnonzero(entries != settled)))
-    still = document.compute_means(counted(near[entries[near] == settled]))
+    moved = document.compute_means(keep_usable(np.flatnonzero(entries != settled)))
+    still = document.compute_means(keep_usable(near[entries[near] == settled]))
     return np.concatenate([still, moved[_find_near(moved, place, reach, np.eye(3, 4))]])
 
 
@@ -114,8 +114,8 @@ def find_lane(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]
     scene = document.scene
     for instance_id in ids:
         node = scene.table[instance_id].node
-        if node and scene.actors[node - 1].path_length() >= _MIN_PATH:
-            forward = scene.actors[node - 1].pose_at(time)[:3, 1] * [1, 1, 0]
+        if node and scene.actors[node - 1].compute_path_length() >= _MIN_PATH:
+            forward = scene.actors[node - 1].interpolate_pose(time)[:3, 1] * [1, 1, 0]
             if np.linalg.norm(forward) > 1e-6:
                 return forward / np.linalg.norm(forward)
     cameras: dict[str, list[tuple[float, ndarray]]] = {}

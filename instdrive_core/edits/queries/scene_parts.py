@@ -17,7 +17,7 @@ from instdrive_core.scene.selection import Flag
 
 def find_selected_rows(document: Document) -> Int[ndarray, " k"]:
     """The selected splats that are left. Raises EditError where nothing is selected."""
-    rows = document.state.rows_with(Flag.SELECTED)
+    rows = document.state.find_rows(Flag.SELECTED)
     rows = rows[~document.state.mask(Flag.DELETED)[rows]]
     if not len(rows):
         raise EditError("nothing is selected; select what to export first")
@@ -64,5 +64,5 @@ def find_remaining_actors(document: Document) -> tuple[int, ...]:
 
 def find_selected_actors(document: Document) -> tuple[int, ...]:
     """Nodes of the actors with any selected splat, from 1."""
-    nodes = document.scene.nodes[document.state.rows_with(Flag.SELECTED)]
+    nodes = document.scene.nodes[document.state.find_rows(Flag.SELECTED)]
     return tuple(np.unique(nodes[nodes > 0]).tolist())

@@ -142,7 +142,7 @@ def test_buffers_grow_in_place_and_never_write_into_foreign_memory():
 
 def test_dirty_rows_never_reach_beyond_the_last_row():
     document = Document(random_scene())
-    readers = [part.dirty_reader() for part in (document.state, document.colors, document.transforms)]
+    readers = [part.create_dirty_reader() for part in (document.state, document.colors, document.transforms)]
     for reader in readers:
         reader.take()
     document.apply(DuplicateInstances((2,)))

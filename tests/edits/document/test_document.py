@@ -26,7 +26,7 @@ def document():
 
 
 def flagged(document, flag):
-    return set(document.state.rows_with(flag).tolist())
+    return set(document.state.find_rows(flag).tolist())
 
 
 def rows(document, *ids):

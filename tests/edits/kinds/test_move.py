@@ -120,12 +120,12 @@ def test_of_a_moving_actor_the_track_is_moved():
     document = Document(random_scene())
     before, old = everything(document), document.scene.actors[0]
     time = 0.2
-    here = old.pose_at(time)[:3, 3]
+    here = old.interpolate_pose(time)[:3, 3]
     np.testing.assert_array_equal(compute_center(document, (7,), time), here)
     document.apply(MoveInstances((7,), (0.0, 3.0, 0.0), YAW_90, time=time))
     new = document.scene.actors[0]
     turn = matrix_from_quaternion(np.array(YAW_90))
-    np.testing.assert_allclose(new.pose_at(time)[:3, 3], here + np.array([0, 3, 0]), atol=1e-9)
+    np.testing.assert_allclose(new.interpolate_pose(time)[:3, 3], here + np.array([0, 3, 0]), atol=1e-9)
     np.testing.assert_allclose(new.world_from_box[:, :3, :3], turn @ old.world_from_box[:, :3, :3], atol=1e-9)
     steps, old_steps = (np.diff(track.world_from_box[:, :3, 3], axis=0) for track in (new, old))
     np.testing.assert_allclose(steps, old_steps @ turn.T, atol=1e-9)
@@ -133,7 +133,7 @@ def test_of_a_moving_actor_the_track_is_moved():
     assert document.scene.actors[1] is Document(document.scene).scene.actors[1]
     result = freeze_at_time(bake_document(document), time).gaussians
     rows = np.flatnonzero(document.scene.nodes == 1)
-    expected = document.scene.gaussians.means[rows] @ new.pose_at(time)[:3, :3].T + new.pose_at(time)[:3, 3]
+    expected = document.scene.gaussians.means[rows] @ new.interpolate_pose(time)[:3, :3].T + new.interpolate_pose(time)[:3, 3]
     np.testing.assert_allclose(result.means[rows], expected, atol=1e-4)
     document.undo()
     assert everything(document) == before
@@ -285,9 +285,9 @@ def test_along_the_lane_follows_the_drive():
 def test_a_driving_actor_keeps_to_its_own_lane():
     document = Document(random_scene())
     time, track = 0.1, document.scene.actors[0]
-    forward = track.pose_at(time)[:3, 1]
+    forward = track.interpolate_pose(time)[:3, 1]
     document.apply(MoveInstances((7,), (2.0, 1.0, 3.0), along_lane=True, time=time))
-    shift = document.scene.actors[0].pose_at(time)[:3, 3] - track.pose_at(time)[:3, 3]
+    shift = document.scene.actors[0].interpolate_pose(time)[:3, 3] - track.interpolate_pose(time)[:3, 3]
     np.testing.assert_allclose(shift, forward * (forward @ [2, 1, 3]), atol=1e-9)
 
 

@@ -26,7 +26,7 @@ def document():
 
 
 def selected(document):
-    return document.state.rows_with(Flag.SELECTED).tolist()
+    return document.state.find_rows(Flag.SELECTED).tolist()
 
 
 def rows_of(document, *ids):

@@ -156,12 +156,12 @@ def test_a_frozen_copy_knows_how_the_scene_was_turned():
 def test_drives_are_scaled_with_the_street():
     document = Document(random_scene())
     before = {time: world_means(document, time) for time in (0.0, 0.13, 0.31)}
-    lengths = [track.path_length() for track in document.scene.actors]
+    lengths = [track.compute_path_length() for track in document.scene.actors]
     edit = TurnScene(ANY_TURN, 2.5)
     document.apply(edit)
     for time, means in before.items():
         np.testing.assert_allclose(world_means(document, time), means @ edit.linear.T, atol=1e-4)
-    assert [track.path_length() for track in document.scene.actors] == pytest.approx([2.5 * each for each in lengths])
+    assert [track.compute_path_length() for track in document.scene.actors] == pytest.approx([2.5 * each for each in lengths])
 
 
 def test_turns_add_up_and_a_turn_back_leaves_the_identity():

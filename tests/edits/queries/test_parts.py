@@ -69,7 +69,7 @@ def test_an_actor_alone_placed_by_its_track_is_the_actor_in_the_scene(document, 
     assert not alone.origin.any()
     time = 0.3
     world, rows = bake_document(document, time), document.find_rows((6 + node,))
-    pose = document.scene.actors[node - 1].pose_at(time)
+    pose = document.scene.actors[node - 1].interpolate_pose(time)
     placed = alone.gaussians.means @ pose[:3, :3].T + pose[:3, 3]
     np.testing.assert_allclose(placed, world.gaussians.means[world.instance_ids == 6 + node], atol=1e-4)
     assert alone.gaussians.sh_rest.tobytes() == document.scene.gaussians.sh_rest[rows].tobytes()
