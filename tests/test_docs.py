@@ -105,3 +105,15 @@ def test_commands_run_or_are_understood(words, here):
         assert main([name, *arguments]) == 0
     else:
         understood(name, arguments)
+
+
+def named_files(page):
+    """Paths of source files that a page names in backticks."""
+    return set(re.findall(r"`((?:[\w.]+/)*\w+\.(?:py|vert|frag|toml))`", page.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_that_a_page_names_exist(page):
+    files = ["/" + path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.*") if ".venv" not in path.parts]
+    missing = {name for name in named_files(page) if not any(path.endswith("/" + name) for path in files)}
+    assert not missing - {"NAME.py", "instdrive_core/datasets/NAME.py"}
