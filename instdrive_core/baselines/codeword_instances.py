@@ -13,7 +13,7 @@ from instdrive_core.training.instances.naming import make_display_names
 
 
 def assign_instances_by_codeword(scene: Scene) -> Scene:
-    """The same Gaussians with one instance per codeword, over all actors and the background, however far apart.
+    """Copy a scene with one instance per codeword, over all actors and the background, however far apart.
 
     IDs count from 1 in the order of the codewords. A code's class is that of most of its classified Gaussians.
     """

@@ -42,9 +42,9 @@ class GaussianGroupingConfig:
     classifier_lr: float = 5e-4
     """Adam's step for the linear layer that all pixels and Gaussians share."""
     init_std: float = 1.0
-    """Of the first encodings."""
+    """Standard deviation of the first encodings."""
     neighbor_weight: float = 2.0
-    """Of the 3D term."""
+    """Weight of the 3D term."""
     neighbor_every: int = 5
     """Steps between two 3D terms."""
     neighbor_samples: int = 1000

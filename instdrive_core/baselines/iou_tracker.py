@@ -45,7 +45,7 @@ class MaskTracks:
     """An ID for every mask of every view."""
 
     by_view: tuple[Int64[ndarray, " m"], ...]
-    """By cached view: track of each of its segments, -1 = none."""
+    """Track of each segment of each cached view, -1 = none."""
     count: int
     """K: tracks are numbered 0 … K - 1."""
 
@@ -72,12 +72,12 @@ class _Tracks:
     """Every track's latest mask in each camera."""
 
     latest: list[dict[str, tuple[int, int]]] = field(default_factory=list)
-    """By track and camera: number of the view, segment."""
+    """Number of the view and segment of each track's last mask, by camera."""
     masks: list[int] = field(default_factory=list)
     """Masks of each track so far."""
 
     def candidates(self, views: dict[int, _SeenView], since: int) -> dict[int, list[tuple[int, int]]]:
-        """By view not older than the step `since`: pairs (track, segment)."""
+        """Pairs (track, segment) to compare with, by view not older than the step `since`."""
         found: dict[int, list[tuple[int, int]]] = {}
         for track, places in enumerate(self.latest):
             for view, segment in places.values():
@@ -86,7 +86,7 @@ class _Tracks:
         return found
 
     def add(self, track: int, camera: str, view: int, segment: int) -> None:
-        """A mask of the track, or of a new one where `track` is -1."""
+        """Add a mask to the track, or to a new one where `track` is -1."""
         if track < 0:
             self.latest.append({})
             self.masks.append(0)
@@ -95,7 +95,7 @@ class _Tracks:
 
 
 def track_masks(model: SceneModel, store: ViewStore, cached: list[CachedView], config: TrackerConfig) -> MaskTracks:
-    """IDs of all masks; the same input gives the same IDs."""
+    """Track all masks; the same input gives the same IDs."""
     order = sorted(range(len(cached)), key=lambda i: (store.facts[cached[i].number].step, cached[i].number))
     tracks, views = _Tracks(), {}
     chosen: list[Int64[ndarray, " m"]] = [np.zeros(0, np.int64)] * len(cached)
@@ -138,7 +138,7 @@ def _observe_view(model: SceneModel, store: ViewStore, cached: CachedView) -> _S
 def _score_tracks(
     view: _SeenView, tracks: _Tracks, views: dict[int, _SeenView], config: TrackerConfig
 ) -> Float64[ndarray, "t m"]:
-    """The best IoU of each track's remembered masks with each mask of the view."""
+    """Compute the best IoU of each track's remembered masks with each mask of the view."""
     scores = np.zeros((len(tracks.latest), view.count))
     for number, pairs in tracks.candidates(views, view.step - config.memory).items():
         track, segment = np.array(pairs).T
@@ -148,7 +148,10 @@ def _score_tracks(
 
 
 def compute_carried_iou(one: _SeenView, other: _SeenView, min_overlap: int) -> Float64[ndarray, "m k"]:
-    """IoU of each mask of one view, carried into the other, with each mask there; 0 where the views hardly overlap."""
+    """Compute the IoU of each mask of one view, carried into another, with each mask there.
+
+    It is 0 where the views hardly overlap.
+    """
     forward, there = _count_landed(one, other)
     backward, back = _count_landed(other, one)
     known = (there >= min_overlap)[:, None] & (back >= min_overlap)[None]
@@ -158,7 +161,7 @@ def compute_carried_iou(one: _SeenView, other: _SeenView, min_overlap: int) -> F
 
 
 def _count_landed(one: _SeenView, other: _SeenView) -> tuple[Float64[ndarray, "m k"], Float64[ndarray, " m"]]:
-    """Samples of each mask that fall into each mask of the other view, and into its image at all."""
+    """Count the samples of each mask that fall into each mask of the other view, and into its image at all."""
     pixels = one.points.pixels_in(other.camera, other.world_from_node, other.present)
     inside = pixels >= 0
     segment, found = one.segment[inside], other.mask_at[pixels[inside]]
@@ -169,7 +172,7 @@ def _count_landed(one: _SeenView, other: _SeenView) -> tuple[Float64[ndarray, "m
 
 
 def _assign_tracks(scores: Float64[ndarray, "t m"], min_iou: float) -> Int64[ndarray, " m"]:
-    """The track of each mask by the best one-to-one assignment; -1 = a new one."""
+    """Assign a track to each mask, one to one, as well as possible; -1 = a new one."""
     chosen = np.full(scores.shape[1], -1, np.int64)
     tracks, masks = linear_sum_assignment(np.where(scores >= min_iou, scores, 0), maximize=True)
     good = scores[tracks, masks] >= min_iou
@@ -178,7 +181,7 @@ def _assign_tracks(scores: Float64[ndarray, "t m"], min_iou: float) -> Int64[nda
 
 
 def _renumber_tracks(chosen: list[Int64[ndarray, " m"]], masks: Int64[ndarray, " t"], min_views: int) -> MaskTracks:
-    """Tracks with enough masks as 0 … K - 1. Where a scene has none of them, all count."""
+    """Number the tracks with enough masks 0 … K - 1. Where a scene has none of them, all count."""
     kept = masks >= min_views if (masks >= min_views).any() else masks > 0
     numbers = np.where(kept, np.cumsum(kept) - 1, -1)
     return MaskTracks(tuple(numbers[track] for track in chosen), int(kept.sum()))

@@ -16,7 +16,7 @@ _CHUNK = 1 << 12
 def seed_centers(
     points: Float32[ndarray, "n d"], count: int, rng: np.random.Generator, sample: int = 20_000
 ) -> Float32[ndarray, "k d"]:
-    """k-means++ (Arthur & Vassilvitskii 2007) on a sample; fewer than `count` where there are fewer points."""
+    """Seed centres by k-means++ (Arthur & Vassilvitskii 2007) on a sample; fewer where there are fewer points."""
     chosen = points[np.sort(rng.choice(len(points), min(sample, len(points)), replace=False))].astype(np.float64)
     centers = [chosen[rng.integers(len(chosen))]]
     squared = ((chosen - centers[0]) ** 2).sum(axis=1)
@@ -32,7 +32,7 @@ def find_nearest_centers(
     starts: Int64[ndarray, " g+1"],
     groups: Int64[ndarray, " n"],
 ) -> Int64[ndarray, " n"]:
-    """The nearest (of equals the first) of the centres starts[g] … starts[g + 1] of each point's group g."""
+    """Find the nearest (of equals the first) of the centres starts[g] … starts[g + 1] of each point's group g."""
     found = np.empty(len(points), np.int64)
     _assign(np.ascontiguousarray(points), np.ascontiguousarray(centers), starts, groups, found)
     return found
@@ -41,7 +41,7 @@ def find_nearest_centers(
 def move_centers(
     points: Float32[ndarray, "n d"], owners: Int64[ndarray, " n"], centers: Float32[ndarray, "k d"]
 ) -> Float32[ndarray, "k d"]:
-    """The mean of each centre's points; a centre without any stays."""
+    """Move each centre to the mean of its points; a centre without any stays."""
     counts = np.bincount(owners, minlength=len(centers))
     columns = [np.bincount(owners, weights=column, minlength=len(centers)) for column in points.T]
     means = np.stack(columns, axis=1) / np.maximum(counts, 1)[:, None]
@@ -55,7 +55,7 @@ def run_lloyd(
     groups: Int64[ndarray, " n"],
     rounds: int,
 ) -> tuple[Int64[ndarray, " n"], Float[ndarray, "k d"]]:
-    """At most `rounds` rounds: the centre of each point, and the centres, means of their points."""
+    """Run at most `rounds` rounds; returns the centre of each point, and the centres, means of their points."""
     owners = find_nearest_centers(points, centers, starts, groups)
     for _ in range(rounds):
         centers = move_centers(points, owners, centers)

@@ -31,15 +31,15 @@ class LearnableFeatures:
         self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
 
     def restart(self, rate: float) -> None:
-        """Another stage: a new rate, moments from zero."""
+        """Begin another stage: a new rate, moments from zero."""
         self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
 
     def leaf(self, rows: Int64[Tensor, " v"]) -> Float[Tensor, "v d"]:
-        """A copy of some rows that a loss can be differentiated by."""
+        """Copy some rows so that a loss can be differentiated by them."""
         return gather_rows(self.values, rows).requires_grad_(True)
 
     def descend(self, *parts: tuple[Int64[Tensor, " v"], Float[Tensor, "v d"]]) -> None:
-        """One step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""
+        """Take one step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""
         parts = tuple((rows, leaf) for rows, leaf in parts if leaf.grad is not None)
         if not parts:
             return

@@ -1,4 +1,4 @@
-"""Which masks of different photos show the same thing: those that many photos put into one and the same mask."""
+"""Consensus of masks: masks of different photos show one thing where many photos put them into one mask."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MaskGraphConfig:
 
 @dataclass(frozen=True)
 class MaskRelations:
-    """What each photo says of each mask of any photo, its own included."""
+    """Relation of each photo to each mask of any photo, its own included."""
 
     contained: csr_array
     """(m, m) float32 of ones: the mask of the row is contained in that of the column, at most one of each photo."""
@@ -47,7 +47,7 @@ class MaskRelations:
     view_of_mask: Int[ndarray, " m"]
 
     def exclude(self, dropped: Bool[ndarray, " m"]) -> MaskRelations:
-        """As if there were no such masks: photos that put others into one of them say nothing about these."""
+        """Copy without some masks: photos that put others into one of these say nothing about them."""
         inside = cast(csr_array, self.contained[:, np.flatnonzero(dropped)]).tocoo()
         observed = self.observed.copy()
         observed[inside.coords[0], self.view_of_mask[dropped][inside.coords[1]]] = False
@@ -63,7 +63,7 @@ class MaskRelations:
 
 
 def relate_masks(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
-    """Which photos observe which masks, and which masks contain them there."""
+    """Find which photos observe which masks, and which masks contain them there."""
     masks_by_gaussian = of.members.T.tocsr()
     sizes = np.asarray(of.members.sum(axis=0)).ravel()
     seen = (masks_by_gaussian @ of.seen).toarray()
@@ -78,14 +78,14 @@ def relate_masks(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
 
 
 def find_dropped_masks(relations: MaskRelations, config: MaskGraphConfig) -> Bool[ndarray, " m"]:
-    """Masks that photos other than their own hardly confirm, and those that no Gaussian belongs to."""
+    """Find masks that photos other than their own hardly confirm, and masks that no Gaussian belongs to."""
     observers = relations.observed.sum(axis=1)
     uncontained = observers - np.asarray(relations.contained.sum(axis=1)).ravel()
     return (observers == 0) | (uncontained > config.uncontained_share * observers + _ROUNDING)
 
 
 def link_masks(relations: MaskRelations, config: MaskGraphConfig) -> Int64[ndarray, " m"]:
-    """Average linkage: the group 0 … k - 1 of each mask, in the order of their first masks.
+    """Group masks by average linkage: the group 0 … k - 1 of each, in the order of their first masks.
 
     Two groups that are merged hold a pair that reaches the limit by itself, so nothing is ever merged across the
     components of the graph of such pairs: each is linked alone, with all of its pairs.
@@ -102,7 +102,7 @@ def link_masks(relations: MaskRelations, config: MaskGraphConfig) -> Int64[ndarr
 
 
 def link_by_average(similarities: Float32[ndarray, "k k"], stop: float) -> Int64[ndarray, " k"]:
-    """Groups 0 … of things, merged as long as the mean similarity of two groups is at least `stop`."""
+    """Merge groups of things as long as the mean similarity of two groups is at least `stop`; returns groups 0 …"""
     if len(similarities) == 1:
         return np.zeros(1, np.int64)
     distances = 1 - similarities.astype(np.float64)
@@ -112,7 +112,7 @@ def link_by_average(similarities: Float32[ndarray, "k k"], stop: float) -> Int64
 
 
 def _find_components(relations: MaskRelations, stop: float) -> Int64[ndarray, " m"]:
-    """Of the graph of the pairs whose consensus reaches `stop`."""
+    """Find the components of the graph of the pairs whose consensus reaches `stop`."""
     count = len(relations.view_of_mask)
     everything = np.arange(count)
     sources, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]

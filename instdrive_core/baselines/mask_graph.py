@@ -34,8 +34,10 @@ def learn_mask_graph(
     on_note: Callable[[str], None],
     settings: MaskGraphConfig = DEFAULT,
 ) -> LearnedInstances:
-    """An `InstanceLearner`: cluster the masks, give each Gaussian the cluster of most masks that it belongs to, and
-    the others that of the nearest Gaussian of their node (0 where a node has none)."""
+    """Cluster the masks and give each Gaussian the cluster of most masks that it belongs to (an `InstanceLearner`).
+
+    Gaussians in no mask take the cluster of the nearest one of their node, 0 where a node has none.
+    """
     of = find_mask_members(model, store, config.instances.min_alpha, settings.member_share)
     if not len(of.view_of_mask):
         on_note(NO_MASKS)
@@ -49,7 +51,7 @@ def learn_mask_graph(
 
 
 def cluster_masks(of: MaskMembers, settings: MaskGraphConfig = DEFAULT) -> Int64[ndarray, " m"]:
-    """The cluster 0 … k - 1 of each mask; -1 for dropped ones."""
+    """Cluster the masks 0 … k - 1; -1 for dropped ones."""
     relations = relate_masks(of, settings)
     dropped = find_dropped_masks(relations, settings)
     clusters = np.full(len(dropped), -1, np.int64)
@@ -58,7 +60,7 @@ def cluster_masks(of: MaskMembers, settings: MaskGraphConfig = DEFAULT) -> Int64
 
 
 def vote_clusters(of: MaskMembers, clusters: Int64[ndarray, " m"]) -> Int64[ndarray, " n"]:
-    """The cluster that most masks of each Gaussian are in (ties: the lower one); -1 = in none."""
+    """Find the cluster that most masks of each Gaussian are in (ties: the lower one); -1 = in none."""
     masks = np.flatnonzero(clusters >= 0)
     shape = (len(clusters), int(clusters.max(initial=-1)) + 1)
     cluster_of_mask = csr_array((np.ones(len(masks), np.float32), (masks, clusters[masks])), shape=shape)

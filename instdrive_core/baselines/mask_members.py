@@ -1,4 +1,4 @@
-"""Which Gaussians make up each mask: those that contribute most to its pixels and to few others."""
+"""Members of each mask: the Gaussians that contribute most to its pixels and to few others."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class MaskMembers:
     def from_pixels(
         photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float
     ) -> MaskMembers:
-        """From the top contributor and the mask of each pixel.
+        """Count members from the top contributor and the mask of each pixel.
 
         Args:
             photos: Gaussians and masks, these counted from 0 in every photo; photos without pixels do not count.
@@ -67,8 +67,8 @@ class MaskMembers:
 def find_mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
     """Look at every view that has masks; pixels outside all masks or with less than `min_alpha` opacity say nothing.
 
-    The model is on the CPU; `share` as in `MaskMembers.from_pixels`. The same input gives the same bits, whatever the number
-    of threads.
+    The model is on the CPU; `share` as in `MaskMembers.from_pixels`. The same input gives the same bits,
+    whatever the number of threads.
     """
     return MaskMembers.from_pixels(_find_shown(model, store, min_alpha), len(model), share)
 
@@ -76,7 +76,7 @@ def find_mask_members(model: SceneModel, store: ViewStore, min_alpha: float, sha
 def _find_shown(
     model: SceneModel, store: ViewStore, min_alpha: float
 ) -> Iterator[tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]]:
-    """Top contributor and mask of each pixel of one view after the other."""
+    """Find the top contributor and the mask of each pixel, one view after the other."""
     for number in range(len(store)):
         store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
         view = store.get(number)
@@ -110,7 +110,7 @@ def _grid_pixels(labels: Int[ndarray, "h w"]) -> Int64[ndarray, " p"]:
 
 
 def _build_ones(pairs: Int64[ndarray, "2 k"], shape: tuple[int, int]) -> csr_array:
-    """Of distinct pairs of row and column; the columns of a row rise."""
+    """Build a matrix of ones from distinct pairs of row and column; the columns of a row rise."""
     matrix = csr_array((np.ones(pairs.shape[1], np.float32), (pairs[0], pairs[1])), shape=shape)
     matrix.sort_indices()
     return matrix

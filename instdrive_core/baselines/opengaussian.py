@@ -45,9 +45,9 @@ class OpenGaussianConfig:
     codebook_lr: float = 1e-4
     """Adam's step in the codebook stages."""
     init_std: float = 1.0
-    """Of the first features, before they are normalised."""
+    """Standard deviation of the first features, before they are normalised."""
     pull_weight: float = 0.1
-    """Of the intra-mask term."""
+    """Weight of the intra-mask term."""
     repulsion_offset: float = 1.0
     """ε of the inter-mask term 1 / (distance² + ε)."""
     coarse_clusters: int = 64
@@ -55,7 +55,7 @@ class OpenGaussianConfig:
     fine_clusters: int = 10
     """k2, on features within each coarse cluster."""
     position_weight: float = 1.0
-    """Of positions, scaled to [0, 1] over the scene, beside features in [0, 1]."""
+    """Weight of positions, scaled to [0, 1] over the scene, beside features in [0, 1]."""
     assign_every: int = 100
     """Steps between two assignments of Gaussians to clusters."""
     first_rounds: int = 20
@@ -104,7 +104,7 @@ def learn_opengaussian(
 
 
 def map_features(features: Float[Tensor, "n d"]) -> Float[Tensor, "n d"]:
-    """L2-normalised and moved from [-1, 1] to [0, 1]: what is rendered and clustered."""
+    """Normalise features (L2) and move them from [-1, 1] to [0, 1]: these are rendered and clustered."""
     return normalize(features, dim=1) * 0.5 + 0.5
 
 
@@ -149,14 +149,14 @@ class _Codebook:
         """Code of each Gaussian."""
 
     def cluster_coarsely(self, features: Float32[ndarray, "n d"]) -> None:
-        """The first level."""
+        """Make the first level: clusters in feature and space."""
         points = self._points(features)
         self.centers = seed_centers(points, self._settings.coarse_clusters, self._rng)
         self._starts = np.array([0, len(self.centers)], np.int64)
         self._cluster(points, self._settings.first_rounds)
 
     def cluster_finely(self, features: Float32[ndarray, "n d"]) -> None:
-        """The second level: positions count no more, and no Gaussian leaves its coarse cluster."""
+        """Make the second level: positions count no more, and no Gaussian leaves its coarse cluster."""
         self._groups, self._positions = np.unique(self.owners, return_inverse=True)[1], self._positions[:, :0]
         order = np.argsort(self._groups, kind="stable")
         members = np.split(order, np.cumsum(np.bincount(self._groups))[:-1])
@@ -166,11 +166,11 @@ class _Codebook:
         self._cluster(features, self._settings.first_rounds)
 
     def follow(self, features: Float32[ndarray, "n d"]) -> None:
-        """One round of k-means after the features have moved."""
+        """Follow the features by one round of k-means after they have moved."""
         self._cluster(self._points(features), 1)
 
     def look_up_codes(self, rows: Int64[ndarray, " v"]) -> Float32[ndarray, "v d"]:
-        """The feature part of each row's centre."""
+        """Look up the feature part of each row's centre."""
         return self.centers[self.owners[rows], : self._settings.feature_dim]
 
     def _points(self, features: Float32[ndarray, "n d"]) -> Float32[ndarray, "n c"]:
@@ -181,7 +181,7 @@ class _Codebook:
 
 
 def _scale_positions(model: SceneModel) -> Float32[ndarray, "n 3"]:
-    """World positions over the size of the scene: actors where they are in the middle of their time.
+    """Scale world positions by the size of the scene; actors stand where they are in the middle of their time.
 
     The size is the longest side of the box that holds the middle 96 % along each axis; what lies outside is put on
     its border, so that a few far Gaussians do not shrink everything else to a point.

@@ -23,7 +23,7 @@ from instdrive_core.scene.transforms import TransformPalette
 
 @dataclass(frozen=True)
 class RowFrames:
-    """The way of a row into the world: through its entry of the transform palette, then its node's pose."""
+    """Transforms of a row into the world: its entry of the transform palette, then its node's pose."""
 
     entries: Float64[ndarray, "p 3 4"]
     """[s R | t] of every palette entry."""
@@ -32,7 +32,7 @@ class RowFrames:
 
     @classmethod
     def copy_from(cls, transforms: TransformPalette, poses: Float64[ndarray, "m 4 4"]) -> RowFrames:
-        """Copies, so that later edits do not change them."""
+        """Copy the transforms, so that later edits do not change them."""
         return cls(transforms.matrices.copy(), np.ascontiguousarray(poses[:, :3]))
 
 
@@ -85,7 +85,7 @@ def compute_world_shapes(
     frames: RowFrames,
     rows: Int[ndarray, " k"],
 ) -> tuple[Float32[ndarray, "k 4"], Float32[ndarray, "k 3"]]:
-    """Quaternions in the world and log scales (of metres) of some rows, moves included."""
+    """Compute quaternions in the world and log scales (of metres) of some rows, moves included."""
     quats, log_scales = gaussians.quats[rows], gaussians.log_scales[rows]
     pairs = (entry_of_row[rows].astype(np.int64) << 16) | node_of_row[rows]
     moved = np.flatnonzero(pairs)
@@ -104,7 +104,7 @@ def compute_world_shapes(
 
 
 def _input(array: ndarray) -> ndarray:
-    """In the one layout that the kernels are compiled for; a view wherever rows are stored as they should be."""
+    """Bring an array into the layout that the kernels are compiled for; a view where it has it already."""
     return create_read_only_view(np.ascontiguousarray(array))
 
 

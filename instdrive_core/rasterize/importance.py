@@ -29,7 +29,7 @@ def select_most_important(
     settings: RasterSettings,
     workspace: Workspace,
 ) -> Float32[ndarray, " n"]:
-    """Opacities with 0 for all but about the `budget` most important splats that lie in the view.
+    """Select about the `budget` most important splats in the view: returns opacities, 0 for all others.
 
     Importance is opacity times area in the picture; splats whose importance is equal to an eighth of a power of two
     are taken or left together, and none is left where all fit.
@@ -39,7 +39,7 @@ def select_most_important(
         budget: how many splats are wanted.
     """
     count = len(means)
-    keys, kept = workspace.array("importance", (count,), np.uint8), workspace.array("important", (count,))
+    keys, kept = workspace.get_array("importance", (count,), np.uint8), workspace.get_array("important", (count,))
     histograms = np.zeros((-(-count // _CHUNK), _KEYS), np.int64)
     view = camera_to_row(camera)
     _rank((means, areas, opacities), view, settings.to_row(), keys, histograms)

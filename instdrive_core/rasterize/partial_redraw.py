@@ -1,4 +1,4 @@
-"""What a rendered view looks like when some Gaussians vanish, at the cost of the tiles they touched.
+"""Redraw a rendered view without some of its Gaussians, at the cost of the tiles that they touched.
 
 The others project to where they were, so only lists of tiles that held a vanished one get shorter.
 """
@@ -23,7 +23,7 @@ class RedrawnWindow:
     window: tuple[slice, slice]
     """Rows and columns of the image. Outside everything is as before, to the bit."""
     image: Float32[ndarray, "wh ww c"]
-    """What the window shows now."""
+    """Image inside the window."""
     alpha: Float32[ndarray, "wh ww"]
 
 

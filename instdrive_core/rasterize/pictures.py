@@ -1,4 +1,4 @@
-"""What a camera sees of a scene, as pixels to look at."""
+"""Pictures of a preview to look at: colour, instances, codewords or depth."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RAMP = np.array(
 
 
 def colorize_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 3"]:
-    """The pixels of one mode; IDs in exact colours, depth as a ramp over the logarithm of what is there."""
+    """Draw the pixels of one mode; IDs in exact colours, depth as a ramp over the logarithm of the depths present."""
     match mode:
         case "color":
             return np.round(np.clip(shown.color, 0, 1) * 255).astype(np.uint8)
@@ -37,7 +37,7 @@ def colorize_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray,
 
 
 def colorize_depth(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    """Near is violet, far is red, nothing is black; the ramp spans 1 % to 99 % of the depths that are there."""
+    """Draw depth in colours: near violet, far red, nothing black; the ramp spans 1 % to 99 % of the depths present."""
     colors = np.zeros((*depth.shape, 3), np.uint8)
     if there.any():
         logs = np.log(np.maximum(depth[there], 1e-6))

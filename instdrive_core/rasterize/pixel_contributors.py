@@ -1,4 +1,4 @@
-"""All that contributes to one pixel, without drawing the frame: what clicks and hovering read."""
+"""Fragments of one pixel, without drawing the frame: clicks and hovering read them."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class Contributors:
     alphas: Float32[ndarray, " k"]
     """α′."""
     weights: Float32[ndarray, " k"]
-    """Of the pixel's colour; 0 where what is in front lets no light through."""
+    """Weights in the pixel's colour; 0 where what is in front lets no light through."""
     depths: Float32[ndarray, " k"]
     """z in metres."""
     opacities: Float32[ndarray, " k"]
-    """Of the splats, as drawn."""
+    """Opacities of the splats, as drawn."""
 
     @property
     def blended(self) -> Contributors:
-        """Those that the pixel's colour is made of."""
+        """Fragments that the pixel's colour is made of."""
         seen = np.flatnonzero(self.weights)
         return Contributors(
             self.rows[seen], self.alphas[seen], self.weights[seen], self.depths[seen], self.opacities[seen]
@@ -53,7 +53,7 @@ def find_pixel_contributors(
     y: int,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Contributors:
-    """What `render` blends at pixel (column x, row y).
+    """Find what `render` blends at pixel (column x, row y).
 
     Raises:
         ValueError: the pixel is outside the image.
@@ -74,8 +74,7 @@ def find_fragments_among(
     y: int,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Contributors:
-    """All that reaches pixel (column x, row y), given only the rows `near` it and their splats; what is hidden behind
-    solid things, too."""
+    """Find all that reaches pixel (column x, row y), hidden or not, given only the rows `near` it and their splats."""
     means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
     projection = project(means, quats, log_scales, opacities, camera, settings)
     left, top = x // TILE * TILE, y // TILE * TILE
@@ -96,7 +95,7 @@ def find_fragments_among(
 
 
 def pick_winner(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) -> int:
-    """The row that this pixel stands for, as `preview` finds it; -1 for none."""
+    """Pick the row that the pixel stands for, by the rule of `render_preview`; -1 for none."""
     total = contributors.weights.sum()
     solid = (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
     if solid.any():
@@ -118,7 +117,7 @@ def find_rows_near_pixel(
     y: int,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Int64[ndarray, " k"]:
-    """Rows, rising, whose splat may reach pixel (column x, row y): a bound far cheaper than the projection.
+    """Find the rows, rising, whose splat may reach pixel (column x, row y): a bound far cheaper than the projection.
 
     `log_sizes` are log scales, or only the largest of each row. Raises ValueError where the pixel is outside the image.
     """

@@ -22,7 +22,7 @@ __all__ = ["Raster", "RasterContext", "RasterGradients", "RasterSettings", "rend
 
 @dataclass(frozen=True)
 class RasterContext:
-    """What the backward pass needs. It refers to the arrays rendered: do not change them before `render_backward`."""
+    """State for the backward pass. It refers to the arrays rendered: do not change them before `render_backward`."""
 
     means: Float32[ndarray, "n 3"]
     quats: Float32[ndarray, "n 4"]
@@ -37,7 +37,7 @@ class RasterContext:
 
 @dataclass(frozen=True)
 class Raster:
-    """What a camera sees, with nothing behind the Gaussians: neither image nor depth is divided by alpha."""
+    """A camera's picture, with nothing behind the Gaussians: neither image nor depth is divided by alpha."""
 
     image: Float32[ndarray, "h w c"]
     """Σ w·channels."""
@@ -89,7 +89,7 @@ def render_backward(
     grad_alpha: Float[ndarray, "h w"],
     geometry_channels: int,
 ) -> RasterGradients:
-    """Gradients of a loss, given its gradients with respect to image, depth and alpha of `render`.
+    """Compute gradients of a loss, given its gradients with respect to image, depth and alpha of `render`.
 
     Depth, alpha and the first `geometry_channels` channels send gradient into means, quaternions, scales and
     opacities; every channel gets its own gradient. The same input gives the same bits.

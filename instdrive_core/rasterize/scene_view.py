@@ -32,7 +32,7 @@ def view_scene(
         settings: those that the scene was trained for by default.
     """
     gaussians = scene.gaussians
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
     opacities = gaussians.opacities
@@ -46,7 +46,7 @@ def view_scene(
 
 
 def build_instance_map(scene: Scene, frame: Preview) -> UInt32[ndarray, "h w"]:
-    """The instance that each pixel stands for, 0 for none."""
+    """Find the instance that each pixel stands for, 0 for none."""
     if not len(scene):
         return np.zeros(frame.winner.shape, np.uint32)
     return np.where(frame.winner >= 0, scene.instance_ids[frame.winner], 0).astype(np.uint32)

@@ -1,4 +1,4 @@
-"""Where a trainer comes from: a clip's first Gaussians, a scene trained before, or a checkpoint."""
+"""Three ways to a trainer: from a clip, from a scene trained before, from a checkpoint."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from instdrive_core.training.views.view_store import ViewStore
 
 
 def build_trainer_from_clip(config: TrainConfig, clip: Clip, store: ViewStore, backend: Backend) -> Trainer:
-    """First Gaussians from LiDAR and photos."""
+    """Build a trainer whose first Gaussians come from the clip's LiDAR and photos."""
     start = build_initial_scene(
         clip, store, config.init, config.geometry.sh_degree, config.seed, moving_actors=config.init.moving_actors
     )
@@ -42,7 +42,9 @@ def build_trainer_from_clip(config: TrainConfig, clip: Clip, store: ViewStore, b
 def build_trainer_from_scene(
     config: TrainConfig, clip: Clip, store: ViewStore, path: Path, backend: Backend
 ) -> Trainer:
-    """Gaussians, actors and sky of a scene file or run; a plain .ply is taken to be in the clip's world coordinates.
+    """Build a trainer from the Gaussians, actors and sky of a scene file or run.
+
+    A plain .ply is taken to be in the clip's world coordinates.
 
     Raises DataError where the scene cannot be opened or no camera of the clip sees it.
     """
@@ -66,7 +68,7 @@ def build_trainer_from_scene(
 def resume_trainer(
     config: TrainConfig, store: ViewStore, path: Path, checkpoint: Checkpoint, backend: Backend
 ) -> Trainer:
-    """Exactly where the checkpoint at `path` was saved.
+    """Build a trainer that goes on exactly where the checkpoint at `path` was saved.
 
     Raises OptionError where the run was started with other options, DataError where the clip is another one.
     """
@@ -85,14 +87,14 @@ def resume_trainer(
 
 
 def add_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) -> Gaussians:
-    """The same Gaussians with random features of the configured dimension."""
+    """Copy the Gaussians with random features (N, d) in place of their own; d is `config.feature_dim`."""
     shape = (len(gaussians), config.feature_dim)
     features = make_generator(seed, Stream.FIRST_FEATURES).normal(0, config.init_std, shape)
     return replace(gaussians, features=features.astype(np.float32))
 
 
 def move_to_origin(scene: Scene, origin: Float32[ndarray, "3"]) -> Gaussians:
-    """The scene's Gaussians relative to another origin; actors' Gaussians live in their boxes and stay."""
+    """Copy the scene's Gaussians, moved to another origin; actors' Gaussians live in their boxes and stay."""
     gaussians = scene.gaussians.copy()
     shift = (scene.origin - origin).astype(np.float32)
     gaussians.means[scene.nodes == 0] += shift
@@ -110,5 +112,5 @@ def is_any_visible(means: Float32[ndarray, "n 3"], store: ViewStore) -> bool:
 
 
 def make_uniform_sky(color: Float32[ndarray, "3"], resolution: int) -> Float32[ndarray, "6 r r 3"]:
-    """A cube map of one colour."""
+    """Make a cube map of one colour."""
     return np.broadcast_to(color, (6, resolution, resolution, 3)).astype(np.float32)

@@ -32,7 +32,7 @@ _NODES = "nodes"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Everything that a resumed run needs beside the clip itself."""
+    """State of a run: all that a resumed run needs beside the clip itself."""
 
     config: TrainConfig
     stage: Stage
@@ -40,7 +40,7 @@ class Checkpoint:
     seconds: float
     scene_radius: float
     tracks: tuple[Track, ...]
-    """As the actors' corrections refer to them."""
+    """Tracks that the actors' corrections refer to."""
     photo_keys: tuple[str, ...]
     """Keys of the training photos, in the order of their exposures."""
     nodes: UInt16[ndarray, " n"]

@@ -1,4 +1,4 @@
-"""Whether a clip's photos can be trained in the memory that there is, before any is read."""
+"""Check, before any photo is read, that a clip can be trained in the memory that there is."""
 
 from __future__ import annotations
 
@@ -15,21 +15,27 @@ from instdrive_core.errors import OptionError, format_gigabytes
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
 PROGRAM_BYTES = 0.5e9
-"""Of a training process with few Gaussians and small photos; measured: 0.44 GB."""
+"""Memory of a training process with few Gaussians and small photos; measured: 0.44 GB."""
 STEP_BYTES = 242
-"""Per pixel of the photo in a step; measured from 480×270 to 3840×2160."""
+"""Bytes per pixel of the photo in a step; measured from 480×270 to 3840×2160."""
 KEPT_BYTES = 6
-"""Per pixel of each photo kept with its masks; all of them are kept within a budget."""
+"""Bytes per pixel of each photo kept with its masks; all of them are kept within a budget."""
 
 
 def estimate_training_bytes(sizes: list[tuple[int, int]]) -> float:
-    """What photos of these widths and heights need at least; Gaussians, some 2 kB each, come on top."""
+    """Estimate the bytes that photos of these widths and heights need at least.
+
+    Gaussians, some 2 kB each, come on top.
+    """
     pixels = [width * height for width, height in sizes]
     return PROGRAM_BYTES + STEP_BYTES * max(pixels, default=0) + min(DEFAULT_BUDGET, KEPT_BYTES * sum(pixels))
 
 
 def check_training_memory(clip: Clip) -> None:
-    """Raises OptionError where memory is too small for the clip's photos, with a scale or cameras that would do."""
+    """Check that memory suffices for the clip's photos.
+
+    Raises OptionError where it does not, with a scale or cameras that would do.
+    """
     frames = clip.training_frames
     needed, available = estimate_training_bytes(_sizes(frames)), measure_available_memory()
     if needed <= available:
@@ -47,7 +53,7 @@ def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, in
 
 
 def _suggest_scale(frames: tuple[Frame, ...], available: float) -> str:
-    """The largest scale, in hundredths of the photos on disk, that fits."""
+    """Suggest the largest scale, in hundredths of the photos on disk, that fits."""
     now = frames[0].view.camera.width / read_photo_size(Path(frames[0].view.photo))[0]
     for hundredths in range(math.floor(100 * now), 0, -1):
         if estimate_training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
@@ -56,7 +62,7 @@ def _suggest_scale(frames: tuple[Frame, ...], available: float) -> str:
 
 
 def _suggest_cameras(clip: Clip, available: float) -> str:
-    """The first cameras that fit, as many as do."""
+    """Suggest the first cameras that fit, as many as do."""
     for count in range(len(clip.camera_names) - 1, 0, -1):
         names = clip.camera_names[:count]
         chosen = tuple(frame for frame in clip.training_frames if frame.view.name in names)
@@ -66,7 +72,7 @@ def _suggest_cameras(clip: Clip, available: float) -> str:
 
 
 def measure_peak_memory() -> int:
-    """Bytes that this process held at most so far."""
+    """Measure the most memory that this process has held so far, in bytes."""
     if sys.platform == "win32":
         return psutil.Process().memory_info().peak_wset
     import resource

@@ -44,7 +44,7 @@ CHECKPOINT, CONFIG, FACTS, LOG = "checkpoint.safetensors", "config.json", "run.j
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What to train, from what, into which folder."""
+    """Request to train: the clip, the options, the output folder."""
 
     clip: Path
     out: Path
@@ -62,7 +62,7 @@ class RunRequest:
 
 @dataclass(frozen=True)
 class _Notes:
-    """What a run has told its user, passed on at once and kept for `run.json`."""
+    """Notes of a run to its user, passed on at once and kept for `run.json`."""
 
     on_note: Callable[[str], None]
     told: list[str] = field(default_factory=list)

@@ -232,7 +232,7 @@ class Trainer:
         return None
 
     def continue_on_cpu(self) -> None:
-        """The instance stage is sparse products on frozen geometry, which take no GPU."""
+        """Move everything to the CPU: the instance stage is sparse products on frozen geometry, which take no GPU."""
         if self.backend.device.type != "cpu":
             state = {name: value.cpu() for name, value in self.optimizers.state_tensors().items()}
             self.backend = CpuBackend()
@@ -241,7 +241,8 @@ class Trainer:
             self.optimizers.load_state_tensors(state)
 
     def _check_parameters(self) -> None:
-        """What is not finite is not drawn either, so that no loss would tell; no checkpoint may hold it."""
+        """Check that all parameters are finite: others are not drawn, so no loss would show them, and no checkpoint may
+        hold them."""
         for name, value in {**self.model.parameters, **self.model.shared}.items():
             if not bool(torch.isfinite(value).all()):
                 raise self._describe_divergence(f"{name} is not finite")

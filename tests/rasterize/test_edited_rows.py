@@ -38,7 +38,7 @@ def document():
 
 def arrays_of(document, ranges):
     scene, count = document.scene, len(document.scene)
-    poses, present = scene.at(TIME)
+    poses, present = scene.find_node_poses(TIME)
     frames, entries = RowFrames.copy_from(document.transforms, poses), document.transforms.indices
     means, sizes = np.full((count, 3), np.nan, np.float32), np.full((count, 1), np.nan, np.float32)
     opacities = np.full(count, np.nan, np.float32)
@@ -53,7 +53,7 @@ def arrays_of(document, ranges):
 
 def test_ranges_together_are_what_baking_gives(document):
     scene, count = document.scene, len(document.scene)
-    assert scene.at(TIME)[1].all(), "no row is left out of the baked scene"
+    assert scene.find_node_poses(TIME)[1].all(), "no row is left out of the baked scene"
     expected = bake_document(document, TIME).gaussians
     frames, means, sizes, opacities = arrays_of(document, [(0, 150), (150, count)])
     np.testing.assert_allclose(means, expected.means, atol=1e-5)

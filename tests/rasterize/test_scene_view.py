@@ -72,7 +72,7 @@ def test_the_sky_is_looked_up_along_each_pixels_ray() -> None:
     scene = street()
     scene.sky = Sky(np.random.default_rng(0).uniform(size=(6, 8, 8, 3)).astype(np.float32))
     alpha = np.random.default_rng(1).uniform(size=(37, 53)).astype(np.float32)
-    expected = scene.sky.colors(CAMERA.ray_directions()) * (1 - alpha)[..., None]
+    expected = scene.sky.sample(CAMERA.compute_ray_directions()) * (1 - alpha)[..., None]
     np.testing.assert_allclose(
         render_sky_behind(scene.sky, CAMERA, alpha), expected, atol=1e-3
     )  # nearly opaque: skipped

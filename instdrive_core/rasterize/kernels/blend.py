@@ -101,7 +101,7 @@ def blend(
 
 @numba.njit(cache=True, error_model="numpy")
 def allocate_aligned_zeros(count):
-    """float32 that begin with a cache line, so that no load of lanes crosses one."""
+    """Allocate float32 zeros that begin with a cache line, so that no load of lanes crosses one."""
     space = np.zeros(count + 16, np.float32)
     skip = -(np.int64(space.ctypes.data) >> 2) & 15
     return space[skip : skip + count]
@@ -109,7 +109,7 @@ def allocate_aligned_zeros(count):
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
 def open_tile(scratch, transmittance, x, y, width, height):
-    """Nothing blended yet; pixels outside the image, `width` and `height` from the tile's corner, are finished."""
+    """Start a tile with nothing blended; pixels outside the image, `width` × `height` from its corner, are finished."""
     for q in range(np.uint64(PIXELS)):
         column, row = q % np.uint64(TILE), q // np.uint64(TILE)
         scratch[x + q], scratch[y + q] = column, row

@@ -37,7 +37,7 @@ class BlendWeights:
     weights: Float32[ndarray, " m"]
 
     def select_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
-        """The matrix without the other pixels."""
+        """Copy the matrix without the other pixels."""
         counts = np.diff(self.indptr)
         entries = np.repeat(kept, counts)
         indptr = np.concatenate([[0], np.cumsum(counts[kept])]).astype(np.int64)
@@ -53,7 +53,7 @@ def compute_blend_weights(
     pixels: Int[ndarray, " p"],
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> BlendWeights:
-    """Which Gaussians `render` blends at the given pixels (row-major, flat), and with which weights.
+    """Compute which Gaussians `render` blends at the given pixels (row-major, flat), and with which weights.
 
     Raises:
         ValueError: a pixel is outside the image.
@@ -68,7 +68,7 @@ def compute_blend_weights(
 
 
 def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Float32[ndarray, "p d"]:
-    """W·F: the features of all Gaussians blended at each pixel."""
+    """Blend the features of all Gaussians at each pixel: W·F."""
     features = to_kernel_array(features)
     blended = np.empty((len(weights.indptr) - 1, features.shape[1]), np.float32)
     _sum_rows(weights.indptr, weights.rows, weights.weights, features, blended)
@@ -76,7 +76,7 @@ def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Flo
 
 
 def transpose_weights(weights: BlendWeights, count: int) -> BlendWeights:
-    """Wᵀ for N = `count` Gaussians; each one's entries in the order of the pixels.
+    """Transpose the weights of N = `count` Gaussians: Wᵀ, each one's entries in the order of the pixels.
 
     `apply_weights` of it turns a gradient of pixels into the features' gradient.
     """
@@ -87,7 +87,7 @@ def transpose_weights(weights: BlendWeights, count: int) -> BlendWeights:
 
 
 def compact_weights(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
-    """The rows of N = `count` Gaussians that have weights, rising, and the weights with these rows alone."""
+    """Drop the rows without weights of N = `count` Gaussians; returns the others, rising, and their weights."""
     used = np.zeros(count, np.bool_)
     used[weights.rows] = True
     rows = np.flatnonzero(used)

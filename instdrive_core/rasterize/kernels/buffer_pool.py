@@ -15,7 +15,7 @@ _spare: list[ndarray] = []
 
 @contextmanager
 def borrow_floats(count: int) -> Iterator[Float32[ndarray, " count"]]:
-    """`count` uninitialised float32, to be forgotten when the scope ends."""
+    """`count` uninitialised float32, for as long as the scope lasts."""
     try:
         buffer = _spare.pop()
     except IndexError:

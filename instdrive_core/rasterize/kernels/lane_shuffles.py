@@ -1,4 +1,4 @@
-"""From lanes that hold a block of 4 × 4 pixels to the rows of pictures."""
+"""Shuffles that turn lanes holding blocks of 4 × 4 pixels into rows of pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _constant(numbers):
 
 
 def _pick_lanes(builder, left, right, places):
-    """Lanes of `left` and, counted on, of `right`."""
+    """Pick lanes of `left` and, counted on, of `right`."""
     return builder.shuffle_vector(left, right, _constant(places))
 
 
@@ -30,7 +30,7 @@ def _join_members(context, builder, signature, members):
 
 @intrinsic
 def arrange_rows(typingctx, blocks):
-    """Four rows of sixteen pixels, of four blocks of 4 × 4 side by side."""
+    """Arrange four blocks of 4 × 4 pixels, side by side, as four rows of sixteen."""
 
     def codegen(context, builder, signature, args):
         first, second, third, fourth = (builder.extract_value(args[0], k) for k in range(_SIDE))
@@ -47,7 +47,7 @@ def arrange_rows(typingctx, blocks):
 
 @intrinsic
 def interleave_lanes(typingctx, three):
-    """Forty-eight numbers in turn from each of three lanes: red, green, blue, red, …"""
+    """Interleave three lanes to forty-eight numbers: red, green, blue, red, …"""
 
     def codegen(context, builder, signature, args):
         red, green, blue = (builder.extract_value(args[0], k) for k in range(3))
@@ -64,7 +64,7 @@ def interleave_lanes(typingctx, three):
 
 @intrinsic(prefer_literal=True)
 def take_member(typingctx, block, number):
-    """The lanes of a block with this number (a literal)."""
+    """Take the lanes of a block with this number (a literal)."""
     if not isinstance(number, types.IntegerLiteral):
         return None
     place = number.literal_value

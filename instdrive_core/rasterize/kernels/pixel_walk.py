@@ -1,4 +1,4 @@
-"""The walk over the fragments of single pixels, nearest first: what `render` blends there, without drawing the frame."""
+"""Walk over the fragments of single pixels, nearest first, as `render` blends them, without drawing the frame."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PixelLists:
     """Place of each among the pixels asked for."""
     tile_of_pixel: Int64[ndarray, " p"]
     width: int
-    """Of the image."""
+    """Width of the image in pixels."""
 
     def to_arguments(self) -> tuple[tuple[ndarray, ...], tuple[ndarray, ...], tuple[ndarray, ...], int]:
         """Arrays in the order in which kernels take them: splats, lists of tiles, pixels, and the image's width."""

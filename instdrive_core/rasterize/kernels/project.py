@@ -33,11 +33,14 @@ class Projection:
     covariances: Float32[ndarray, "v 3"]
     """2D covariance xx, xy, yy (pixel²), low-pass included."""
     places: Int32[ndarray, " n"]
-    """Where each row stands in `rows`, -1 for those culled."""
+    """Place of each row in `rows`, -1 for those culled."""
 
 
 def camera_to_row(camera: Camera) -> Float32[ndarray, " 22"]:
-    """A camera as one flat array: rotation (9), translation (3), fx, fy, cx, cy, width, height, Jacobian limits (4)."""
+    """Write a camera as one flat array.
+
+    Rotation (9), translation (3), fx, fy, cx, cy, width, height, limits of the Jacobian (4).
+    """
     matrix = camera.camera_from_world
     margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
     limits = (

@@ -49,7 +49,7 @@ class RasterGradients:
     quats: Float32[ndarray, "n 4"]
     log_scales: Float32[ndarray, "n 3"]
     opacities: Float32[ndarray, " n"]
-    """With respect to the opacity in (0, 1), not its logit."""
+    """Gradients with respect to the opacity in (0, 1), not its logit."""
     channels: Float32[ndarray, "n c"]
     means2d_abs: Float32[ndarray, " n"]
     """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over the pixels, x and y the projected mean in pixels (AbsGS, Ye et al. 2024).

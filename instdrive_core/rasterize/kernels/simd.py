@@ -73,7 +73,7 @@ def _indices(values):
 
 
 def _fill_vector(builder, scalar, width=WIDTH):
-    """A vector with the scalar in every place."""
+    """Make a vector with the scalar in every place."""
     undefined = ir.Constant(ir.VectorType(scalar.type, width), ir.Undefined)
     return builder.shuffle_vector(
         builder.insert_element(undefined, scalar, _INT32(0)), undefined, _indices([0] * width)
@@ -187,7 +187,7 @@ def magnitude(typingctx, value):
 
 @intrinsic
 def any_lane(typingctx, condition):
-    """Whether the condition holds anywhere."""
+    """Whether the condition holds in any lane."""
 
     def codegen(context, builder, signature, args):
         return builder.icmp_unsigned("!=", builder.bitcast(args[0], _INT16), _INT16(0))
@@ -197,7 +197,7 @@ def any_lane(typingctx, condition):
 
 @intrinsic
 def pack_lane_bits(typingctx, condition):
-    """Where the condition holds, as the bits of a uint16, the first lane's lowest."""
+    """Pack a condition into the bits of a uint16, the first lane's lowest."""
 
     def codegen(context, builder, signature, args):
         return builder.bitcast(args[0], _INT16)
@@ -207,13 +207,13 @@ def pack_lane_bits(typingctx, condition):
 
 @intrinsic
 def unpack_lane_bits(typingctx, bits):
-    """The condition that holds in the lanes whose bits are set in a uint16: what `pack_lane_bits` takes apart."""
+    """Unpack the bits of a uint16 into a condition: the inverse of `pack_lane_bits`."""
     return lane_mask(types.uint16), lambda context, builder, signature, args: builder.bitcast(args[0], _BITS)
 
 
 @intrinsic
 def exclude_lanes(typingctx, condition, exception):
-    """Where the condition holds and the exception does not."""
+    """Combine two conditions: the first holds and the exception does not."""
 
     def codegen(context, builder, signature, args):
         return builder.and_(args[0], builder.not_(args[1]))
@@ -223,7 +223,7 @@ def exclude_lanes(typingctx, condition, exception):
 
 @intrinsic
 def fill_lanes(typingctx, value):
-    """A float32 in every lane."""
+    """Put one float32 into every lane."""
     return lanes(types.float32), lambda context, builder, signature, args: _fill_vector(builder, args[0])
 
 
@@ -232,7 +232,7 @@ def fill_lanes(typingctx, value):
 
 @intrinsic
 def load(typingctx, array, place):
-    """Sixteen neighbours in a flat float32 array."""
+    """Load sixteen neighbours from a flat float32 array."""
 
     def codegen(context, builder, signature, args):
         return _load_vector(context, builder, signature.args[0], *args)
@@ -290,7 +290,7 @@ prefetch, prefetch_to_write = _fetching(0), _fetching(1)
 
 @intrinsic(prefer_literal=True)
 def make_zero_block(typingctx, count):
-    """A block of `count` (a literal) times zero."""
+    """Make a block of `count` (a literal) times zero."""
     if not isinstance(count, types.IntegerLiteral):
         return None
     block = LaneBlock(count.literal_value)
@@ -299,7 +299,7 @@ def make_zero_block(typingctx, count):
 
 @intrinsic
 def build_block(typingctx, *members):
-    """A block of the lanes given."""
+    """Build a block of the lanes given."""
 
     def codegen(context, builder, signature, args):
         block = ir.Constant(context.get_value_type(signature.return_type), ir.Undefined)
@@ -330,7 +330,7 @@ def load_block(typingctx, count, array, place, stride):
 
 @intrinsic
 def store_block(typingctx, array, place, stride, block):
-    """Write what `load_block` reads."""
+    """Write a block where `load_block` reads it."""
 
     def codegen(context, builder, signature, args):
         array, place, stride, block = args
@@ -422,13 +422,13 @@ def _sum_lane_pairs(builder, left, right, distance):
 
 @intrinsic
 def find_lowest_bit(typingctx, bits):
-    """Number of the lowest bit that is set in a uint64 other than 0."""
+    """Find the number of the lowest bit that is set in a uint64 other than 0."""
     return types.uint64(types.uint64), lambda context, builder, signature, args: builder.cttz(args[0], ir.IntType(1)(1))
 
 
 @intrinsic
 def find_members_with(typingctx, sets, bit):
-    """Which of the first 64 uint16 of an array have bit number `bit` set, as the bits of a uint64."""
+    """Find which of the first 64 uint16 of an array have bit number `bit` set; returns the bits of a uint64."""
 
     def codegen(context, builder, signature, args):
         kind = ir.VectorType(_INT16, 64)

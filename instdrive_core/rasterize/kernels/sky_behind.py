@@ -1,4 +1,4 @@
-"""What the sky adds behind the Gaussians: (1 - alpha) · sky(direction) per pixel, and the way back.
+"""The sky behind the Gaussians: (1 - alpha) · sky(direction) per pixel, and its gradients.
 
 The lookup is that of `scene.sky.find_cube_tap`, a row of pixels at a time, so that it vectorises; a test holds the two
 together.
@@ -23,7 +23,7 @@ _BAND = 16
 
 
 def render_sky_behind(sky: Sky | None, camera: Camera, alpha: Float32[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
-    """The sky's colour along each pixel's ray, times 1 - alpha; black without a sky."""
+    """Render the sky's colour along each pixel's ray, times 1 - alpha; black without a sky."""
     behind = np.zeros((*alpha.shape, 3), np.float32)
     return behind if sky is None else copy_over_sky(sky, camera, behind, alpha)
 
@@ -31,7 +31,7 @@ def render_sky_behind(sky: Sky | None, camera: Camera, alpha: Float32[ndarray, "
 def copy_over_sky(
     sky: Sky, camera: Camera, image: Float32[ndarray, "h w 3"], alpha: Float32[ndarray, "h w"]
 ) -> Float32[ndarray, "h w 3"]:
-    """A copy of the image with the sky behind it."""
+    """Copy an image with the sky put behind it."""
     result = np.empty(image.shape, np.float32)
     with numba.parallel_chunksize(_BAND):  # the sky fills some rows and misses others
         _over_sky(*_texels(sky), _ray_matrix(camera), to_kernel_array(alpha), to_kernel_array(image), result)
@@ -80,7 +80,7 @@ def _ray_matrix(camera: Camera) -> Float32[ndarray, "3 3"]:
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
 def _find_sky_columns(alpha):
-    """The first column that shows sky, and one past the last."""
+    """Find the first column that shows sky, and one past the last."""
     first, last = 0, len(alpha)
     while first < last and np.float32(1) - alpha[first] < _SHOWS:
         first += 1
@@ -91,7 +91,7 @@ def _find_sky_columns(alpha):
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
 def _find_taps(row, first, last, matrix, resolution, texels, shares):
-    """The first of four texels that each pixel reads, and how much of its right and lower neighbours it takes."""
+    """Find the first of four texels that each pixel reads, and its shares of the right and lower neighbours."""
     zero, half = np.float32(0), np.float32(0.5)
     side, end, start = np.float32(resolution), np.float32(resolution - 1), np.int32(max(resolution - 2, 0))
     y = np.float32(row)
@@ -123,7 +123,7 @@ def _corner_weights(across, down):
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
 def _neighbours(resolution):
-    """How far the right and the lower neighbour of a texel are."""
+    """Steps from a texel to its right and its lower neighbour."""
     if resolution > 1:
         return np.uint64(1), np.uint64(resolution)
     return np.uint64(0), np.uint64(0)

@@ -1,4 +1,4 @@
-"""What blending reads of a splat, side by side: a tile's splats lie anywhere in memory, and each miss costs a wait."""
+"""Records of splats: all that blending reads of one lies side by side, since each cache miss costs a wait."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def pack_records(
 
 
 def count_blocks(count: int) -> int:
-    """How many blocks hold `count` numbers."""
+    """Count the blocks that hold `count` numbers."""
     return -(-count // BLOCK)
 
 

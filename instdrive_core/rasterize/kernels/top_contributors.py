@@ -1,4 +1,4 @@
-"""Which Gaussian contributes most to each pixel: one number per pixel, found without walking to the end of its list."""
+"""Top contributors: the Gaussian with the largest weight in each pixel, mostly found before the end of its list."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def find_top_contributors(
     min_alpha: float,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Int64[ndarray, " p"]:
-    """The Gaussian with the largest blending weight in each of the given pixels (row-major, flat), ties to the nearer
-    one; -1 where all of them together hide less than `min_alpha`.
+    """Find the Gaussian with the largest blending weight in each of the given pixels (row-major, flat).
 
-    The weights are those of `blend_weights`.
+    Ties go to the nearer one; -1 where all of them together hide less than `min_alpha`. The weights are those of
+    `compute_blend_weights`.
 
     Raises:
         ValueError: a pixel is outside the image.

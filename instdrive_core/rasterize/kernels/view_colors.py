@@ -25,10 +25,10 @@ _HALF = np.float32(0.5)
 
 @dataclass(frozen=True)
 class HarmonicsView:
-    """Where harmonics are looked up: Gaussians, a camera, and the nodes whose frames turn them."""
+    """A view in which harmonics are evaluated: Gaussians, a camera, and the nodes whose frames turn them."""
 
     means: Float32[ndarray, "n 3"]
-    """In the world, actors placed."""
+    """Means in the world, actors placed."""
     position: Float32[ndarray, "3"]
     """The camera's."""
     nodes: UInt16[ndarray, " n"]
@@ -37,7 +37,7 @@ class HarmonicsView:
     """world_from_node; the identity for node 0."""
 
     def arguments(self) -> tuple[ndarray, ...]:
-        """As the kernels take them."""
+        """Arrays in the order in which the kernels take them."""
         return self.means, self.position, self.nodes, self.rotations
 
 
@@ -47,7 +47,7 @@ def build_harmonics_view(
     nodes: UInt16[ndarray, " n"] | None = None,
     poses: Float[ndarray, "m 4 4"] | None = None,
 ) -> HarmonicsView:
-    """See `compute_colors` for the arguments."""
+    """Build the view of Gaussians from a camera; `compute_colors` describes the arguments."""
     if nodes is None or poses is None or len(poses) < 2 or not nodes.any():
         nodes, rotations = np.zeros(0, np.uint16), np.eye(3)[None]
     else:
@@ -67,13 +67,13 @@ def compute_colors(
     nodes: UInt16[ndarray, " n"] | None = None,
     poses: Float[ndarray, "m 4 4"] | None = None,
 ) -> Float32[ndarray, "n 3"]:
-    """RGB (≥ 0) of each Gaussian along the direction from the camera to it.
+    """Compute the RGB (≥ 0) of each Gaussian along the direction from the camera to it.
 
     Args:
         means: in the world, actors placed.
         nodes: node of each row, 0 = background; with `poses`, an actor's harmonics turn with it: they are looked up
             along the direction in the actor's frame.
-        poses: world_from_node, as `Scene.at` gives them.
+        poses: world_from_node, as `Scene.find_node_poses` gives them.
     """
     return compute_colors_in_view(build_harmonics_view(means, camera_position, nodes, poses), sh_dc, sh_rest)
 
@@ -81,7 +81,7 @@ def compute_colors(
 def compute_colors_in_view(
     view: HarmonicsView, sh_dc: Float[ndarray, "n 3"], sh_rest: Float[ndarray, "n k 3"]
 ) -> Float32[ndarray, "n 3"]:
-    """`compute_colors` for a view that is used twice."""
+    """Compute colours as `compute_colors` does, for a view that is used twice."""
     colors = np.empty((len(view.means), 3), np.float32)
     _colors(view.arguments(), to_kernel_array(sh_dc), to_kernel_array(sh_rest), colors)
     return colors
@@ -90,7 +90,7 @@ def compute_colors_in_view(
 def compute_colors_backward(
     view: HarmonicsView, rest_count: int, colors: Float32[ndarray, "n 3"], grad_colors: Float[ndarray, "n 3"]
 ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n k 3"]]:
-    """Gradients with respect to `sh_dc` and `sh_rest`, given the colours and their gradient.
+    """Compute gradients with respect to `sh_dc` and `sh_rest`, given the colours and their gradient.
 
     None flows through the direction into the means: it is small beside that of the projection, and 3DGS trains
     as well without it. Channels clamped at 0 send none back.
@@ -137,7 +137,7 @@ def _fill_directions(first, last, view, directions):
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)
 def fill_basis(count, directions, basis):
-    """The basis values above the constant, a row each, for `count` directions."""
+    """Fill in the basis values above the constant, a row each, for `count` directions."""
     three, four, two = np.float32(3), np.float32(4), np.float32(2)
     for i in range(np.uint64(count)):
         x, y, z = directions[0, i], directions[1, i], directions[2, i]

@@ -78,7 +78,7 @@ _STAGED_U, _STAGED_V, _STAGED_SOLID = AT_X, AT_Y, AT_OPACITY
 _NEVER = np.float32(2)
 """No fragment has this alpha."""
 _SLACK = np.float32(1e-4)
-"""Of exponents, so that rounding never loses a block with a fragment that is drawn."""
+"""Slack of exponents, so that rounding never loses a block with a fragment that is drawn."""
 
 
 def blend_preview(
@@ -139,7 +139,7 @@ def _stage(scratch, first, packed, splats, start, stop, corner, limits, rule):
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
 def _alpha(staged, at, columns, lines, limits):
-    """Of a staged splat's fragments; 0 for those that are not drawn."""
+    """Compute α′ of a staged splat's fragments; 0 for those that are not drawn."""
     u = staged[at + _STAGED_U] + staged[at + AT_B] * lines + staged[at + AT_A] * columns
     v = staged[at + _STAGED_V] + staged[at + AT_C] * lines
     exponent = staged[at + AT_BASE] - v * v - u * u

@@ -1,4 +1,4 @@
-"""Colours of a preview's visible splats, recoloured: `view_colors` for some rows, into the lines of `ProjectedSplats`."""
+"""Colours of a preview's visible splats, recoloured, written into the lines of `ProjectedSplats`."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _Y0, _HALF = np.float32(Y0), np.float32(0.5)
 
 @dataclass(frozen=True)
 class ColorSource:
-    """What splats' colours are made of."""
+    """Harmonics of splats and their recolouring."""
 
     sh_dc: Float32[ndarray, "n 3"]
     sh_rest: Float32[ndarray, "n k 3"]
     frames: Int32[ndarray, " n"]
-    """Which of `rotations` turns a splat's harmonics; empty where none does."""
+    """Index into `rotations` of the one that turns a splat's harmonics; empty where none does."""
     rotations: Float32[ndarray, "f 3 3"]
     """world_from_frame."""
     entries: UInt16[ndarray, " n"]

@@ -1,4 +1,4 @@
-"""What the editor shows: colour, alpha, depth and the splat that a click selects, in one pass."""
+"""A preview's frame: colour, alpha, depth and the splat that a click selects, in one pass."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from instdrive_core.scene.camera import Camera
 
 @dataclass(frozen=True)
 class PickRule:
-    """Which splat a pixel stands for.
+    """Rule by which a pixel stands for one splat.
 
     The nearest splat that is solid enough wins. Where it carries too little of what the pixel shows (a floater in
     front), or where no splat is solid, the one at median visible depth wins: the first at which half of the
@@ -36,7 +36,7 @@ class PickRule:
     """Blended weight from which a pixel without solid splats stands for its median splat."""
 
     def to_row(self) -> Float32[ndarray, " 4"]:
-        """The numbers in the order above, as the kernels take them."""
+        """Write the numbers in the order above, as the kernels take them."""
         return np.array(astuple(self), np.float32)
 
 
@@ -84,7 +84,7 @@ def blend_projected(
     rule: PickRule = DEFAULT_PICK_RULE,
     behind: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Preview:
-    """Draw what `project_splats` found with the same camera and settings; its visible rows have their colours.
+    """Blend what `project_splats` found with the same camera and settings; its visible rows have their colours.
 
     `behind` is the RGB of what shows where splats let light through. Pictures lie in the workspace: they last until
     the next call with the same one. The winners are the caller's.
@@ -93,9 +93,9 @@ def blend_projected(
     tiles = bin_preview_splats(packed, camera.width, camera.height, workspace)
     shape = (camera.height, camera.width)
     result = Preview(
-        workspace.array("color", (*shape, 3)),
-        workspace.array("alpha", shape),
-        workspace.array("depth", shape),
+        workspace.get_array("color", (*shape, 3)),
+        workspace.get_array("alpha", shape),
+        workspace.get_array("depth", shape),
         np.empty(shape, np.int32),
     )
     images = (result.color, result.alpha, result.depth, result.winner)

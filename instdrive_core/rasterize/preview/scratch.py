@@ -39,20 +39,20 @@ class Scratch(NamedTuple):
     inside: UInt16[ndarray, " 16"]
     """Pixels within the image."""
     open: UInt16[ndarray, " 16"]
-    """Those that still let light through."""
+    """Pixels that still let light through."""
     bright: UInt16[ndarray, " 16"]
-    """Those that let through more than half of it."""
+    """Pixels that let through more than half of it."""
     unclaimed: UInt16[ndarray, " 16"]
-    """Those that no solid splat has claimed."""
+    """Pixels that no solid splat has claimed."""
     staged: Float32[ndarray, " slots*16"]
     """A cache line per splat."""
     blocks: UInt16[ndarray, " slots"]
-    """Which blocks each staged splat reaches, a bit per block."""
+    """Blocks that each staged splat reaches, a bit per block."""
 
 
 @numba.njit(cache=True, error_model="numpy")
 def new_scratch():
-    """Memory for tiles, one after the other."""
+    """Make memory for tiles, one after the other."""
     planes, corners = allocate_aligned_zeros(np.int64(LINE + STRIDE)), allocate_aligned_zeros(2 * np.int64(BLOCKS))
     for block in range(16):
         corners[block], corners[16 + block] = block % 4 * 4, block // 4 * 4
@@ -68,7 +68,7 @@ def new_scratch():
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
 def reset_scratch(scratch, width, height):
-    """Nothing blended yet; `width` and `height`: from the tile's corner to the image's."""
+    """Start a tile with nothing blended; `width` and `height` reach from its corner to the image's."""
     planes, none = scratch.planes, np.int32(-1)
     for q in range(np.uint64(PIXELS)):
         planes[TRANSMITTANCE + q] = np.float32(1)

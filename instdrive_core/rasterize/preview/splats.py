@@ -40,19 +40,19 @@ class ProjectedSplats:
     """Splats projected in the order of their rows, a cache line each: sorting them reads memory at random."""
 
     def __init__(self, count: int, workspace: Workspace) -> None:
-        self.lines = workspace.array("projected splats", (count, SPLAT_FLOATS))
+        self.lines = workspace.get_array("projected splats", (count, SPLAT_FLOATS))
         """Columns of `Projection.splats`, then its covariances, then room for the colour."""
-        self.depths = workspace.array("projected depths", (count,))
+        self.depths = workspace.get_array("projected depths", (count,))
         """0 for invisible ones, whose lines are undefined."""
 
     @property
     def splats(self) -> Float32[ndarray, "n 8"]:
-        """As `Projection.splats`, a view."""
+        """Splats in the columns of `Projection.splats`; a view."""
         return self.lines[:, :SPLAT_WIDTH]
 
     @property
     def covariances(self) -> Float32[ndarray, "n 3"]:
-        """As `Projection.covariances`, a view."""
+        """Covariances in the columns of `Projection.covariances`; a view."""
         return self.lines[:, int(_LINE_COVARIANCE) : int(_LINE_COLOR)]
 
     @property
@@ -80,9 +80,9 @@ def project_splats(
 
 
 def pack_splats(found: ProjectedSplats, settings: RasterSettings, workspace: Workspace) -> Float32[ndarray, "v 16"]:
-    """The visible splats nearest first, equal depths in row order."""
+    """Pack the visible splats nearest first, equal depths in row order."""
     order = sort_in_parallel(found.depths, workspace)
-    packed = workspace.array("packed splats", (len(order), SPLAT_FLOATS))
+    packed = workspace.get_array("packed splats", (len(order), SPLAT_FLOATS))
     _pack(order, found.lines, settings.to_row(), packed, packed.view(np.int32))
     return packed
 

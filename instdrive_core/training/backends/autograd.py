@@ -48,7 +48,7 @@ def evaluate_harmonics(
     nodes: UInt16[ndarray, " v"] | None = None,
     poses: Float64[ndarray, "m 4 4"] | None = None,
 ) -> Float[Tensor, "v 3"]:
-    """Differentiable `view_colors`; gradients reach `sh_dc` and `sh_rest`, not the means."""
+    """Differentiable `kernels.view_colors.compute_colors`; gradients reach `sh_dc` and `sh_rest`, not the means."""
     return _ViewColors.apply(means, sh_dc, sh_rest, camera_position, nodes, poses)
 
 

@@ -1,4 +1,4 @@
-"""What a training step needs of a device: the differentiable operations, on the CPU's own kernels or on gsplat."""
+"""Interface of a device that trains: the differentiable operations of a step, on the CPU's kernels or on gsplat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which device trains: the CPU with our own kernels, or an NVIDIA GPU with gsplat's.
+"""Choice of the device that trains: the CPU with our own kernels, or an NVIDIA GPU with gsplat's.
 
 Importing this loads neither torch nor gsplat.
 """
@@ -45,7 +45,7 @@ def choose_backend(device: Device) -> Backend:
 
 
 def explain_missing_cuda() -> str | None:
-    """What this machine lacks for training on a GPU, and how to get it; None where torch and gsplat are ready."""
+    """Say what this machine lacks for training on a GPU, and how to get it; None where torch and gsplat are ready."""
     import torch
 
     if torch.version.cuda is None:

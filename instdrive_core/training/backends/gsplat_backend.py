@@ -98,7 +98,7 @@ class _Projected:
     opacities: Float[Tensor, "1 v"]
 
     def detach(self) -> _Projected:
-        """The same, as constants."""
+        """Copy these 2D Gaussians as constants, to which no gradient flows."""
         return _Projected(*(getattr(self, name).detach() for name in self.__dataclass_fields__))
 
 
@@ -152,7 +152,7 @@ def _draw(leaves: list[Tensor], request: _Request) -> tuple[_Projected, tuple[Te
 
 
 def _draw_nothing(leaves: list[Tensor], camera: Camera) -> tuple[_Projected, tuple[Tensor, Tensor, Tensor]]:
-    """No Gaussians: black, and no kernel is started for it. The sum over nothing keeps the graph whole."""
+    """Draw no Gaussians: black, without starting a kernel. The sum over nothing keeps the graph whole."""
     channels, zero = leaves[-1], torch.stack([leaf.sum() for leaf in leaves]).sum()
     floats: Any = {"dtype": channels.dtype, "device": channels.device}
     empty = (torch.zeros(1, 0, *shape, **floats) for shape in ((2,), (2,), (), (3,), ()))

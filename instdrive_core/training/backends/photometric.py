@@ -41,7 +41,7 @@ _ABSOLUTE, _SQUARED, _DISSIMILAR = range(3)
 
 @dataclass(frozen=True)
 class _Comparison:
-    """What the gradient needs of the forward pass; rows are w·3 numbers wide."""
+    """Results of the forward pass that the gradient needs; rows are w·3 numbers wide."""
 
     total: Float32[ndarray, "h+10 w*3"]
     """Image plus target, between rows of zeros; invalid pixels count as equal to the target."""

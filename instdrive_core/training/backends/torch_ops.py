@@ -18,7 +18,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import extract_node_rotations
 
 _SHOWS = 1 / 1024
-"""Pixels that let less light through than this show no sky, as in `rasterize.sky_behind`."""
+"""Pixels that let less light through than this show no sky, as in `rasterize.kernels.sky_behind`."""
 _DRAWN = 0.05
 """Pixels with less opacity than this have no expected depth."""
 _SKY_FLOOR = 1e-4
@@ -26,7 +26,7 @@ _SKY_FLOOR = 1e-4
 
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2
-"""SSIM's window and constants, as in `training.photometric`."""
+"""SSIM's window and constants, as in `backends.photometric`."""
 
 
 def to_device(array: ndarray, device: torch.device) -> Tensor:
@@ -41,7 +41,7 @@ def place_gaussians(
     rotations: Float[Tensor, "m 3 3"],
     shifts: Float[Tensor, "m 3"],
 ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
-    """See `Backend.place_gaussians`. A rotation's quaternion is the largest of the four candidates, as in `maths.rotations`."""
+    """See `Backend.place_gaussians`. Quaternions are chosen among four candidates, as in `maths.rotations`."""
     moved = np.flatnonzero(nodes)
     if not len(moved):
         return means, quats
@@ -204,7 +204,7 @@ def photometric_loss(
 
 
 class _Photometric(torch.autograd.Function):
-    """(1 - w) L1 + w (1 - SSIM) with the closed-form gradient of `training.photometric`: nothing is kept but that."""
+    """(1 - w) L1 + w (1 - SSIM) with the closed-form gradient of `backends.photometric`: nothing is kept but that."""
 
     @staticmethod
     def forward(ctx, image: Tensor, target: Tensor, ssim_weight: float) -> Tensor:

@@ -1,4 +1,4 @@
-"""Where moving objects are at a time, with learnable corrections of their cuboid tracks."""
+"""Poses of moving objects over time, with learnable corrections of their cuboid tracks."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class NodePoses:
     present: Bool[ndarray, " m"]
     """Which nodes exist at this time."""
     matrices: Float64[ndarray, "m 4 4"]
-    """The same poses, detached."""
+    """world_from_node as arrays, without gradient."""
 
 
 @dataclass(frozen=True)
 class _Between:
-    """Where p times lie between the learned keys of a track."""
+    """Places of p times between the learned keys of tracks."""
 
     before: Int[Tensor, " p"]
     """Row in the corrections of the last key before the time, or of the first key."""
@@ -44,14 +44,14 @@ class _Between:
     """How far the time is from `before` to `after`."""
 
     def interpolate(self, values: Float[Tensor, "k 6"]) -> Float[Tensor, "p 6"]:
-        """Corrections at the times, in float64."""
+        """Interpolate the corrections of keys at the times, in float64."""
         start, end = values.index_select(0, self.before).double(), values.index_select(0, self.after).double()
         return torch.lerp(start, end, self.fraction)
 
 
 @dataclass(frozen=True)
 class _Moment:
-    """What `ActorPoses` keeps of a time; p actors are present."""
+    """Poses at one time, kept by `ActorPoses`; p actors are present."""
 
     plain: NodePoses
     nodes: Int[Tensor, " p"]
@@ -87,7 +87,7 @@ class ActorPoses:
         self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
         """Row of each track's first key; at the end K."""
         self._learned = [_find_learned_keys(track, photo_times) for track in tracks]
-        """Of each track, the keys with a correction of their own."""
+        """Keys of each track that have a correction of their own."""
         self._moments: dict[float, _Moment] = {}
 
     @property
@@ -96,11 +96,11 @@ class ActorPoses:
         return int(self._starts[-1])
 
     def initial_corrections(self) -> dict[str, Float[Tensor, "k 3"]]:
-        """No correction: zero `track_shifts` and `track_turns`."""
+        """Make corrections that change nothing: zero `track_shifts` and `track_turns`, (K, 3) each."""
         return {name: torch.zeros(self.key_count, 3) for name in ("track_shifts", "track_turns")}
 
     def at(self, time: float, corrections: Mapping[str, Float[Tensor, "k 3"]] | None = None) -> NodePoses:
-        """All nodes at `time` (seconds); without corrections the tracks as they are."""
+        """Compute the poses of all nodes at `time` (seconds); without corrections the tracks give them."""
         moment = self._moment(time)
         if corrections is None:
             return moment.plain
@@ -118,10 +118,10 @@ class ActorPoses:
         )
 
     def correct_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
-        """The tracks with corrected keys.
+        """Copy the tracks with corrected keys.
 
-        `Track.pose_at` gives the pose of `at` at key times; between them it interpolates corrected poses instead of
-        correcting interpolated ones, which differs by products of correction and motion only.
+        `Track.interpolate_pose` gives the pose of `at` at key times; between them it interpolates corrected poses
+        instead of correcting interpolated ones, which differs by products of correction and motion only.
         """
         if not self.tracks:
             return ()
@@ -143,7 +143,7 @@ class ActorPoses:
         nodes = np.flatnonzero(present[1:]) + 1
         matrices = np.tile(np.eye(4), (len(present), 1, 1))
         for node in nodes.tolist():
-            matrices[node] = self.tracks[node - 1].pose_at(time)
+            matrices[node] = self.tracks[node - 1].interpolate_pose(time)
         rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
         index = torch.from_numpy(nodes)
         return _Moment(
@@ -195,7 +195,7 @@ def _join_places(parts: list[tuple[ndarray, ndarray, ndarray]]) -> _Between:
 
 
 def _find_learned_keys(track: Track, photo_times: Sequence[float] | None) -> Int[ndarray, " l"]:
-    """Indices of the keys that are nearest to a photo taken while the track exists; all of them if there is none."""
+    """Find the keys nearest to a photo taken while the track exists; all keys where there is no such photo."""
     times = np.unique([time for time in photo_times or () if track.covers(time)])
     if not len(times):
         return np.arange(len(track.times))

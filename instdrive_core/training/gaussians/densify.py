@@ -31,7 +31,7 @@ _RECOVERY = 5
 
 @dataclass
 class GrowthStatistics:
-    """What was seen of each Gaussian since the last refinement."""
+    """Screen-space gradients of each Gaussian since the last refinement."""
 
     gradient_sums: Float[Tensor, " n"]
     """Over the views that saw it: `SeenSplats.gradients`."""
@@ -40,7 +40,7 @@ class GrowthStatistics:
 
     @staticmethod
     def empty(count: int, device: torch.device) -> GrowthStatistics:
-        """Nothing seen of `count` Gaussians."""
+        """Start the statistics of `count` Gaussians that no view has seen."""
         return GrowthStatistics(torch.zeros(count, device=device), torch.zeros(count, device=device))
 
     def __len__(self) -> int:
@@ -65,7 +65,7 @@ class GrowthStatistics:
         return GrowthStatistics.empty(len(parents), self.gradient_sums.device)
 
     def state_tensors(self) -> dict[str, Tensor]:
-        """For checkpoints, not copied."""
+        """Tensors that a checkpoint keeps, by name; not copied."""
         return dict(vars(self))
 
     def load_state_tensors(self, tensors: dict[str, Tensor]) -> None:
@@ -95,7 +95,7 @@ class DensifyResult:
 
 
 def compute_actor_radii(tracks: Sequence[Track]) -> Float64[ndarray, " k"]:
-    """What sizes on each actor are compared with, in metres: the diagonal of its box."""
+    """Compute the length (metres) that sizes on each actor are compared with: the diagonal of its box."""
     return np.array([np.linalg.norm(track.dimensions) for track in tracks], np.float64)
 
 
@@ -117,7 +117,8 @@ def densify_and_prune(
     Args:
         parameters: one row per Gaussian; children inherit whatever is not changed by a split.
         allow_scale_pruning: whether oversized Gaussians go too, which 3DGS does after the first reset.
-        radii: `compute_actor_radii` of nodes 1, 2, …: thresholds there are shares of these, where smaller than the scene's.
+        radii: `compute_actor_radii` of nodes 1, 2, …; thresholds there are shares of these where they are smaller than
+            the scene's.
     """
     device = parameters["means"].device
     lengths = np.full(int(nodes.max(initial=0)) + 1, scene_radius)
@@ -178,7 +179,7 @@ def _choose_rows(
 
 
 def _choose_largest(values: Float[Tensor, " n"], among: Bool[Tensor, " n"], count: int) -> Bool[Tensor, " n"]:
-    """Of the rows `among`, those with the `count` largest values; of equal ones the first."""
+    """Choose the rows with the `count` largest values among the given ones; of equal ones the first."""
     rows = torch.nonzero(among)[:, 0]
     if len(rows) <= count:
         return among
@@ -216,7 +217,7 @@ def is_reset_due(config: DensifyConfig, iteration: int, total: int) -> bool:
 
 
 def counts_gradients(config: DensifyConfig, iteration: int, total: int) -> bool:
-    """Whether the gradients of this step belong into the statistics.
+    """Whether the statistics count the gradients of this step.
 
     They do not once nothing grows any more, nor while opacities recover: in the dark, everything asks to grow.
     """
@@ -226,7 +227,7 @@ def counts_gradients(config: DensifyConfig, iteration: int, total: int) -> bool:
 
 
 def find_last_reset(config: DensifyConfig, iteration: int, total: int) -> int:
-    """The step of the latest reset up to `iteration`, this one included; 0 where there was none."""
+    """Find the step of the latest reset up to `iteration`, this one included; 0 where there was none."""
     if config.max_gaussians == 0:
         return 0
     latest = math.ceil(config.stop * total) - 1 - _recovery(config) - config.every

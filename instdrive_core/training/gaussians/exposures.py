@@ -15,7 +15,7 @@ from instdrive_core.scene.exposure import Exposures
 
 @runtime_checkable
 class TimedPhoto(Protocol):
-    """What names a photo; a training view is one."""
+    """A photo with a name and a time; a training view is one."""
 
     @property
     def key(self) -> str:
@@ -29,12 +29,12 @@ class TimedPhoto(Protocol):
 
 
 def make_initial_exposures(count: int) -> Float[Tensor, "v 3 4"]:
-    """The identity for each of `count` photos."""
+    """Make the identity (3, 4) for each of `count` photos."""
     return torch.eye(3, 4).repeat(count, 1, 1)
 
 
 def exposure_penalty(exposures: Float[Tensor, "v 3 4"], photo: int) -> Float[Tensor, ""]:
-    """What the exposure of the photo just drawn costs: its mean squared distance to the identity mirrored at the mean.
+    """Cost of one photo's exposure: its mean squared distance to the identity mirrored at the mean.
 
     With e_i the distances of all V exposures from the identity and ē their mean, steps over all photos descend
     Σ |e_i|² + V |ē|². A change common to all photos could as well be in the Gaussians and the sky; the second term puts
@@ -47,6 +47,6 @@ def exposure_penalty(exposures: Float[Tensor, "v 3 4"], photo: int) -> Float[Ten
 
 
 def export_exposures(exposures: Float[Tensor, "v 3 4"], photos: Sequence[TimedPhoto]) -> Exposures:
-    """What the scene carries; `photos` are those of the rows."""
+    """Export the exposures in the form that a scene carries; row i belongs to `photos[i]`."""
     keys, times = tuple(photo.key for photo in photos), np.array([photo.time for photo in photos], np.float64)
     return Exposures(keys, times, exposures.detach().cpu().numpy().astype(np.float32))

@@ -97,13 +97,13 @@ def build_initial_scene(
 
 
 def compute_scene_radius(views: ViewStore) -> float:
-    """Largest distance of a camera from the cameras' mean position, at least 10 m."""
+    """Compute the largest distance (metres) of a camera from the cameras' mean position, at least 10 m."""
     centers = np.stack([facts.camera.position for facts in views.facts])
     return max(_MIN_SCENE_RADIUS, float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()))
 
 
 def compute_mean_sky_color(views: ViewStore) -> Float32[ndarray, "3"]:
-    """What the sky looks like where no photo shows it: the mean over sky masks of photos spread over the clip, light
+    """Compute the mean colour inside the sky masks of photos spread over the clip, light
     grey without any. [0, 1]."""
     chosen = np.unique(np.linspace(0, len(views) - 1, min(len(views), _SKY_VIEWS)).astype(int)).tolist()
 
@@ -128,7 +128,7 @@ def _check_has_data(clip: Clip, views: ViewStore) -> None:
 def _gaussians_from_points(
     points: ColoredPoints, centers: Float32[ndarray, "c 3"] | None, opacity: float, sh_degree: int
 ) -> Gaussians:
-    """Isotropic Gaussians as wide as the mean distance to 3 neighbours, at most 3 % of the distance to the cameras."""
+    """Make isotropic Gaussians, as wide as the mean distance to 3 neighbours, at most 3 % of that to the cameras."""
     count, threads = len(points), numba.get_num_threads()
     neighbours = min(4, count)
     distances, _ = KDTree(points.positions).query(points.positions, k=neighbours, workers=threads)

@@ -43,12 +43,12 @@ class ColoredPoints:
         return len(self.positions)
 
     def take(self, rows: ndarray) -> ColoredPoints:
-        """Some of the points."""
+        """Select the points of the given rows."""
         return ColoredPoints(self.positions[rows], self.colors[rows])
 
 
 def concatenate_points(parts: Sequence[ColoredPoints]) -> ColoredPoints:
-    """All points in order."""
+    """Concatenate the parts in their order."""
     empty = np.zeros((0, 3), np.float32)
     return ColoredPoints(
         np.concatenate([empty, *(part.positions for part in parts)]),
@@ -58,7 +58,7 @@ def concatenate_points(parts: Sequence[ColoredPoints]) -> ColoredPoints:
 
 @dataclass(frozen=True)
 class FirstPoints:
-    """What LiDAR and photos say of the scene."""
+    """Points that LiDAR and photos give of the scene."""
 
     lidar: ColoredPoints
     """Background points of the sweeps that a camera sees, in the world."""
@@ -85,7 +85,7 @@ def gather_first_points(
         numbers.setdefault(facts.step, []).append(number)
     crowd = -(-CROWD * config.lidar_points // max(1, len(sweeps)))
 
-    def of_step(step: int) -> FirstPoints:
+    def gather_step(step: int) -> FirstPoints:
         cloud = _SweepColors(sweeps[step].load().points) if step in sweeps else None
         beyond = [_gather_view(number, views, cloud, config, seed) for number in numbers[step]]
         near, far = concatenate_points([near for near, _ in beyond]), concatenate_points([far for _, far in beyond])
@@ -96,7 +96,7 @@ def gather_first_points(
         return FirstPoints(lidar, near, far, actors)
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        steps = list(pool.map(of_step, sorted(numbers)))
+        steps = list(pool.map(gather_step, sorted(numbers)))
     return FirstPoints(
         concatenate_points([step.lidar for step in steps]),
         concatenate_points([step.near for step in steps]),
@@ -119,7 +119,7 @@ def _gather_view(
 
 
 def subsample(points: ColoredPoints, limit: int, rng: np.random.Generator) -> ColoredPoints:
-    """At most `limit` of the points, chosen at random, in order."""
+    """Choose at most `limit` of the points at random; they keep their order."""
     if len(points) <= limit:
         return points
     return points.take(np.sort(rng.choice(len(points), limit, replace=False)))
@@ -148,9 +148,9 @@ class _SweepColors:
 def _split_actors(
     cloud: _SweepColors, time: float, tracks: list[Track]
 ) -> tuple[dict[str, ColoredPoints], ColoredPoints]:
-    """A sweep's points on each moving object, in its box frame, and those of the background that a camera sees."""
+    """Split a sweep into points on each moving object, in its box frame, and background points that a camera sees."""
     tracks = [track for track in tracks if track.covers(time)]
-    poses = np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4)
+    poses = np.array([track.interpolate_pose(time) for track in tracks]).reshape(-1, 4, 4)
     dimensions = np.array([track.dimensions for track in tracks]).reshape(-1, 3)
     background = cloud.seen & (find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN) < 0)
     holder = find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN, BOX_BOTTOM)
@@ -165,7 +165,7 @@ def _split_actors(
 def sample_beyond_lidar(
     view: TrainingView, config: InitConfig, view_count: int, rng: np.random.Generator
 ) -> tuple[ColoredPoints, ColoredPoints]:
-    """Points on rays of pixels where LiDAR is silent and no sky is known: near ones and far ones.
+    """Sample points on rays of pixels where LiDAR is silent and no sky is known: near ones and far ones.
 
     Near ones take the depth of the nearest LiDAR pixel of that image (facades go on upwards), with 10 % spread;
     far ones are uniform in inverse depth between that depth and ten times as far.
@@ -219,7 +219,7 @@ def _block_depths(view: TrainingView, block: int) -> Float32[ndarray, "h w"]:
 
 
 def place_on_rays(view: TrainingView, pixels: Int64[ndarray, " k"], z: ndarray) -> ColoredPoints:
-    """Points at depths `z` (metres along the optical axis) behind pixels, in their colours."""
+    """Place points at depths `z` (metres along the optical axis) behind pixels, in their colours."""
     camera = view.camera
     v, u = np.divmod(pixels, camera.width)
     local = np.stack([(u + 0.5 - camera.cx) / camera.fx * z, (v + 0.5 - camera.cy) / camera.fy * z, z], axis=1)

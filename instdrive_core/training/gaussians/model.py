@@ -61,7 +61,10 @@ def build_model(
     sky: Float[ndarray, "6 r r 3"],
     photo_times: Sequence[float],
 ) -> SceneModel:
-    """A trainable copy, tracks as given and exposures neutral; `photo_times` are the training photos' seconds."""
+    """Build a trainable copy of Gaussians, with tracks as given and neutral exposures.
+
+    `photo_times` are those of the training photos, in seconds.
+    """
     parameters = {name: torch.from_numpy(array.copy()) for name, array in gaussians.arrays().items()}
     actor_poses = ActorPoses(actors, photo_times)
     shared = {

@@ -1,4 +1,4 @@
-"""Which Gaussians a camera may see: a cheap test ahead of the rasterizer's own, so that the rest is never touched."""
+"""Cheap test of which Gaussians a camera may see, ahead of the rasterizer's own: the others are never touched."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def find_rows_in_view(
     camera: Camera,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Int64[ndarray, " v"]:
-    """Rising rows of all Gaussians that `rasterize.project` would keep, and of few that it would not.
+    """Find the rows, rising, of all Gaussians that `kernels.project` would keep, and of few that it would not.
 
     A Gaussian is taken for a ball of its largest standard deviation, so that quaternions need not be read. What is
     kept does not depend on the number of threads.

@@ -22,7 +22,7 @@ GEOMETRY = ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"
 
 @dataclass(frozen=True)
 class RenderedView:
-    """What a camera sees, nothing behind the Gaussians, and what its gradients will say."""
+    """Picture of one camera, with nothing behind the Gaussians, and the leaves that gather its gradients."""
 
     rows: Int64[Tensor, " v"]
     """Rows of the model that took part."""
@@ -42,7 +42,10 @@ class RenderedView:
 
 
 def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float, with_features: bool) -> RenderedView:
-    """Draw the model from one camera at one time; features, where asked for, send no gradient into geometry."""
+    """Render the model from one camera at one time (seconds).
+
+    With `with_features` a feature map is rendered, too; it sends no gradient into geometry.
+    """
     poses = model.actor_poses.at(time, model.corrections)
     rows = find_rows_of_view(model, backend, poses, camera)
     names = (*GEOMETRY, "features") if with_features else GEOMETRY
@@ -64,7 +67,7 @@ def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float
 
 
 def find_rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera) -> Int64[Tensor, " v"]:
-    """Rows that may be seen. A GPU culls faster than rows are gathered: there, all of the actors that exist."""
+    """Find the rows that may be seen; on a GPU, which culls faster than rows are gathered, all of actors that exist."""
     if backend.device.type != "cpu":
         return torch.from_numpy(np.flatnonzero(poses.present[model.nodes])).to(backend.device)
     means, log_scales, logits = (

@@ -121,7 +121,7 @@ class VisibleAdam:
         fresh: Bool[Tensor, " m"] | Bool[ndarray, " m"],
         parameters: dict[str, Tensor],
     ) -> VisibleAdam:
-        """The optimiser of `parameters`, whose row i comes from row `parents[i]` of these.
+        """Build the optimiser of `parameters`, whose row i comes from row `parents[i]` of these.
 
         Moments and counts come along; they are zero where `fresh`.
         """
@@ -137,7 +137,7 @@ class VisibleAdam:
         return result
 
     def state_tensors(self) -> dict[str, Tensor]:
-        """Everything a checkpoint needs beside the parameters: moments and counts, not copied."""
+        """Tensors that a checkpoint needs beside the parameters: moments and counts, not copied."""
         first = {_FIRST + name: value for name, value in self.first.items()}
         second = {_SECOND + name: value for name, value in self.second.items()}
         return {**first, **second, _STEPS: self.steps}

@@ -19,7 +19,7 @@ from instdrive_core.training.settings.config import GraphConfig
 def merge_groups(
     observed: MaskWeights, patches: Int64[ndarray, " n"], pairs: Int64[ndarray, "e 2"], config: GraphConfig
 ) -> Int64[ndarray, " n"]:
-    """The group 0 … k - 1 of each row.
+    """Merge patches into groups; returns the group 0 … k - 1 of each row.
 
     Args:
         observed: weights of the rows.

@@ -31,7 +31,7 @@ class CachedView:
     """Sampled pixels of one view: who contributes how much, and which mask each belongs to."""
 
     number: int
-    """Of the view in its store."""
+    """Number of the view in its store."""
     pixels: Int64[ndarray, " p"]
     """Flat indices into the view's image, rising; all of them in a mask."""
     rows: Int64[Tensor, " v"]
@@ -46,7 +46,7 @@ class CachedView:
 def cache_view(
     model: SceneModel, view: TrainingView, number: int, pixels: Int[ndarray, " p"], min_alpha: float
 ) -> CachedView:
-    """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
+    """Cache the blending weights of `pixels` (flat indices with a mask); those below `min_alpha` are dropped."""
     assert view.labels is not None
     rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
@@ -65,7 +65,7 @@ def cache_view(
 def compute_view_weights(
     model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
-    """The Gaussians that the view may show, and their weights."""
+    """Compute the blending weights of pixels (flat indices), and the rows of the Gaussians that they count."""
     rows, placed_gaussians = place_gaussians_in_view(model, view)
     return rows, compute_blend_weights(*placed_gaussians, view.camera, pixels)
 
@@ -73,7 +73,10 @@ def compute_view_weights(
 def place_gaussians_in_view(
     model: SceneModel, view: TrainingView
 ) -> tuple[Int64[ndarray, " v"], tuple[ndarray, ndarray, ndarray, ndarray]]:
-    """The Gaussians that the view may show: rows, then means and quaternions in the world, log scales, opacities."""
+    """Place the Gaussians that a view may show in the world.
+
+    Returns their rows, then means, quaternions, log scales and opacities.
+    """
     poses = model.actor_poses.at(view.time, model.corrections)
     p = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "opacity_logits")}
     rows = find_rows_in_view(
@@ -99,5 +102,5 @@ class _WeightedFeatures(torch.autograd.Function):
 
 
 def blend_features(features: Float[Tensor, "v d"], view: CachedView) -> Float[Tensor, "p d"]:
-    """W F of the features of `view.rows` and, backwards, its transpose."""
+    """Blend the features of `view.rows` at the view's pixels: W F and, backwards, its transpose."""
     return _WeightedFeatures.apply(features, view)

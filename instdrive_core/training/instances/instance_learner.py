@@ -1,4 +1,4 @@
-"""What learns instances on finished geometry, and what it hands back: other methods than our own plug in here."""
+"""Interface of a method that learns instances on finished geometry; other methods than our own plug in here."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from instdrive_core.training.views.view_store import ViewStore
 
 @dataclass(frozen=True)
 class LearnedInstances:
-    """Which Gaussians are one thing, before spatial components tell apart what shares a code."""
+    """A method's result: a codeword per Gaussian, before spatial components tell apart what shares one."""
 
     codewords: UInt32[ndarray, " n"]
     """Equal numbers = the method takes them for one instance."""
     features: Float32[ndarray, "n d"]
-    """What the method learned per Gaussian; the scene keeps it."""
+    """Features that the method learned per Gaussian; the scene keeps them."""
     code_bits: int
     """d where codewords are those of the codebook {-1, 1}^d, quantised from the features; 0 where they are plain
     numbers, of which the rendered features tell nothing."""
@@ -49,12 +49,12 @@ class InstanceLearner(Protocol):
 
 
 def read_codewords(features: Float32[ndarray, "n d"]) -> LearnedInstances:
-    """The paper's reading of trained features: the nearest codeword of each Gaussian."""
+    """Read instances off trained features, as the paper does: the nearest codeword of each Gaussian."""
     return LearnedInstances(quantize_features(features), features, features.shape[1])
 
 
 def cache_views(model: SceneModel, store: ViewStore, config: TrainConfig) -> list[CachedView]:
-    """Blending weights of sampled masked pixels of each view that has any; the model is on the CPU.
+    """Cache the blending weights of sampled masked pixels of each view that has any; the model is on the CPU.
 
     The sample is the same for every method (stratified over masks, seeded by `config.seed` and the view's number).
     """

@@ -27,13 +27,13 @@ class Segments:
 
 
 def segments_from_labels(labels: Int[ndarray, " p"]) -> Segments:
-    """Masks present among the pixels, renumbered from 0. Labels are > 0."""
+    """Group pixels by their masks, renumbered from 0. Labels are > 0."""
     _, segment, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     return Segments(torch.from_numpy(segment.astype(np.int64)), torch.from_numpy(sizes.astype(np.float32)))
 
 
 def average_segments(values: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, "m d"]:
-    """Prototypes: the mean over each segment."""
+    """Average the values over each segment: the prototypes."""
     sums = torch.zeros(segments.count, values.shape[1], dtype=values.dtype).index_add(0, segments.segment, values)
     return sums / segments.sizes[:, None]
 
@@ -56,7 +56,7 @@ def contrastive_loss(
 
 
 def vote_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
-    """The most frequent codeword inside each mask (ties: the smaller number)."""
+    """Find the most frequent codeword inside each mask (ties: the smaller number)."""
     codes = quantize_features(features).astype(np.int64)
     keys = segments.segment.numpy() * (1 << 32) + codes
     pairs, counts = np.unique(keys, return_counts=True)
@@ -77,7 +77,7 @@ def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Ten
 def sample_stratified_pixels(
     labels: Int[ndarray, "h w"], budget: int, rng: np.random.Generator, min_per_mask: int = 8
 ) -> Int[ndarray, " p"]:
-    """About `budget` flat pixel indices, the same number from every mask (label > 0), without repetition, sorted."""
+    """Sample about `budget` flat pixel indices, as many from every mask (label > 0), without repetition, sorted."""
     flat = labels.ravel()
     inside = np.flatnonzero(flat)
     if not len(inside):

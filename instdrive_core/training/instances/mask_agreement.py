@@ -1,4 +1,4 @@
-"""How far groups of Gaussians agree about masks: in photos that show both, are they in the same ones?"""
+"""Agreement of groups of Gaussians about masks: in photos that show both, are they in the same ones?"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from instdrive_core.training.instances.mask_weights import MaskWeights
 
 
 def sum_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: int) -> MaskWeights:
-    """The weights of `count` groups of rows; a group of -1 is none."""
+    """Sum the weights of `count` groups of rows; a group of -1 is none."""
     chosen = np.flatnonzero(groups >= 0)
     entries = (np.ones(len(chosen), np.float32), (groups[chosen], chosen))
     summed = csr_array(csr_array(entries, shape=(count, len(groups))) @ observed.weights)
@@ -21,9 +21,9 @@ def sum_by_group(observed: MaskWeights, groups: Int[ndarray, " n"], count: int) 
 
 
 def compute_agreements(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Float32[ndarray, " e"]:
-    """Of each pair of rows, how much they are in the same masks, from 0 to 1; -1 where no photo shows both.
+    """Compute how much the two rows of each pair are in the same masks: 0 to 1, or -1 where no photo shows both.
 
-    Of one photo it is Σ_m min(p_m, q_m), with p and q the shares of either's weight that lie in mask m. Photos are
+    In one photo it is Σ_m min(p_m, q_m), with p and q the shares of either's weight that lie in mask m. Photos are
     averaged, each with the weight of the one that it shows less of. A mask that is missing says nothing; one that a
     segmenter split or merged by mistake is outvoted by the other photos.
     """
@@ -36,7 +36,7 @@ def compute_agreements(observed: MaskWeights, pairs: Int[ndarray, "e 2"]) -> Flo
 
 @numba.njit(cache=True, error_model="numpy")
 def find_end_of_view(masks, view_of_mask, entry, end):
-    """The first of a row's entries after `entry` that lies in another view; compiled."""
+    """Find the first of a row's entries after `entry` that lies in another view; compiled."""
     view = view_of_mask[masks[entry]]
     while entry < end and view_of_mask[masks[entry]] == view:
         entry += 1

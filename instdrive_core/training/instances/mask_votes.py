@@ -20,7 +20,9 @@ from instdrive_core.training.settings.config import GraphConfig
 def vote_groups(
     observed: MaskWeights, groups: Int64[ndarray, " n"], fixed: Bool[ndarray, " n"], config: GraphConfig
 ) -> Int64[ndarray, " n"]:
-    """The group 0 … k - 1 of each row after voting; groups that lost all rows are gone.
+    """Let masks and rows vote in turn; returns the group 0 … k - 1 of each row.
+
+    Groups that lost all rows are gone.
 
     Args:
         observed: weights of the rows.
@@ -39,8 +41,10 @@ def vote_groups(
 
 
 def measure_group_fits(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Float32[ndarray, " g"]:
-    """How well each group is some mask: the best IoU with a mask of each photo, averaged over the photos with the
-    group's weight in them. Fragments have little of it."""
+    """Measure how well each group fits masks: its best IoU in each photo, averaged with its weight in the photos.
+
+    Fragments fit badly.
+    """
     of_groups, areas = _sum_groups(observed, groups)
     fits = np.zeros(len(of_groups), np.float32)
     _fit(*_arrays(of_groups), areas, fits)
@@ -48,7 +52,7 @@ def measure_group_fits(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> F
 
 
 def find_mask_owners(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
-    """The group that shares most of each mask: the largest IoU in its photo (ties: the lower group), -1 = none.
+    """Find the group that fits each mask best: the largest IoU in its photo (ties: the lower group), -1 = none.
 
     IoU, not the share of the mask alone: a thin pole's mask holds more weight of the wall behind than of the pole.
     """
@@ -59,7 +63,7 @@ def find_mask_owners(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Int
 
 
 def compute_vote_shares(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> csr_array:
-    """(n, g): the share of each row's weight that lies in masks of each group; rows without any are empty."""
+    """Compute the share (n, g) of each row's weight that lies in masks of each group; rows without any are empty."""
     owners = find_mask_owners(observed, groups)
     named = np.flatnonzero(owners >= 0)
     entries = (np.ones(len(named), np.float32), (named, owners[named]))
@@ -84,7 +88,7 @@ def _alternate_votes(
 
 
 def _sum_groups(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> tuple[MaskWeights, Float32[ndarray, " m"]]:
-    """The weights of the groups, and the masks' areas: the weight of everything in them."""
+    """Sum the weights of the groups, and the masks' areas: the weight of everything in them."""
     areas = np.asarray(observed.weights.sum(axis=0), np.float32).ravel()
     return sum_by_group(observed, groups, int(groups.max(initial=-1)) + 1), areas
 

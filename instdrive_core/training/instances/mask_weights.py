@@ -1,4 +1,4 @@
-"""How much each Gaussian shows in each mask of each photo: all that the mask graph needs to know of a clip."""
+"""Weight of each Gaussian in each mask of each photo: all that the affinity graph needs to know of a clip."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class MaskWeights:
         return len(self.weights.indptr) - 1
 
     def select_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
-        """Some Gaussians only."""
+        """Select the given Gaussians."""
         return MaskWeights(self.weights[rows], self.view_of_mask)
 
     def sum_weights(self) -> Float32[ndarray, " n"]:
-        """The weight of each Gaussian in all masks together."""
+        """Sum the weight of each Gaussian over all masks."""
         return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
 
 

@@ -1,4 +1,4 @@
-"""What each learned instance is called: the class that cuboids and LiDAR semantics give it, where the clip has them."""
+"""Names of learned instances: the class that cuboids and LiDAR semantics give each, where the clip has them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def find_instance_classes(
     nodes: UInt16[ndarray, " n"],
     actor_labels: list[str],
 ) -> dict[int, str]:
-    """Class name by instance ID; IDs that nothing votes for are left out.
+    """Find the class name of each instance ID; IDs that nothing votes for are left out.
 
     Actors take their track's label. Background instances take the label of a parked object's box that holds more
     than half of their Gaussians, else the majority class of the labelled LiDAR points nearest to them.
@@ -43,7 +43,7 @@ def find_instance_classes(
 
 
 def make_display_names(instance_ids: UInt32[ndarray, " n"], classes: dict[int, str]) -> dict[int, str]:
-    """A name for each ID: its class, or `instance`, with the ID."""
+    """Make a name for each ID: its class, or `instance`, with the ID."""
     ids = np.unique(instance_ids)
     return {i: f"{classes.get(i, 'instance')} {i}" for i in ids[ids > 0].tolist()}
 
@@ -71,7 +71,7 @@ def _classes_by_lidar(
 
 
 def _load_labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
-    """Some points of each training sweep that has classes, and those."""
+    """Load points of each training sweep that has classes, and the classes, thinned."""
     with ThreadPoolExecutor(max_workers=numba.get_num_threads()) as readers:
         parts = [part for part in readers.map(_load_thinned_sweep, clip.training_sweeps) if part is not None]
     if not parts:

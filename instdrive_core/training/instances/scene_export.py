@@ -25,7 +25,7 @@ from instdrive_core.training.settings.config import TrainConfig
 def export_trained_scene(
     model: SceneModel, clip: Clip, config: TrainConfig, learned: LearnedInstances | None, exposures: Exposures | None
 ) -> Scene:
-    """The editable scene. Without masks nothing was learned about instances: every ID is 0."""
+    """Export the editable scene. Without masks nothing was learned about instances: every ID is 0."""
     gaussians, actors = model.gaussians(), model.tracks()
     count = len(gaussians)
     codewords, ids = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
@@ -64,7 +64,7 @@ def _instance_ids(
 def unify_actor_codewords(
     codewords: UInt32[ndarray, " n"], nodes: UInt16[ndarray, " n"], opacities: Float32[ndarray, " n"]
 ) -> UInt32[ndarray, " n"]:
-    """Each moving object's Gaussians take the codeword with the largest summed opacity among them."""
+    """Give each moving object's Gaussians the codeword with the largest summed opacity among them."""
     unified = codewords.copy()
     for node in np.unique(nodes[nodes > 0]).tolist():
         rows = np.flatnonzero(nodes == node)

@@ -14,7 +14,7 @@ from instdrive_core.training.settings.config import GraphConfig
 
 
 def find_neighbor_pairs(means: Float[ndarray, "n 3"], neighbors: int) -> Int64[ndarray, "e 2"]:
-    """Each point with its nearest ones; every pair once, the lower row first, sorted."""
+    """Pair each point with its nearest ones; every pair once, the lower row first, sorted."""
     count = min(neighbors + 1, len(means))
     _, found = KDTree(means).query(means, k=count, workers=numba.get_num_threads())
     found = np.reshape(found, (len(means), count))
@@ -23,7 +23,7 @@ def find_neighbor_pairs(means: Float[ndarray, "n 3"], neighbors: int) -> Int64[n
 
 
 def find_distinct_pairs(pairs: Int[ndarray, "e 2"]) -> Int64[ndarray, "k 2"]:
-    """Every unordered pair of different numbers once, sorted."""
+    """Find every unordered pair of different numbers once, sorted."""
     low, high = pairs.min(axis=1).astype(np.int64), pairs.max(axis=1).astype(np.int64)
     keys = np.sort((low << 32 | high)[low != high])
     keys = keys[np.flatnonzero(np.diff(keys, prepend=-1))]
@@ -31,8 +31,10 @@ def find_distinct_pairs(pairs: Int[ndarray, "e 2"]) -> Int64[ndarray, "k 2"]:
 
 
 def join_superpoints(observed: MaskWeights, pairs: Int64[ndarray, "e 2"], config: GraphConfig) -> Int64[ndarray, " n"]:
-    """The patch 0 … k - 1 of each row: `pairs` are joined from the best agreement down (Kruskal), as long as it is at
-    least `config.patch_agreement` and no patch exceeds `config.patch_size` rows.
+    """Join pairs into patches from the best agreement down (Kruskal); returns the patch 0 … k - 1 of each row.
+
+    A pair is joined if its agreement is at least `config.patch_agreement` and the patch has at most `config.patch_size`
+    rows.
 
     Small patches keep a Gaussian that straddles a border from chaining two objects together.
     """
@@ -53,7 +55,7 @@ def _find_root(parents, row):
 
 @numba.njit(cache=True, error_model="numpy")
 def _join_pairs(pairs, count, limit):
-    """The root of each row after joining the pairs in their order, up to `limit` rows together."""
+    """Join the pairs in their order, up to `limit` rows together; returns the root of each row."""
     parents, sizes = np.arange(count), np.ones(count, np.int64)
     for pair in range(len(pairs)):
         a, b = _find_root(parents, pairs[pair, 0]), _find_root(parents, pairs[pair, 1])

@@ -32,7 +32,7 @@ _FEATURE = 0.5
 def vote_instances(
     model: SceneModel, store: ViewStore, config: TrainConfig, on_note: Callable[[str], None]
 ) -> LearnedInstances:
-    """An `InstanceLearner`: one codeword per object; a moving object is one by its track."""
+    """Learn one codeword per object by votes (an `InstanceLearner`); a moving object is one by its track."""
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
     observed = measure_mask_weights(model, store, config.instances.min_alpha)
     means = model.parameters["means"].detach().numpy()

@@ -118,7 +118,7 @@ def _deal(keys, bits, places, rows, dealt):
 @numba.njit(parallel=True, cache=True)
 @no_type_check
 def _group_buckets(rows, keys, bounds, order, firsts, found):
-    """Inside each bucket: voxels in the order of their first rows. `firsts` holds where each voxel starts."""
+    """Group each bucket's rows by voxel, in the order of their first rows; `firsts` holds where each voxel starts."""
     for bucket in numba.prange(len(bounds) - 1):
         found[bucket + 1] = _group(rows, keys, bounds[bucket], bounds[bucket + 1], order, firsts)
 

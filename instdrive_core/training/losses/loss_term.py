@@ -1,4 +1,4 @@
-"""What a loss term is: its name, its weight, what it needs, and how it is computed."""
+"""The record of a loss term: its name, its weight, what it needs, and how it is computed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from instdrive_core.training.settings.config import TrainConfig
 from instdrive_core.training.settings.events import Stage
 
 Need = Literal["photos", "LiDAR", "sky masks", "instance masks", "nothing"]
-"""What a view, or the scene, must have for a term to be computed."""
+"""Data that a view must have for a term to be computed."""
 
 
 class Step(Protocol):
-    """What every training step tells its terms."""
+    """A training step, as far as every term needs it."""
 
     config: TrainConfig
 
@@ -32,9 +32,9 @@ class LossTerm(Generic[S]):
     name: str
     """Names the term in events, the log and the report."""
     meaning: str
-    """What the term asks for, in a few words; documentation shows it."""
+    """Wish that the term expresses, in a few words; documentation shows it."""
     stage: Stage
-    """Stage whose steps compute it. With the `joint` schedule, terms of the instance stage ride along with RGB steps."""
+    """Stage whose steps compute it; with the `joint` schedule, RGB steps compute the instance stage's terms, too."""
     needs: Need
     weight_field: str | None
     """Field of `TrainConfig` with the weight, as ``geometry.depth_weight``; 0 there switches the term off. None: the

@@ -1,4 +1,4 @@
-"""What depends on the iteration alone: learning rate, resolution, order of the views, random numbers."""
+"""Everything that follows from the iteration alone: learning rate, resolution, order of the views."""
 
 from __future__ import annotations
 

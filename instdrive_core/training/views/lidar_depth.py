@@ -25,7 +25,7 @@ Depths = tuple[Int32[ndarray, " k"], Float32[ndarray, " k"]]
 
 
 def load_frame_depths(clip: Clip, frames: Sequence[Frame]) -> list[Depths]:
-    """LiDAR depth of each frame, in metres up to `MAX_LIDAR_DEPTH`, from sweeps that may train; none on the ego car.
+    """Load the LiDAR depth of each frame from sweeps that may train: metres up to `MAX_LIDAR_DEPTH`, no ego car.
 
     Sweeps are read once each where frames are ordered by time step, while the photos' depths of the step before are
     computed in other threads.
@@ -45,7 +45,7 @@ def load_frame_depths(clip: Clip, frames: Sequence[Frame]) -> list[Depths]:
 
 
 def compute_frame_depths(frame: Frame, points: Float32[ndarray, "n 3"]) -> Depths:
-    """LiDAR depth of a frame, given the points of its time step; none on the ego car."""
+    """Compute the LiDAR depth of a frame, given the points of its time step; none on the ego car."""
     pixels, depths = project_depths(points, frame.view.camera)
     if frame.valid is None:
         return pixels, depths
@@ -54,7 +54,7 @@ def compute_frame_depths(frame: Frame, points: Float32[ndarray, "n 3"]) -> Depth
 
 
 def project_depths(points: Float32[ndarray, "n 3"], camera: Camera) -> Depths:
-    """Nearest LiDAR depth per pixel that a point falls on, at most `MAX_LIDAR_DEPTH`."""
+    """Compute the nearest LiDAR depth of each pixel that a point falls on, at most `MAX_LIDAR_DEPTH`."""
     pixels, depths = find_pixels_of_points(points, camera, MAX_LIDAR_DEPTH)
     return _nearest(pixels, depths, camera.width * camera.height)
 
@@ -62,7 +62,7 @@ def project_depths(points: Float32[ndarray, "n 3"], camera: Camera) -> Depths:
 def find_pixels_of_points(
     points: Float32[ndarray, "n 3"], camera: Camera, farthest: float = np.inf
 ) -> tuple[Int32[ndarray, " n"], Float32[ndarray, " n"]]:
-    """Flat index of the pixel that each point falls on, -1 outside of the photo, and depths in metres.
+    """Find the flat index of the pixel that each point falls on, -1 outside of the photo, and depths in metres.
 
     The interpreter's lock is released while it computes.
     """
@@ -73,7 +73,7 @@ def find_pixels_of_points(
 
 
 def find_nearest_per_pixel(pixels: Int32[ndarray, " n"], depths: Float32[ndarray, " n"]) -> Depths:
-    """The smallest depth of each pixel that occurs; pixels come out sorted."""
+    """Find the smallest depth of each pixel that occurs; pixels come out sorted."""
     return _nearest(pixels.astype(np.int32), depths.astype(np.float32), int(pixels.max(initial=-1)) + 1)
 
 

@@ -1,4 +1,4 @@
-"""What a training step needs of one photo: image, LiDAR depth, masks, held in memory in compact form."""
+"""One photo for training: image, LiDAR depth and masks, held in memory in compact form."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class TrainingView:
         return depth
 
     def halve(self) -> TrainingView:
-        """The same view at half the resolution, for the coarse part of training."""
+        """Copy the view at half the resolution, for the coarse part of training."""
         height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
         image = _halve_image(self.image[: height * 2, : width * 2])
         rows, columns = np.divmod(self.depth_pixels, self.image.shape[1])
@@ -56,7 +56,7 @@ class TrainingView:
             self.camera.world_from_camera,
         )
 
-        def thinned(array: ndarray | None) -> ndarray | None:
+        def thin(array: ndarray | None) -> ndarray | None:
             return None if array is None else np.ascontiguousarray(array[: height * 2 : 2, : width * 2 : 2])
 
         return TrainingView(
@@ -64,16 +64,16 @@ class TrainingView:
             camera,
             self.time,
             image,
-            thinned(self.valid),
-            thinned(self.labels),
-            thinned(self.sky),
+            thin(self.valid),
+            thin(self.labels),
+            thin(self.sky),
             pixels,
             depths,
         )
 
 
 def _halve_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """The mean of each block of 2×2 pixels, rounded half up."""
+    """Average each block of 2×2 pixels, rounded half up."""
     total = image[::2, ::2].astype(np.uint16)
     for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
         total += corner

@@ -29,7 +29,7 @@ Key = tuple[int, bool]
 
 @dataclass(frozen=True)
 class ViewFacts:
-    """What is known of a view without reading its photo."""
+    """Facts of a view that need no look at its photo."""
 
     key: str
     """``camera/NN``."""
@@ -69,7 +69,7 @@ class ViewStore:
         self._kept_bytes = 0
         self._reading: set[Key] = set()
         self._failed: dict[Key, Exception] = {}
-        """What went wrong while reading ahead, until the view is asked for."""
+        """Errors met while reading ahead, until the view is asked for."""
         self._wanted: deque[Key] = deque()
         self._worker: threading.Thread | None = None
         self._closed = False
@@ -78,7 +78,7 @@ class ViewStore:
 
     @staticmethod
     def from_views(views: Sequence[TrainingView], budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
-        """A store of views that are in memory already."""
+        """Make a store of views that are in memory already."""
         facts = [
             ViewFacts(view.key, view.camera, view.time, view.labels is not None and bool(view.labels.any()))
             for view in views
@@ -105,7 +105,7 @@ class ViewStore:
         return self._kept_bytes
 
     def get(self, number: int, coarse: bool = False) -> TrainingView:
-        """A view, at half the resolution with `coarse`. Do not write into its arrays.
+        """Get a view, at half the resolution with `coarse`. Do not write into its arrays.
 
         Raises DataError where its photo or a mask is missing or damaged, IndexError where there is no such view.
         """
@@ -127,7 +127,7 @@ class ViewStore:
             self._finish(key)
 
     def prefetch(self, views: Sequence[Key]) -> None:
-        """What will be asked for next, soonest first; replaces earlier hints. Returns at once.
+        """Hint which views will be asked for next, soonest first; replaces earlier hints. Returns at once.
 
         A thread reads ahead as far as half the budget goes; an error that it meets is raised when the view is asked
         for.
@@ -227,7 +227,7 @@ class ViewStore:
 
 
 def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
-    """The training photos of a clip with the LiDAR depth of their time steps and their masks.
+    """Open the training photos of a clip with the LiDAR depth of their time steps and their masks.
 
     LiDAR is read here, from sweeps that may train, and its depths stay in memory (some 0.1 MB per photo); photos and
     masks are read when asked for.
@@ -251,7 +251,7 @@ def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DE
 
 
 def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:
-    """Masks are read late; that some are missing should be told before training starts."""
+    """Check that no photo lacks its masks: they are read late, but the user should know before training starts."""
     missing = [frame.key for frame in frames if frame.key not in masks.counts]
     if missing:
         problem = f"{len(missing)} of {len(frames)} training photos have no masks, e.g. '{missing[0]}'"
@@ -259,7 +259,7 @@ def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:
 
 
 def _count_bytes(view: TrainingView, coarse: bool) -> int:
-    """What keeping a view costs: its own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
+    """Count the bytes of a view's own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
     arrays = [view.image, view.labels, view.sky]
     if coarse:
         arrays += [view.valid, view.depth_pixels, view.depth_values]

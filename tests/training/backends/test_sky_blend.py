@@ -19,7 +19,7 @@ def inputs():
 
 def test_composite_equals_the_scene_sky():
     image, alpha, faces = inputs()
-    sky = Sky(faces.detach().numpy()).colors(CAMERA.ray_directions())
+    sky = Sky(faces.detach().numpy()).sample(CAMERA.compute_ray_directions())
     expected = image.detach().numpy() + (1 - alpha.detach().numpy()[..., None]) * sky
     np.testing.assert_allclose(composite_over_sky(image, alpha, faces, CAMERA).detach(), expected, atol=1e-5)
 
@@ -45,14 +45,14 @@ def test_every_face_and_border_is_looked_up_as_in_the_scene():
         aside = target + np.array([0.013, 0.029, 0.007])  # no ray exactly between two faces, where either is right
         camera = Camera(6.0, 6.1, 16.2, 12.1, 32, 24, look_at(np.zeros(3), aside))
         found = composite_over_sky(torch.zeros(24, 32, 3), torch.zeros(24, 32), faces, camera)
-        np.testing.assert_allclose(found, Sky(faces.numpy()).colors(camera.ray_directions()), atol=2e-5)
+        np.testing.assert_allclose(found, Sky(faces.numpy()).sample(camera.compute_ray_directions()), atol=2e-5)
 
 
 @pytest.mark.parametrize("resolution", [1, 2])
 def test_the_smallest_faces_do(resolution):
     faces = torch.rand(6, resolution, resolution, 3, generator=torch.Generator().manual_seed(5)).requires_grad_(True)
     image = composite_over_sky(torch.zeros(24, 32, 3), torch.zeros(24, 32), faces, CAMERA)
-    expected = Sky(faces.detach().numpy()).colors(CAMERA.ray_directions())
+    expected = Sky(faces.detach().numpy()).sample(CAMERA.compute_ray_directions())
     np.testing.assert_allclose(image.detach(), expected, atol=1e-5)
     image.sum().backward()
     assert float(faces.grad.sum()) == pytest.approx(24 * 32 * 3, rel=1e-4)

@@ -140,7 +140,7 @@ class TestSky:
         image, faces = leaf(rng.random((25, 34, 3))), leaf(rng.random((6, resolution, resolution, 3)))
         alpha = leaf(0.99 * rng.random((25, 34)))
         composite = torch_ops.composite_over_sky(image, alpha, faces, camera)
-        sky = Sky(faces.detach().numpy()).colors(camera.ray_directions())
+        sky = Sky(faces.detach().numpy()).sample(camera.compute_ray_directions())
         wanted = image.detach().numpy() + (1 - alpha.detach().numpy()[:, :, None]) * sky
         np.testing.assert_allclose(composite.detach().numpy(), wanted, atol=1e-5)
 

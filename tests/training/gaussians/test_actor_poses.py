@@ -32,7 +32,7 @@ def random_corrections(poses: ActorPoses, size: float = 0.2, seed: int = 1) -> d
 def test_without_correction_the_poses_are_those_of_the_tracks(tracks, time, corrected):
     poses = ActorPoses(tracks)
     found = poses.at(time, poses.initial_corrections() if corrected else None)
-    expected = [np.eye(4), *(track.pose_at(time) if track.covers(time) else np.eye(4) for track in tracks)]
+    expected = [np.eye(4), *(track.interpolate_pose(time) if track.covers(time) else np.eye(4) for track in tracks)]
     np.testing.assert_array_equal(found.present, [True, *(track.covers(time) for track in tracks)])
     np.testing.assert_allclose(found.matrices, expected, atol=1e-12)
     np.testing.assert_allclose(found.rotations.numpy(), found.matrices[:, :3, :3], atol=1e-6)
@@ -51,10 +51,10 @@ def test_corrections_are_applied_in_the_box_frame(tracks):
     corrections = poses.initial_corrections()
     corrections["track_shifts"][2] = torch.tensor([0.0, 0.5, 0.0])
     corrections["track_turns"][2] = torch.tensor([0.0, 0.0, 0.1])
-    base, found = tracks[0].pose_at(0.2), poses.at(0.2, corrections).matrices[1]
+    base, found = tracks[0].interpolate_pose(0.2), poses.at(0.2, corrections).matrices[1]
     np.testing.assert_allclose(found[:3, 3], base[:3, 3] + 0.5 * base[:3, 1], atol=1e-7)
     np.testing.assert_allclose(found[:3, :3], base[:3, :3] @ Rotation.from_rotvec([0, 0, 0.1]).as_matrix(), atol=1e-7)
-    quarter, base = poses.at(0.225, corrections).matrices[1], tracks[0].pose_at(0.225)
+    quarter, base = poses.at(0.225, corrections).matrices[1], tracks[0].interpolate_pose(0.225)
     np.testing.assert_allclose(quarter[:3, 3], base[:3, 3] + 0.375 * base[:3, 1], atol=1e-7)
 
 
@@ -103,9 +103,13 @@ def test_refined_tracks_are_the_corrected_poses(tracks):
     ]
     for node, track in enumerate(refined, start=1):
         for time in track.times:
-            np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=1e-6)
+            np.testing.assert_allclose(
+                track.interpolate_pose(time), poses.at(time, corrections).matrices[node], atol=1e-6
+            )
         for time in track.times[:-1] + 0.03:
-            np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=5e-3)
+            np.testing.assert_allclose(
+                track.interpolate_pose(time), poses.at(time, corrections).matrices[node], atol=5e-3
+            )
     plain = poses.correct_tracks(poses.initial_corrections())
     np.testing.assert_array_equal(plain[0].world_from_box, tracks[0].world_from_box)
 
@@ -136,7 +140,7 @@ def misplaced(track: Track, rng: np.random.Generator, metres: float, degrees: fl
 def fitted(poses: ActorPoses, truth: Track, times: np.ndarray, steps: int = 200) -> dict:
     """Corrections that bring points on the box to where `truth` has them at some times."""
     points = torch.from_numpy(np.random.default_rng(4).uniform(-1, 1, (30, 3)) * truth.dimensions / 2).float()
-    targets = {time: truth.pose_at(time) for time in times}
+    targets = {time: truth.interpolate_pose(time) for time in times}
     corrections = {name: value.requires_grad_(True) for name, value in poses.initial_corrections().items()}
     optimizer = torch.optim.Adam(corrections.values(), lr=0.01)
     for _ in range(steps):
@@ -194,7 +198,9 @@ def test_keys_without_photos_are_passed_over(tracks):
     refined = poses.correct_tracks(corrections)
     for node, track in enumerate(refined, start=1):
         for time in track.times:
-            np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=1e-6)
+            np.testing.assert_allclose(
+                track.interpolate_pose(time), poses.at(time, corrections).matrices[node], atol=1e-6
+            )
     assert ActorPoses(tracks, []).at(0.2, corrections).matrices[1] == pytest.approx(
         ActorPoses(tracks).at(0.2, corrections).matrices[1]
     )

@@ -52,5 +52,5 @@ def test_finished_exposures_are_found_by_camera_and_time():
     values = torch.randn(2, 3, 4, requires_grad=True)
     photos = [SimpleNamespace(key="front_camera/03", time=0.3), SimpleNamespace(key="front_camera/05", time=0.5)]
     finished = export_exposures(values, photos)
-    np.testing.assert_array_equal(finished.at("front_camera", 0.5), values[1].detach())
-    np.testing.assert_allclose(finished.at("front_camera", 0.4), values.detach().mean(dim=0), atol=1e-6)
+    np.testing.assert_array_equal(finished.interpolate("front_camera", 0.5), values[1].detach())
+    np.testing.assert_allclose(finished.interpolate("front_camera", 0.4), values.detach().mean(dim=0), atol=1e-6)

@@ -37,7 +37,7 @@ def test_moving_objects_leave_the_background_and_gather_in_their_box():
     moving = clip.tracks[0]
     background = start.gaussians.means[start.nodes == 0]
     for sweep in clip.training_sweeps:
-        inside = find_points_inside(background, moving.pose_at(sweep.time), SIZE, margin=-0.1, bottom=-0.1)
+        inside = find_points_inside(background, moving.interpolate_pose(sweep.time), SIZE, margin=-0.1, bottom=-0.1)
         at_that_time = np.isin(background[:, 0], sweep.load().points[3000:3400, 0])
         assert not np.any(inside & at_that_time)
 
@@ -88,7 +88,7 @@ def test_without_moving_actors_their_points_stay_in_the_background():
     assert static.actors == ()
     assert not static.nodes.any()
     moving, step = clip.tracks[0], clip.training_sweeps[1]
-    inside = find_points_inside(static.gaussians.means, moving.pose_at(step.time), SIZE, bottom=-0.1)
+    inside = find_points_inside(static.gaussians.means, moving.interpolate_pose(step.time), SIZE, bottom=-0.1)
     assert inside.sum() > 200
     with_actors = build_initial_scene(clip, views_of(clip), many, 0, 0)
     assert (with_actors.nodes == 0).sum() < len(static.nodes)
