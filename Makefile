@@ -2,6 +2,7 @@
 # make test   style, types, import contracts and the whole test suite, in WORKERS processes (default 2) that take a file
 #             of tests each
 # make lint   the same without the suite
+# make docs   the documentation as a site in build/site; warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -11,7 +12,7 @@ PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libx11-6 libxcursor1 lib
 RUN ?= runs/demo
 WORKERS ?= 2
 
-.PHONY: demo test lint style contracts types suite bench pictures system clean
+.PHONY: demo test docs lint style contracts types suite bench pictures system clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.ready
@@ -39,6 +40,9 @@ types: $(VENV)/.ready-dev
 suite: $(VENV)/.ready-dev
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
+docs: $(VENV)/.ready-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 bench: $(VENV)/.ready-dev
 	$(BIN)/python -m benchmarks.rasterize --workload W2 --state init
 	$(BIN)/python -m benchmarks.rasterize --workload W2 --state trained
@@ -58,6 +62,10 @@ $(VENV)/.ready: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 $(VENV)/.ready-dev: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+$(VENV)/.ready-docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
 	touch $@
 
 # OpenGL, a virtual display and venv support come from Debian packages; nothing is installed when all are there.
