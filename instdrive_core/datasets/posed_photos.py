@@ -75,9 +75,14 @@ def resolve_inner_path(listing: Path, folder: Path, name: Any) -> Path:
 
 
 def build_photo_clip(
-    root: Path, listing: Path, photos: list[PosedPhoto], points: ListedPoints, options: ClipOptions
+    root: Path,
+    listing: Path,
+    photos: list[PosedPhoto],
+    points: ListedPoints,
+    options: ClipOptions,
+    notes: tuple[str, ...] = (),
 ) -> Clip:
-    """A static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
+    """Build a static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
 
     Args:
         root: the clip's folder.
@@ -85,6 +90,7 @@ def build_photo_clip(
         photos: all that are listed.
         points: what training starts from, maybe none.
         options: which part to load.
+        notes: what a user should know besides what is found here.
 
     Raises DataError where no photo is there, OptionError for an unknown camera, an empty frame range or a bad scale.
     """
@@ -94,7 +100,7 @@ def build_photo_clip(
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
     ordered = _order_photos(root, photos, options.cameras)
     present = [entry for entry in ordered if entry[1].file.is_file()]
-    _warn_of_missing(listing, ordered, present)
+    missing = _describe_missing(listing, ordered, present)
     chosen = [entry for entry in present if _is_in_range(entry[0], options)]
     if not chosen:
         raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
@@ -118,7 +124,7 @@ def build_photo_clip(
         class_names={},
         camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
         points=SparsePoints((world.transform_points(points.points) - origin).astype(np.float32), points.colors),
-        notes=(*world.notes, describe_start(len(points.points))),
+        notes=(*missing, *notes, *world.notes, describe_start(len(points.points))),
     )
 
 
@@ -171,15 +177,19 @@ def _choose_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[s
     return names
 
 
-def _warn_of_missing(
+def _describe_missing(
     listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]
-) -> None:
+) -> tuple[str, ...]:
+    """A note on photos that are not there, also logged. Raises DataError where none is."""
     missing = [photo.file for _, photo in listed if not photo.file.is_file()]
     if not present:
         problem = f"none of the {len(listed)} photos that it lists is there, e.g. {missing[0]}"
         raise DataError(listing, problem, "Put the photos into the folder under the names that the file lists")
-    if missing:
-        logger.warning("%s: %d of %d photos are missing, e.g. %s", listing, len(missing), len(listed), missing[0])
+    if not missing:
+        return ()
+    note = f"{len(missing)} of {len(listed)} photos are missing, e.g. {missing[0]}"
+    logger.warning("%s: %s", listing, note)
+    return (note,)
 
 
 def _is_in_range(step: int, options: ClipOptions) -> bool:

@@ -86,7 +86,7 @@ class SweepCache:
         carrying = boxes.select(stays)
         holder = carrying.find_holders(found.points[near], BOX_MARGIN)
         for number in np.unique(holder[holder >= 0]):
-            motion = carrying.tracks[number].pose_at(time) @ np.linalg.inv(carrying.poses[number])
+            motion = carrying.tracks[number].interpolate_pose(time) @ np.linalg.inv(carrying.poses[number])
             rows = near[holder == number]
             points[rows] = found.points[rows] @ motion[:3, :3].T + motion[:3, 3]
         return _select_rows(replace(found, points=points), kept)
@@ -101,7 +101,7 @@ class _Boxes:
 
     @staticmethod
     def at(tracks: list[Track], time: float) -> _Boxes:
-        return _Boxes(tracks, np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4))
+        return _Boxes(tracks, np.array([track.interpolate_pose(time) for track in tracks]).reshape(-1, 4, 4))
 
     def select(self, chosen: Bool[ndarray, " b"]) -> _Boxes:
         return _Boxes([self.tracks[number] for number in np.flatnonzero(chosen)], self.poses[chosen])

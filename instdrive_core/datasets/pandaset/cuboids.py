@@ -130,5 +130,5 @@ def _build_track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], ori
         times=np.array([times[index] for index in indices]),
         world_from_box=poses,
     )
-    moving = track.path_length() > MOVING_PATH_LENGTH
+    moving = track.compute_path_length() > MOVING_PATH_LENGTH
     return Track(track.id, track.label, track.dimensions, track.times, track.world_from_box, moving)
