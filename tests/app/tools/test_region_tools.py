@@ -27,8 +27,7 @@ SIZE = (480, 270)
 def session():
     session = EditorSession()
     register_actions(session)
-    session.document = Document(procedural_street())
-    session.navigation.enter(session.document)
+    session.show(Document(procedural_street()))
     yield session
     session.close()
 
@@ -58,7 +57,7 @@ def tools(session, snapshot):
 
 
 def selected_rows(session):
-    return session.document.state.rows_with(Flag.SELECTED)
+    return session.document.state.find_rows(Flag.SELECTED)
 
 
 def car_box(session, snapshot, car=FIRST_CAR + 1):
@@ -167,7 +166,7 @@ def test_delete_takes_the_selected_splats_only(session):
     session.actions.run("edit.delete")
     assert set(car[session.document.state.flags[car] == 0]) == kept
     session.history.undo()
-    assert not session.document.state.mask(Flag.DELETED).any()
+    assert not session.document.state.find_mask(Flag.DELETED).any()
 
 
 def orphaned(session):
@@ -186,7 +185,7 @@ def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
     assert session.selection.is_empty
     session.history.undo()
     session.actions.run("edit.delete")
-    assert session.document.state.rows_with(Flag.DELETED).tolist() == rows.tolist()
+    assert session.document.state.find_rows(Flag.DELETED).tolist() == rows.tolist()
 
 
 def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
