@@ -37,8 +37,8 @@ class StatusBar:
         """Counts, speed, memory and device, the most important first."""
         document, facts = ui.session.document, []
         if document is not None:
-            selected = int(np.count_nonzero(document.state.mask(Flag.SELECTED)))
-            deleted = np.count_nonzero(document.state.mask(Flag.DELETED))
+            selected = int(np.count_nonzero(document.state.find_mask(Flag.SELECTED)))
+            deleted = np.count_nonzero(document.state.find_mask(Flag.DELETED))
             facts += [f"{format_count(selected, 'splat')} selected", f"{len(document.scene) - deleted:,} in total"]
             if ui.view.frame_seconds:
                 facts.append(f"{1 / ui.view.frame_seconds:.0f} fps")

@@ -15,7 +15,7 @@ RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
 
 
 @pytest.fixture
-def opened(tmp_path):
+def open_window(tmp_path):
     """A function that opens the editor on a path; all editors share one state folder."""
     drivers = []
 
