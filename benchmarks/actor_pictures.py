@@ -59,7 +59,7 @@ def largest_crops(clip: Clip, count: int) -> list[Crop]:
         for track in clip.tracks:
             if not (track.moving and track.covers(time)):
                 continue
-            seen = find_box_silhouette(camera, track.pose_at(time), track.dimensions)
+            seen = find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
             rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
             if not len(rows) or rows[0] == 0 or columns[0] == 0 or columns[-1] == camera.width - 1:
                 continue
@@ -83,7 +83,7 @@ def drawn(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
     """The scene as the frame's camera would have photographed it."""
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is not None:
-        image = apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))
+        image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, frame.view.time))
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 

@@ -205,7 +205,7 @@ def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
     rows, evaluation = {}, None
     bounding = cell.method == "instdrive" and not cell.variant  # all methods share the geometry, and so the oracle
     for row, shown in _rows(cell, scene).items():
-        evaluation = evaluate_scene(shown, clip, truth, facts, oracle_too=bounding)
+        evaluation = evaluate_scene(shown, clip, truth, facts, with_reference=bounding)
         rows[row] = {**evaluation.figures, "shared_codes": len(evaluation.shared_codes) if shown.code_bits else None}
     assert evaluation is not None
     return {

@@ -52,7 +52,7 @@ def weight_shown(scene: Scene) -> Float64[ndarray, " n"]:
     """How much each Gaussian carries of all photos' pixels."""
     gaussians, total = scene.gaussians, np.zeros(len(scene))
     for view in scene.views:
-        poses, present = scene.at(view.time)
+        poses, present = scene.find_node_poses(view.time)
         means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(present[scene.nodes] > 0, gaussians.opacities, np.float32(0))
         pixels = np.arange(view.camera.width * view.camera.height)

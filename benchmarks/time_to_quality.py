@@ -72,7 +72,7 @@ def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
         camera, moment = frame.view.camera, frame.view.time
         image = view_scene(scene, camera, moment).color
         if scene.exposures is not None:
-            image = apply_exposure(image, scene.exposures.at(frame.view.name, moment))
+            image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, moment))
         photo = frame.load_image().astype(np.float32) / 255
         valid = np.ones(photo.shape[:2], bool) if frame.valid is None else frame.valid
         whole.append(psnr(np.clip(image, 0, 1), photo, valid))

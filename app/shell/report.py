@@ -58,7 +58,7 @@ def describe_window(ui: Ui) -> dict[str, Any]:
         "hovered": session.state.hovered,
         "tool": session.state.tool,
         "selected": list(session.selection.ids),
-        "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
+        "selected_splats": int(np.count_nonzero(document.state.find_mask(Flag.SELECTED))),
         "visible": list(document.find_visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,

@@ -65,7 +65,7 @@ def render(
 
 def orbit_camera(scene: Scene, time: float) -> Camera:
     """A camera above and beside the scene that sees most of its opaque Gaussians."""
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     means, _ = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     solid = (scene.gaussians.opacities > 0.3) & (present[scene.nodes] != 0) & np.isfinite(means).all(axis=1)
     points = means[solid].astype(np.float64) if solid.any() else np.zeros((1, 3))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.protocol import Progress, evaluate_saved_run
+from instdrive_core.evaluation.protocol import Progress, evaluate_run
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
 from instdrive_core.evaluation.tables import format_figure, write_figures
 from instdrive_core.formats.folder.scenes import MANIFEST
@@ -73,7 +73,7 @@ COMPARED = (
 )
 _FACTS = ("seed",)
 """Numbers that measure nothing."""
-_ORACLE = "oracle_"
+_REFERENCE = "oracle_"
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list
 
 
 def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
-    """The figures that any run knows; last those of oracles, and those that have no row of their own in `COMPARED`.
+    """The figures that any run knows; last those of references, and those that have no row of their own in `COMPARED`.
 
     Values that read the same are equally good; where all do, none is best.
     """
@@ -157,10 +157,10 @@ def _list_further_figures(runs: Sequence[MeasuredRun]) -> list[ComparedFigure]:
 
 def _build_further_figure(key: str, known: Mapping[str, ComparedFigure]) -> ComparedFigure:
     folder, _, name = key.rpartition(".")
-    plain = known.get(f"{folder}.{name.removeprefix(_ORACLE)}")
-    if plain is None or not name.startswith(_ORACLE):
+    plain = known.get(f"{folder}.{name.removeprefix(_REFERENCE)}")
+    if plain is None or not name.startswith(_REFERENCE):
         return ComparedFigure(key, key, None)
-    return replace(plain, key=key, title=f"oracle: {plain.title}")
+    return replace(plain, key=key, title=f"reference: {plain.title}")
 
 
 def _list_keys(figures: dict[str, Any], prefix: str = "") -> Iterator[str]:
@@ -182,7 +182,7 @@ def _measure_run(path: Path, fresh: bool, progress: Progress) -> dict[str, Any]:
     evaluated = path / EVALUATED
     if not fresh and evaluated.is_file() and _is_newer_than_scene(evaluated, path):
         return _read_figures(evaluated)
-    figures = evaluate_saved_run(path, progress).figures
+    figures = evaluate_run(path, progress).figures
     write_figures(evaluated, figures)
     return figures
 

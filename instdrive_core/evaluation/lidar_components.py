@@ -52,7 +52,7 @@ def _gather_standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
     for sweep in sweeps[:: max(1, -(-len(sweeps) // MAX_SWEEPS))]:
         points = sweep.load().points
         moving = [track for track in clip.tracks if track.moving and track.covers(sweep.time)]
-        poses = np.array([track.pose_at(sweep.time) for track in moving]).reshape(-1, 4, 4)
+        poses = np.array([track.interpolate_pose(sweep.time) for track in moving]).reshape(-1, 4, 4)
         dimensions = np.array([track.dimensions for track in moving]).reshape(-1, 3)
         parts.append(points[find_box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
     return np.concatenate(parts)

@@ -41,10 +41,10 @@ from instdrive_core.masks.ground_truth import (
 from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.scene import Scene
 
-MAX_ORACLE_VIEWS = 120
-"""The oracle's votes come from at most this many training views, evenly spread."""
+MAX_REFERENCE_VIEWS = 120
+"""The reference's votes come from at most this many training views, evenly spread."""
 
-ORACLE_KEYS = {
+REFERENCE_KEYS = {
     "scene": ("miou", "pq"),
     "lidar": tuple(key for key in LIDAR_KEYS if "code" not in key),
     "click": CLICK_KEYS,
@@ -88,13 +88,11 @@ class Evaluation:
         return {code - 1: objects for code, objects in find_shared_ids(coded).items()}
 
 
-def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> dict[str, Any]:
-    """The figures of a finished run. Raises DataError where run, clip or ground truth cannot be read."""
-    return evaluate_saved_run(run, progress).figures
+def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
+    """Measure a finished run with the part of the clip that it was trained on.
 
-
-def evaluate_saved_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
-    """As `evaluate_run`, with the trivial controls."""
+    Raises DataError where the run, the clip or the ground truth cannot be read, or the clip has moved since.
+    """
     facts = read_run_facts(run)
     scene = read_scene_folder(run)
     clip = load_clip(facts["clip"], build_clip_options(facts))
@@ -110,11 +108,11 @@ def evaluate_scene(
     ground_truth: GroundTruth,
     facts: dict[str, Any],
     progress: Progress = lambda stage, done, total: None,
-    oracle_too: bool = True,
+    with_reference: bool = True,
 ) -> Evaluation:
     """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`.
 
-    Without `oracle_too` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
+    Without `with_reference` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
     """
     views = _measure_held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN
@@ -123,11 +121,11 @@ def evaluate_scene(
     if scene.instance_ids.any() and has_truth:
         learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
         objects = measure.objects(scene.instance_ids, get_codes(scene))
-    oracle = build_empty_scores()
-    if oracle_too and ground_truth.source == "exact":
+    reference = build_empty_scores()
+    if with_reference and ground_truth.source == "exact":
         true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
-        oracle = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
-    bounds = {part: {f"oracle_{key}": oracle[part][key] for key in keys} for part, keys in ORACLE_KEYS.items()}
+        reference = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
+    bounds = {part: {f"oracle_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
     figures = {
         **_score_images(views),
         "codeword": _score_codewords(views),
@@ -197,9 +195,9 @@ def _score_codewords(views: Sequence[HeldOutView]) -> dict[str, dict[str, float 
 
 def _find_reference_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
     frames = clip.training_frames
-    spread = frames[:: -(-len(frames) // MAX_ORACLE_VIEWS)] if frames else frames
+    spread = frames[:: -(-len(frames) // MAX_REFERENCE_VIEWS)] if frames else frames
     return find_true_ids(
-        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("oracle", done, total)
+        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("reference", done, total)
     )
 
 

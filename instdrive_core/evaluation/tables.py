@@ -41,13 +41,13 @@ def write_figures(path: Path, figures: Mapping[str, Any]) -> None:
 def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]:
     """How well each predicted map agrees with the ground truth, by the map's name; columns as `MAP_COLUMNS`.
 
-    Oracle: true IDs on this geometry. Instance: what a click selects. Codeword: of the rendered feature. The last
+    Reference: true IDs on this geometry. Instance: what a click selects. Codeword: of the rendered feature. The last
     rows are trivial controls.
     """
     figures = evaluation.figures
-    oracle = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
+    reference = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
     maps = {
-        "oracle": {"per_view": {}, "scene": oracle},
+        "reference": {"per_view": {}, "scene": reference},
         "instance": figures,
         "codeword": figures["codeword"],
         **evaluation.controls,
@@ -79,7 +79,7 @@ def list_point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None
     """
     lidar = evaluation.figures["lidar"]
     scores = {
-        "oracle": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
+        "reference": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
         "instance": lidar,
         **{name: control.get("lidar", {}) for name, control in evaluation.controls.items()},
     }
@@ -158,6 +158,6 @@ def format_figure(value: float | int | None, digits: int = 3) -> str:
 
 def _format_with_reference(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
     """A figure, and what true IDs reach on the same Gaussians where that is known."""
-    oracle = scores.get(f"oracle_{key}")
+    reference = scores.get(f"oracle_{key}")
     text = format_figure(scores[key], digits)
-    return text if oracle is None else f"{text} (oracle {format_figure(oracle, digits)})"
+    return text if reference is None else f"{text} (reference {format_figure(reference, digits)})"

@@ -27,7 +27,7 @@ class Archive:
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self.path, self._archive = path, archive
-        self._members = {info.filename: info for info in self._checked(archive.infolist())}
+        self._members = {info.filename: info for info in self._check_members(archive.infolist())}
 
     @property
     def names(self) -> frozenset[str]:
@@ -36,12 +36,12 @@ class Archive:
 
     def read(self, name: str, limit: int) -> bytes:
         """A whole member of at most `limit` bytes; its checksum is compared."""
-        info = self._member(name)
+        info = self._find_member(name)
         if info.file_size > limit:
             raise DataError(
                 self.path, f"{name!r} holds {info.file_size} bytes, at most {limit} are expected", ARCHIVE_REMEDY
             )
-        with self._damage(name), self._archive.open(info) as member:
+        with self._report_damage(name), self._archive.open(info) as member:
             data = member.read(limit + 1)
             if len(data) != info.file_size:
                 raise ValueError(f"it has {len(data)} bytes, not {info.file_size}")
@@ -50,19 +50,19 @@ class Archive:
     @contextmanager
     def open_member(self, name: str) -> Iterator[IO[bytes]]:
         """A member to be read to its end, which compares its checksum; one that unfolds absurdly far is refused."""
-        info = self._member(name)
+        info = self._find_member(name)
         if info.file_size > _SMALL + _MAX_RATIO * info.compress_size:
             problem = f"{name!r} would unfold from {info.compress_size} to {info.file_size} bytes"
             raise UntrustedDataError(self.path, problem, "Do not use this file unless you know who made it")
-        with self._damage(name), self._archive.open(info) as member:
+        with self._report_damage(name), self._archive.open(info) as member:
             yield member
 
-    def _member(self, name: str) -> zipfile.ZipInfo:
+    def _find_member(self, name: str) -> zipfile.ZipInfo:
         if name not in self._members:
             raise DataError(self.path, f"the project holds no {name!r}", ARCHIVE_REMEDY)
         return self._members[name]
 
-    def _checked(self, members: list[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
+    def _check_members(self, members: list[zipfile.ZipInfo]) -> list[zipfile.ZipInfo]:
         if len(members) > MAX_MEMBERS:
             raise DataError(
                 self.path, f"the archive has {len(members)} members, more than {MAX_MEMBERS}", ARCHIVE_REMEDY
@@ -77,7 +77,7 @@ class Archive:
         return members
 
     @contextmanager
-    def _damage(self, name: str) -> Iterator[None]:
+    def _report_damage(self, name: str) -> Iterator[None]:
         try:
             yield
         except _BAD_ZIP as error:

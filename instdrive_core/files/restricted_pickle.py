@@ -85,7 +85,7 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
     damaged, larger than `MAX_DECOMPRESSED_BYTES`, or holds something else than such a table.
     """
     path = Path(path)
-    content = _content(path)
+    content = _read_content(path)
     try:
         return extract_columns(_RecordingUnpickler(path, content).load())
     except UntrustedDataError:
@@ -94,7 +94,7 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
         raise DataError(path, f"holds no readable table ({type(error).__name__}: {error})", _REMEDY) from error
 
 
-def _content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     """The unpacked bytes of the file, which may be gzipped."""
     try:
         require_plain_file(path)

@@ -32,19 +32,19 @@ class Temporary:
     def replace(self, target: Path) -> None:
         """Give the file its final name."""
         if not _POSIX:
-            self._let_go()  # Windows renames no open file
+            self._close_descriptor()  # Windows renames no open file
         self.path.replace(target)
         self._is_replaced = True
 
     def close(self) -> None:
         """Remove the file unless it has its final name: its old one may be another writer's by then."""
         if not _POSIX:
-            self._let_go()
+            self._close_descriptor()
         if not self._is_replaced:
             self.path.unlink(missing_ok=True)  # while it is locked, so that the name is still ours
-        self._let_go()
+        self._close_descriptor()
 
-    def _let_go(self) -> None:
+    def _close_descriptor(self) -> None:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

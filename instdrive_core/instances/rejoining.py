@@ -55,7 +55,7 @@ def rejoin_components(
     Components with less than `min_support` stay as they are and nothing joins them: what surrounds them knows better.
     """
     support = np.bincount(components, weights=cells.support)
-    parts = np.flatnonzero((support >= min_support) & _shares_group(components, cells, support >= min_support))
+    parts = np.flatnonzero((support >= min_support) & _find_sharing_group(components, cells, support >= min_support))
     if not len(parts):
         return components
     shapes = _fit_shapes(components, cells, support)
@@ -74,7 +74,9 @@ def rejoin_components(
     return owners[components]
 
 
-def _shares_group(components: Int64[ndarray, " m"], cells: Cells, solid: Bool[ndarray, " c"]) -> Bool[ndarray, " c"]:
+def _find_sharing_group(
+    components: Int64[ndarray, " m"], cells: Cells, solid: Bool[ndarray, " c"]
+) -> Bool[ndarray, " c"]:
     """Whether a component's group has other solid ones too."""
     group_of = np.zeros(len(solid), np.int64)
     group_of[components] = cells.groups

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, UInt16, UInt32
@@ -61,10 +61,6 @@ class InstanceTable:
     def set(self, instance: Instance) -> None:
         """Add or replace an instance."""
         self.instances[instance.id] = instance
-
-    def renamed(self, instance_id: int, name: str) -> Instance:
-        """A copy of an instance under another name."""
-        return replace(self.instances[instance_id], name=name)
 
 
 def make_default_name(instance_id: int) -> str:

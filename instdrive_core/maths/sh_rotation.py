@@ -17,7 +17,7 @@ def compute_rest_rotation(rotation: Float[ndarray, "3 3"], count: int) -> Float6
     A turned Gaussian shows along d what it showed along Rᵀ d: Y(d) M = Y(Rᵀ d) for all d, solved over fixed
     directions. The basis is closed under rotation, so the solution is exact up to rounding.
     """
-    directions, inverse = _probe(count)
+    directions, inverse = _build_probe(count)
     return inverse @ evaluate_rest_basis(directions @ rotation, count)
 
 
@@ -28,7 +28,7 @@ def rotate_rest(sh_rest: Float[ndarray, "n k 3"], rotation: Float[ndarray, "3 3"
 
 
 @cache
-def _probe(count: int) -> tuple[Float64[ndarray, "m 3"], Float64[ndarray, "{count} m"]]:
+def _build_probe(count: int) -> tuple[Float64[ndarray, "m 3"], Float64[ndarray, "{count} m"]]:
     """64 directions spread over the sphere (a Fibonacci lattice) and the pseudo-inverse of the basis at them."""
     steps = np.arange(64) + 0.5
     height, angle = 1 - 2 * steps / 64, np.pi * (1 + np.sqrt(5)) * steps

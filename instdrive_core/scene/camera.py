@@ -61,12 +61,12 @@ class Camera:
         pixels = local[:, :2] / safe[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
         return pixels, depth
 
-    def ray_directions(self) -> Float64[ndarray, "h w 3"]:
+    def compute_ray_directions(self) -> Float64[ndarray, "h w 3"]:
         """Unit viewing directions in the world through all pixel centres."""
         pixels = np.arange(self.width * self.height)
-        return self.rays_of_pixels(pixels).reshape(self.height, self.width, 3)
+        return self.compute_pixel_rays(pixels).reshape(self.height, self.width, 3)
 
-    def rays_of_pixels(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
+    def compute_pixel_rays(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
         """Unit viewing directions in the world through some pixels' centres; `pixels` are flat row-major indices."""
         rows = pixels // self.width
         x = (pixels - rows * self.width + 0.5 - self.cx) / self.fx

@@ -34,7 +34,7 @@ class Exposures:
             if not (np.isfinite(time) and np.isfinite(matrix).all()):
                 raise ValueError(f"the exposure of photo {key} is not finite")
 
-    def at(self, camera_name: str, time: float) -> Float32[ndarray, "3 4"]:
+    def interpolate(self, camera_name: str, time: float) -> Float32[ndarray, "3 4"]:
         """Exposure of a camera at `time` (seconds): a photo's own at its time, else linear between the camera's
         neighbouring photos, clamped at the ends; the identity for a camera without photos."""
         rows = np.array([row for row, key in enumerate(self.keys) if parse_photo_camera(key) == camera_name], np.int64)

@@ -40,7 +40,7 @@ def rotate_sky(sky: Sky, rotation: Float[ndarray, "3 3"]) -> Sky:
     """The sky that shows along d what `sky` shows along Rᵀ d: exact for quarter turns, else sampled between texels."""
     directions = compute_texel_directions(sky.faces.shape[1])
     # Row by row, as d R = Rᵀ d.
-    return Sky(sky.colors(directions @ np.asarray(rotation, np.float64)))
+    return Sky(sky.sample(directions @ np.asarray(rotation, np.float64)))
 
 
 def transform_bounds(bounds: Bounds, matrix: Similarity) -> Bounds:

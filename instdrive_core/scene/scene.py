@@ -65,9 +65,9 @@ class Scene:
     def __len__(self) -> int:
         return len(self.gaussians)
 
-    def at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+    def find_node_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
         """The pose palette at `time` (s): world_from_node of background and actors, and which of them exist then."""
-        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
         present = [True, *(actor.covers(time) for actor in self.actors)]
         return np.stack(poses), np.array(present, np.uint8)
 

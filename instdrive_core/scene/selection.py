@@ -35,11 +35,11 @@ class SplatState(PerSplatArray):
         """A read-only view."""
         return create_read_only_view(self._rows)
 
-    def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
+    def find_rows(self, flag: Flag) -> Int[ndarray, " m"]:
         """Rows that have any of the bits of `flag`."""
         return np.flatnonzero(self._rows & np.uint8(flag))
 
-    def mask(self, flag: Flag) -> Bool[ndarray, " n"]:
+    def find_mask(self, flag: Flag) -> Bool[ndarray, " n"]:
         """Whether each row has any of the bits of `flag`."""
         return (self._rows & np.uint8(flag)) != 0
 

@@ -17,7 +17,7 @@ class Sky:
     faces: Float32[ndarray, "6 r r 3"]
     """RGB in [0, 1]; row v and column u grow with the face's second and first tangent axis (see `find_cube_taps`)."""
 
-    def colors(self, directions: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
+    def sample(self, directions: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
         """Bilinear colour along world directions of any length."""
         indices, weights = find_cube_taps(directions.reshape(-1, 3), self.faces.shape[1])
         taken = self.faces.reshape(-1, 3)[indices]

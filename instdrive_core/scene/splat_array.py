@@ -31,9 +31,9 @@ class PerSplatArray:
         self._dirty.shorten(len(self._rows))
         self.version += 1
 
-    def dirty_reader(self) -> DirtyReader:
+    def create_dirty_reader(self) -> DirtyReader:
         """Follows changes for one more reader; to it all rows are new."""
-        return self._dirty.reader()
+        return self._dirty.create_reader()
 
     def _exchange(self, rows: Int[ndarray, " m"], values: Shaped[ndarray, " m"]) -> Shaped[ndarray, " m"]:
         before, low, high = exchange_values(self._rows, rows, np.asarray(values, self._rows.dtype))

@@ -52,7 +52,7 @@ class TransformPalette(EntryPalette):
         matrix, home = self.matrices[entry], self.homes[entry]
         return matrix if np.array_equal(home, np.eye(3, 4)) else compose_transforms(matrix, invert_transform(home))
 
-    def entry_at_home(self, home: Similarity) -> int:
+    def find_entry_at_home(self, home: Similarity) -> int:
         """The entry of what is at this home; 0 where there is none."""
         same = (self.matrices == home).all(axis=(1, 2)) & (self.homes == home).all(axis=(1, 2))
         return int(same.argmax())

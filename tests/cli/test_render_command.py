@@ -81,7 +81,7 @@ def test_a_car_is_drawn_where_it_is_at_the_time(scene, tmp_path):
         arguments = ["--view", "front_camera/0", "--time", str(time), "-o", str(out)]
         assert main(["render", str(tmp_path / "run"), "--mode", "instance", *others, *arguments]) == 0
         rows, columns = np.nonzero(ids_from_colors(pixels(out)) == 7)
-        center, _ = camera.project(driving.pose_at(time)[None, :3, 3])
+        center, _ = camera.project(driving.interpolate_pose(time)[None, :3, 3])
         assert np.hypot(columns.mean() + 0.5 - center[0, 0], rows.mean() + 0.5 - center[0, 1]) < 2
         assert main(["render", str(tmp_path / "run"), *others, *arguments]) == 0
         shown[time] = pixels(out).astype(int)

@@ -83,7 +83,7 @@ class BorderEdit(FlagEdit):
 
     def _content(self, document: Document) -> bytes:
         """Equal where the same is found: by what is where, what is selected or hidden, and where actors are."""
-        poses, present = document.scene.at(self.time)
+        poses, present = document.scene.find_node_poses(self.time)
         digest = hashlib.blake2b(fingerprint(document, (*CONTENT, Part.VISIBILITY)), digest_size=16)
         for array in (poses, present):
             digest.update(np.ascontiguousarray(array).data)
@@ -91,7 +91,7 @@ class BorderEdit(FlagEdit):
 
     def _sides(self, document: Document) -> _Sides:
         means, drawn = compute_shown_means(document, self.time)
-        chosen = document.state.mask(Flag.SELECTED)
+        chosen = document.state.find_mask(Flag.SELECTED)
         selected = np.flatnonzero(drawn & chosen)
         if not len(selected):
             raise EditError("nothing is selected; select what to grow or to shrink first")

@@ -167,7 +167,7 @@ def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -
         return
     if mode in ("replace", "intersect"):
         # Rows that stay selected are left alone: the delta holds only what changes.
-        outside = state.mask(Flag.SELECTED)
+        outside = state.find_mask(Flag.SELECTED)
         outside[rows] = False
         yield FlagChange(outside.nonzero()[0], Flag.SELECTED, False)
     if mode != "intersect":

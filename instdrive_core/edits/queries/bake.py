@@ -31,7 +31,7 @@ def bake_document(
     written to them: where every row is left, arrays that no edit has changed are then the document's own.
     """
     scene = document.scene
-    deleted = document.state.mask(Flag.DELETED)
+    deleted = document.state.find_mask(Flag.DELETED)
     keep = np.flatnonzero(~deleted) if rows is None else rows[~deleted[rows]]
     recolored = np.flatnonzero(document.colors.indices[keep])
     if to_read and len(keep) == len(scene):
@@ -54,7 +54,7 @@ def freeze_at_time(scene: Scene, time: float) -> Scene:
     """The scene at one moment, without tracks: actors present at `time` (seconds) become background."""
     if not scene.actors:
         return scene
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     keep = np.flatnonzero(present[scene.nodes])
     gaussians, nodes = scene.gaussians.select(keep), scene.nodes[keep]
     gaussians.means, gaussians.quats = place_in_world(gaussians.means, gaussians.quats, nodes, poses)

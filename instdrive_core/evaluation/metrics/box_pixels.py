@@ -22,7 +22,7 @@ def find_box_silhouette(
     half = np.asarray(dimensions) / 2
     silhouette = np.zeros((camera.height, camera.width), bool)
     pixels = _list_pixels_around(camera, world_from_box, half)
-    directions = camera.rays_of_pixels(pixels) @ world_from_box[:3, :3]
+    directions = camera.compute_pixel_rays(pixels) @ world_from_box[:3, :3]
     directions = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
     start = (camera.position - world_from_box[:3, 3]) @ world_from_box[:3, :3]
     first, second = (-half - start) / directions, (half - start) / directions
@@ -37,7 +37,7 @@ def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float)
     shown = np.zeros((camera.height, camera.width), bool)
     for track in tracks:
         if track.moving and track.covers(time):
-            shown |= find_box_silhouette(camera, track.pose_at(time), track.dimensions)
+            shown |= find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
     return shown
 
 

@@ -122,7 +122,7 @@ class _Drawing:
 
     def __init__(self, scene: Scene, frame: Frame, boxes: Sequence[Track | None]) -> None:
         camera, time = frame.view.camera, frame.view.time
-        world, (poses, _) = place_world_gaussians(scene, time), scene.at(time)
+        world, (poses, _) = place_world_gaussians(scene, time), scene.find_node_poses(time)
         gaussians = scene.gaussians
         colors = compute_colors(world.means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
         channels = np.zeros((len(colors), 3 + len(boxes)), np.float32)
@@ -168,7 +168,7 @@ def _find_rows_inside(world: WorldGaussians, box: Track | None, time: float) -> 
     """Gaussians whose centre is in a box, its bottom cut off."""
     if box is None or not box.covers(time):
         return np.zeros(0, np.int64)
-    pose = box.pose_at(time)
+    pose = box.interpolate_pose(time)
     reach, middle = np.float32(np.linalg.norm(box.dimensions) / 2), pose[:3, 3].astype(np.float32)
     near = np.flatnonzero(
         (np.abs(world.means[:, :2] - middle[:2]) <= reach).all(axis=1)

@@ -56,7 +56,7 @@ def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: 
     preview = view_scene(scene, camera, time)
     image, photo = preview.color, frame.load_image().astype(np.float32) / 255
     if scene.exposures is not None:
-        image = apply_exposure(image, scene.exposures.at(frame.view.name, time))
+        image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, time))
     image = np.clip(image, 0, 1)
     valid = np.ones(image.shape[:2], bool) if frame.valid is None else frame.valid
     ignored, sky = ~valid, ground_truth.load_sky(frame)

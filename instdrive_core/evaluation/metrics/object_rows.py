@@ -36,11 +36,6 @@ class ObjectRow:
     codes: tuple[Holding, ...] | None
     """The same for codewords + 1; None where the scene has none."""
 
-    @property
-    def fragmented(self) -> bool:
-        """Whether more than one instance counts for it."""
-        return len(self.instances) > 1
-
 
 def list_object_rows(
     shown: Sequence[LabelledView],

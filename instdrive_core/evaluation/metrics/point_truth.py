@@ -100,7 +100,7 @@ def _label_by_annotations(
         found.points,
         found.classes,
         found.sensor,
-        np.array([track.pose_at(time) for track in boxes]).reshape(-1, 4, 4),
+        np.array([track.interpolate_pose(time) for track in boxes]).reshape(-1, 4, 4),
         np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3),
         np.array([track.moving for track in boxes], bool),
         np.array([find_fitting_classes(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),

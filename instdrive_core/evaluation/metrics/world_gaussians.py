@@ -28,7 +28,7 @@ class WorldGaussians:
 
 def place_world_gaussians(scene: Scene, time: float) -> WorldGaussians:
     """Every actor placed at `time` (seconds); actors whose track does not cover it are absent."""
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     there = present[scene.nodes] > 0
     opacities = np.where(there, scene.gaussians.opacities, np.float32(0))

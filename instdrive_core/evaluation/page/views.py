@@ -202,4 +202,4 @@ def _render_exposed(scene: Scene, frame: Frame) -> ndarray:
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is None:
         return image
-    return apply_exposure(image, scene.exposures.at(frame.view.name, frame.view.time))
+    return apply_exposure(image, scene.exposures.interpolate(frame.view.name, frame.view.time))

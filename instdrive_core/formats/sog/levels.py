@@ -88,7 +88,7 @@ def _choose_level(level: int, levels: set[int]) -> int:
 
 
 def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
-    content = FolderStore(folder).json(LOD_META)
+    content = FolderStore(folder).read_json(LOD_META)
     version = content.get("version", 1)  # older files have none
     if version != 1:
         raise DataError(folder, f"{LOD_META} has 'version' {version!r}, not 1", "Export it as version 1")
@@ -127,7 +127,7 @@ def _find_source(folder: Path, name: Any) -> tuple[Path, str]:
 def _read_metas(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
     if len(set(sources)) < len(sources):
         raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
-    return [parse_sog_meta(FolderStore(place).json(name), place) for place, name in sources]
+    return [parse_sog_meta(FolderStore(place).read_json(name), place) for place, name in sources]
 
 
 def _open_chunks(

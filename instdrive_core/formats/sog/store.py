@@ -52,7 +52,7 @@ class Store(ABC):
             raise DataError(self.path, f"{name!r} holds more than {limit} bytes, too many for its content", REMEDY)
         return data
 
-    def json(self, name: str) -> dict[str, Any]:
+    def read_json(self, name: str) -> dict[str, Any]:
         """A JSON object. Raises DataError where it is none."""
         try:
             content = parse_json(self.read(name, _MAX_JSON_BYTES))
@@ -62,7 +62,7 @@ class Store(ABC):
             raise DataError(self.path, f"{name!r} holds a {type(content).__name__}, not an object", REMEDY)
         return content
 
-    def pixels(self, name: Any, least: int, most: int) -> UInt8[ndarray, "h w 4"]:
+    def read_pixels(self, name: Any, least: int, most: int) -> UInt8[ndarray, "h w 4"]:
         """A lossless image as RGBA. Raises DataError where it has fewer than `least` or more than `most` pixels."""
         data = self.read(name, 5 * most + 4096)
         try:

@@ -143,7 +143,7 @@ def _split_sweep(
     classes = found.classes if found.classes is not None else np.zeros(len(found.points), np.uint8)
     numbers = np.array(sorted(number for number, track in tracks.items() if track.covers(sweep.time)), np.int64)
     boxes = [tracks[int(number)] for number in numbers]
-    poses = np.array([track.pose_at(sweep.time) for track in boxes]).reshape(-1, 4, 4)
+    poses = np.array([track.interpolate_pose(sweep.time) for track in boxes]).reshape(-1, 4, 4)
     halves = np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3)
     moving = np.array([track.moving for track in boxes], bool)
     fitting = fits[numbers - min(tracks, default=0)].reshape(-1, 256)

@@ -74,7 +74,7 @@ def find_sky_by_looks(
 ) -> Bool[ndarray, "h w"]:
     """Masks that reach the photo's upper edge, lie above the horizon, are smooth and brighter than the photo is below
     the horizon."""
-    above = camera.ray_directions()[..., 2] > np.sin(np.radians(LOWEST_SKY))
+    above = camera.compute_ray_directions()[..., 2] > np.sin(np.radians(LOWEST_SKY))
     grey = image.mean(axis=2)
     smooth = ndimage.maximum_filter(grey, 3) - ndimage.minimum_filter(grey, 3) < MAX_CONTRAST
     ground = grey[~above].mean() if not above.all() else grey.mean()

@@ -33,7 +33,7 @@ AXIS_TURNS = [TurnScene.make_upright(tuple(compute_axis_direction(axis))) for ax
 
 def world_means(document, time):
     scene = document.scene
-    poses, _ = scene.at(time)
+    poses, _ = scene.find_node_poses(time)
     means = document.compute_means(np.arange(len(scene)))
     return place_in_world(means, scene.gaussians.quats, scene.nodes, poses)[0]
 

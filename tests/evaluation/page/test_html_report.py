@@ -132,8 +132,8 @@ def test_names_from_files_cannot_break_out(drive, report):
         number: dataclasses.replace(instance, name=HOSTILE, class_name=HOSTILE)
         for number, instance in drive.truth.instances.items()
     }
-    for number in list(drive.scene.table.instances):
-        drive.scene.table.set(drive.scene.table.renamed(number, HOSTILE + "\x00\ud800"))
+    for instance in list(drive.scene.table):
+        drive.scene.table.set(dataclasses.replace(instance, name=HOSTILE + "\x00\ud800"))
     log = "\n".join(log_line("rgb", step, terms={HOSTILE: 0.5}) for step in range(5))
     log += "\n" + "\n".join(log_line(HOSTILE, step) for step in range(5))
     page = report(log, clip=HOSTILE, cameras=HOSTILE, backend=HOSTILE, method=HOSTILE)
