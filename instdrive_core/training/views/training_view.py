@@ -32,12 +32,6 @@ class TrainingView:
     depth_values: Float32[ndarray, " k"]
     """Metres along the optical axis."""
 
-    def depth_map(self) -> Float32[ndarray, "h w"]:
-        """LiDAR depth per pixel, 0 = unknown."""
-        depth = np.zeros(self.image.shape[:2], np.float32)
-        depth.ravel()[self.depth_pixels] = self.depth_values
-        return depth
-
     def halve(self) -> TrainingView:
         """Copy the view at half the resolution, for the coarse part of training."""
         height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
