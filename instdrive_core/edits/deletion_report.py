@@ -1,4 +1,4 @@
-"""What a deletion leaves: residue of what was deleted, and holes in the ground that nothing ever showed."""
+"""What a deletion leaves: residue of the deleted things, and holes in the ground that no photo ever showed."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class DeletionReport:
         return f"{residue}, {hole}"
 
     def make_absorb_edit(self) -> Edit | None:
-        """The edit that takes the residue away; None where there is none."""
+        """The edit that removes the residue; None where there is none."""
         if not len(self.residue):
             return None
         if len(self.parts) == 1 and self.parts[0].whole:
@@ -100,7 +100,10 @@ def report_deletion(document: Document, ids: Iterable[int], time: float) -> Dele
 
 
 def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
-    """The same for deleted rows of any instances, such as a selection."""
+    """What the deletion of some rows of any instances, such as a selection, left or would leave.
+
+    `time` (seconds) says where moving instances are.
+    """
     ids, parts = document.scene.instance_ids[rows], []
     for instance_id in np.unique(ids[ids > 0]).tolist():
         mine, name = rows[ids == instance_id], document.scene.table[instance_id].name

@@ -1,4 +1,4 @@
-"""A history as a series of differences: what an autosave journal holds, and how it is read back.
+"""The history as a series of differences: what an autosave journal holds, and how it is read back.
 
 A line says how many edits of the list before it are kept, which follow, and how many of all are done. An undo is a
 cursor, a slider's drag the last value that was written, and nothing has to be undone or redone to read it.

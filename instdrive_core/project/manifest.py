@@ -39,7 +39,7 @@ class Manifest:
     cursor: int
     """How many of them are done."""
     check: DocumentCheck
-    """Of the document when it was saved."""
+    """Checksums of the document when it was saved."""
     members: tuple[str, ...]
     """All other members of the archive."""
 

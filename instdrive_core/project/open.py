@@ -36,7 +36,7 @@ class OpenedProject:
 
     document: Document
     view: dict[str, Any] | None
-    """As it was handed to `save_project`."""
+    """The view that was handed to `save_project`."""
     notes: tuple[str, ...] = ()
     """What is not as it was, in sentences for the user; edits left out among them."""
 

@@ -57,7 +57,7 @@ class Recovery:
         """Why nothing can be written now."""
         self._failures = 0
         self._problem: DataError | None = None
-        """The same, until it was told."""
+        """The failure that `take_problem` has not returned yet."""
         self._thread = threading.Thread(target=self._run, name="autosave", daemon=True)
 
     @classmethod
@@ -84,9 +84,9 @@ class Recovery:
         return recovery
 
     def record(self) -> None:
-        """Tell that the document may have changed: after each edit, undo, redo and jump, or once a frame.
+        """Note that the document may have changed: call it after each edit, undo, redo and jump, or once a frame.
 
-        Takes microseconds; the thread finds out what is new. What the disk refuses is told by `take_problem`.
+        Takes microseconds; the thread finds out what is new. `take_problem` returns what the disk refused.
         """
         with self._changed:
             now = self._now()
@@ -95,7 +95,7 @@ class Recovery:
                 self._wake()
 
     def mark_saved(self, path: str | Path, state: ProjectState) -> None:
-        """Tell that `state` of the document was written to `path`, which names the session from now on."""
+        """Note that `state` of the document was written to `path`, which names the session from now on."""
         with self._changed:
             self._wanted = self._now()
             done = state.edits[: state.cursor]
@@ -120,7 +120,7 @@ class Recovery:
             return problem
 
     def end(self) -> None:
-        """The document is closed, by the user's will: nothing is left to recover. Done twice, it changes nothing."""
+        """End the session, as the user closed the document: nothing is left to recover. A second call does nothing."""
         self._stop()
         remove_session(self.folder)
         self._lock.release()

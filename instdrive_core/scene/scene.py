@@ -31,7 +31,7 @@ class Scene:
 
     gaussians: Gaussians
     instance_ids: UInt32[ndarray, " n"]
-    """0 = none. Sole writer: `edits/instances.py`."""
+    """0 = none. Sole writer: `edits/bases/relabel.py`."""
     codewords: UInt32[ndarray, " n"]
     """Written by training only."""
     nodes: UInt16[ndarray, " n"]

@@ -21,7 +21,7 @@ MAX_NAME_LENGTH = 200
 
 
 class Relabeling(NamedTuple):
-    """Give some rows to an instance, of the table or new to it; None = to no instance."""
+    """Rows and the instance they go to, which may be new to the table; None = no instance."""
 
     rows: ndarray
     target: Instance | None
@@ -73,7 +73,7 @@ class RelabelEdit(Edit):
 
 
 def recount_instances(document: Document, ids: Iterable[int]) -> None:
-    """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
+    """Compute counts, bounds and nodes of instances in the table again; those without rows leave the table."""
     table = document.scene.table
     known = [instance_id for instance_id in ids if instance_id in table]
     parts = document.find_row_parts(known)
@@ -113,7 +113,7 @@ def restore_entries(document: Document, entries: dict[int, Instance | None]) -> 
 
 
 def create_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
-    """Entries with IDs that were never used, each with node, codeword, class and a name after another's (or nothing).
+    """New entries with IDs that were never used; each takes node, codeword, class and name from an entry, or from None.
 
     Raises EditError where no 24-bit ID is left.
     """
@@ -133,7 +133,7 @@ def create_instances(document: Document, like: Iterable[Instance | None]) -> lis
 
 
 def get_instance(document: Document, instance_id: int) -> Instance:
-    """The table's entry. Raises EditError where there is none."""
+    """The table's entry of an instance. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]

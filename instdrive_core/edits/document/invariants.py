@@ -1,4 +1,4 @@
-"""What holds of every document between two edits; for tests, which try to break it."""
+"""Invariants of a document between two edits; for tests, which try to break them."""
 
 from __future__ import annotations
 

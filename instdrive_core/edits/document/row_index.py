@@ -1,4 +1,4 @@
-"""From a value per splat (instance ID, codeword) to the rows that carry it."""
+"""An index from a value per splat (instance ID, codeword) to the rows that carry it."""
 
 from __future__ import annotations
 

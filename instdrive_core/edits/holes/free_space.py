@@ -1,4 +1,4 @@
-"""Which places the photos showed, and which of them something stood before."""
+"""Free space between cameras and the ground: which places the photos showed, and which were hidden."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Occluder:
     radius: float
     """Metres from the centre to the farthest corner."""
     track: Track | None = None
-    """Of the node whose frame this is; None = the world."""
+    """Track of the node whose frame this is; None = the world."""
 
 
 def build_occluder(

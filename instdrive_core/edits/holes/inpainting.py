@@ -28,7 +28,7 @@ class ExemplarConfig:
     """Added to the mean squared difference per squared cell that a piece comes from across the lane: kerbs, lane marks
     and ruts run along it."""
     along_penalty: float = 2e-5
-    """The same per cell along the lane."""
+    """Added to the mean squared difference per squared cell that a piece comes from along the lane."""
     reuse_penalty: float = 2e-3
     """Added for each time that a piece close to it was taken already: nothing is stamped all over the hole."""
     reuse_reach: int = 2

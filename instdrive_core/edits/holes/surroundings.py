@@ -24,7 +24,7 @@ REACH = 14.0
 """Metres around the middle within which ground is looked at."""
 
 MAX_POINTS = 3000
-"""Of one object: enough for its hull."""
+"""Points kept of one object: enough for its hull."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class StandingObject:
     points: Float64[ndarray, "k 3"]
     """Solid splats of it, at most about `MAX_POINTS`, metres, in the frame of its node."""
     track: Track | None
-    """Of its node; None = background."""
+    """Track of its node; None = background."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Neighborhood:
     """Part of an object that stands there."""
 
     def exclude(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
-        """The same without some rows of the document."""
+        """A neighbourhood without some rows of the document."""
         kept = ~np.isin(self.rows, rows)
         return Neighborhood(**{entry.name: getattr(self, entry.name)[kept] for entry in fields(self)})
 
@@ -73,7 +73,7 @@ class Surroundings:
     deleted: tuple[StandingObject, ...]
     others: tuple[StandingObject, ...]
     kept: tuple[Float64[ndarray, "k 3"], ...]
-    """Of each thing that was deleted in part and does not move: solid splats of what is left, metres."""
+    """Solid splats that are left of each thing that was deleted in part and does not move, metres."""
     views: tuple[CameraView, ...]
 
 
@@ -83,7 +83,7 @@ def find_surroundings(
     time: float,
     kept: Sequence[Int64[ndarray, "_"]] = (),
 ) -> Surroundings | None:
-    """Around deleted rows, grouped by instance; None where none of the groups is an object that stood on the ground.
+    """Surroundings of deleted rows, grouped by instance; None where no group is an object that stood on the ground.
 
     `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose.
     """
@@ -106,7 +106,7 @@ def find_surroundings(
 def find_standing_objects(
     document: Document, near: Neighborhood, without: Sequence[int] = ()
 ) -> tuple[StandingObject, ...]:
-    """Objects of the neighbourhood that still stand, but for some instances."""
+    """Objects of the neighbourhood that still stand, except some instances."""
     ids = [number for number in np.unique(near.instance_ids[near.compact]).tolist() if number not in without]
     found = [_standing(document, number, _alive(document, number)) for number in ids]
     return tuple(each for each in found if each is not None)
@@ -115,7 +115,7 @@ def find_standing_objects(
 def find_neighborhood(
     document: Document, place: Float64[ndarray, " m"], spared: Int64[ndarray, " n"] | None = None
 ) -> Neighborhood:
-    """Within `REACH` of a place in the plane; without the rows `spared`, though they may not be deleted yet."""
+    """Splats within `REACH` of a place in the plane, except the rows `spared`, which may not be deleted yet."""
     scene, flags = document.scene, document.state.flags
     means = compute_current_means(scene.gaussians, document.transforms)
     offsets = np.abs(means[:, :2] - np.asarray(place[:2], np.float32))

@@ -75,7 +75,7 @@ class BorderEdit(FlagEdit):
         """The rows that change sides. Raises EditError where nothing is selected."""
 
     def find_border(self, document: Document) -> Int32[ndarray, " k"]:
-        """As `along_border`, looked for where that was not done before, as it is for a redo."""
+        """The rows along the border: found by `prepare`, or searched now where the document has changed since."""
         if not self.is_prepared_for(document):
             self.prepare(document)
         assert self._found is not None

@@ -1,4 +1,4 @@
-"""From an edited document to a scene that needs no document: what is exported."""
+"""Baking an edited document into a scene that needs no document: what is exported."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def freeze_at_time(scene: Scene, time: float) -> Scene:
 
 
 def recount_table(scene: Scene) -> Scene:
-    """The same scene with counts and bounds of its instances taken from the arrays; names and classes stay."""
+    """A scene whose table has counts and bounds taken from its arrays; names and classes stay."""
     table = build_instance_table(
         scene.instance_ids,
         scene.gaussians.means,
@@ -80,7 +80,7 @@ def recount_table(scene: Scene) -> Scene:
 
 
 def _copy_written_arrays(gaussians: Gaussians, colors: bool, places: bool) -> Gaussians:
-    """The same Gaussians, of which baking may write the colours, or the places, or both."""
+    """Gaussians with copies of the arrays that baking writes: those of colours, of places, or both."""
     written = {"sh_dc", "sh_rest", "opacity_logits"} if colors else set()
     written |= {"means", "quats", "log_scales", "sh_rest"} if places else set()
     arrays = gaussians.arrays()

@@ -1,4 +1,4 @@
-"""Parts of a scene as scenes of their own: some of its splats, or one actor as it is in its box."""
+"""Parts of a scene as scenes of their own: some of its splats, or one actor in its box's frame."""
 
 from __future__ import annotations
 
