@@ -20,7 +20,7 @@ class DataSet:
     title: str
     """Name that users know it by."""
     needs: str
-    """What a folder must hold to be opened as this, for messages."""
+    """Words on what a folder must hold to be opened as this."""
     holds: Callable[[str], bool]
     """Whether a folder is laid out like this; cheap."""
     load: Callable[[str, ClipOptions], Clip]

@@ -25,7 +25,7 @@ class ComparedFigure:
     """One row of a comparison."""
 
     key: str
-    """Of the protocol, parts joined by dots."""
+    """Key of the protocol, parts joined by dots."""
     title: str
     better: Literal["higher", "lower"] | None
     """None: neither is."""
@@ -99,12 +99,12 @@ class ComparedCell:
 
     text: str
     delta: str
-    """To the first run; empty for the first, and where either is unknown."""
+    """Difference to the first run; empty for the first, and where either is unknown."""
     best: bool
 
 
 def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list[MeasuredRun]:
-    """Figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
+    """Read or compute the figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
 
     A folder's `eval.json` is taken where it is newer than the scene; else, or where `fresh`, the run is evaluated and
     the file written. Raises DataError for what is neither.
@@ -116,7 +116,7 @@ def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list
 
 
 def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
-    """The figures that any run knows; last those of references, and those that have no row of their own in `COMPARED`.
+    """Lay the figures that any run knows side by side; references and figures without a row in `COMPARED` come last.
 
     Values that read the same are equally good; where all do, none is best.
     """
@@ -138,7 +138,7 @@ def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list
 
 
 def find_differences(runs: Sequence[MeasuredRun]) -> list[str]:
-    """What makes figures of these runs incomparable, in words."""
+    """Say what makes figures of these runs incomparable."""
     found = []
     for key in COMPARABLE:
         values = list(dict.fromkeys(str(run.figures.get(key)) for run in runs))
@@ -205,7 +205,7 @@ def _read_figures(path: Path) -> dict[str, Any]:
 
 
 def _choose_names(paths: Sequence[Path]) -> list[str]:
-    """The last parts of each path that tell it from the others; a run's `eval.json` is named by its folder."""
+    """Choose the last parts of each path that tell it from the others; a run's `eval.json` is named by its folder."""
     whole = [path.resolve() for path in paths]
     named = [
         path.parent if path.name == EVALUATED else path.with_suffix("") if path.is_file() else path for path in whole

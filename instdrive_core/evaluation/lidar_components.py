@@ -26,9 +26,9 @@ MAX_SWEEPS = 20
 
 
 def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
-    """An ID per Gaussian: its node's for an actor's, else that of the nearest point's component; None without LiDAR.
+    """Give each Gaussian an ID: an actor's that of its node, others that of the nearest point's component.
 
-    Points of the training sweeps are joined, those in boxes of moving objects left out.
+    Points of the training sweeps are joined, those in boxes of moving objects left out. None without LiDAR.
     """
     points = _gather_standing_points(clip)
     if not len(points):

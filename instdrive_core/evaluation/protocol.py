@@ -60,17 +60,17 @@ class Evaluation:
     figures: dict[str, Any]
     """The keys of the protocol."""
     controls: dict[str, dict[str, dict[str, Any]]]
-    """By name of the control: `per_view`, `scene` and `lidar`."""
+    """Scores by name of the control: `per_view`, `scene` and `lidar`."""
     held_out_steps: tuple[int, ...]
     privileged: bool
     """The run trained on the same annotations that it is measured with."""
     scene: Scene
     views: tuple[HeldOutView, ...]
-    """With them, a view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
+    """Measured views. A view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
     against `views[k].truth`; its photo is `views[k].frame.load_image()`, its picture
     `view_scene(scene, frame.view.camera, frame.view.time).color`."""
     truth_instances: dict[int, GroundTruthInstance]
-    """What each ID of the ground truth is."""
+    """Facts of each ID of the ground truth."""
     has_truth: bool
     """Whether the clip says what is which instance; without it nothing but images is measured."""
     objects: tuple[ObjectRow, ...]
@@ -112,7 +112,8 @@ def evaluate_scene(
 ) -> Evaluation:
     """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`.
 
-    Without `with_reference` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
+    Without `with_reference` the bounds that true IDs set are None: they cost half of the time, and depend on the
+    geometry alone.
     """
     views = _measure_held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN

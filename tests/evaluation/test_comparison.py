@@ -6,7 +6,7 @@ import os
 
 import pytest
 from evaluation_scene import DRIVING, PARKED, toy_drive
-from test_html_report import FACTS, HOSTILE, ReadPage
+from report_page import FACTS, HOSTILE, ReadPage
 
 from instdrive_app.main import main
 from instdrive_core.evaluation import comparison, protocol

@@ -1,11 +1,7 @@
 """`instdrive masks` from folder to folder."""
 
-import json
-
-import numpy as np
 import pytest
-from PIL import Image
-from small_clip import HEIGHT, STEPS, WIDTH, write_small_clip
+from small_clip import HEIGHT, STEPS, WIDTH, write_exact_labels, write_small_clip
 
 from instdrive_app.main import main
 from instdrive_core.cli.masks import masks
@@ -13,19 +9,6 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import DataError
 from instdrive_core.masks import making
 from instdrive_core.masks.label_map_folder import open_masks
-
-
-def write_exact_labels(root):
-    """Write labels beside a small clip, the road everywhere, and return its folder."""
-    for camera in ("front_camera", "back_camera"):
-        for step in STEPS:
-            for name in (f"{camera}/{step:02d}.png", f"sky/{camera}/{step:02d}.png"):
-                (root / "labels" / name).parent.mkdir(parents=True, exist_ok=True)
-                value = np.uint8(0) if name.startswith("sky") else np.uint16(7)
-                Image.fromarray(np.full((HEIGHT, WIDTH), value)).save(root / "labels" / name)
-    table = {"7": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None}}
-    (root / "labels" / "instances.json").write_text(json.dumps(table))
-    return root
 
 
 @pytest.fixture

@@ -129,7 +129,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
 
 
 def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
-    """Files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
+    """List files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
     found: dict[int, Path] = {}
     for suffix in reversed(suffixes):
         for file in folder.glob(f"*{suffix}"):
@@ -140,7 +140,7 @@ def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".
 
 
 def _read_step_times(root: Path) -> list[float]:
-    """Seconds of all listed time steps since the first."""
+    """Read the seconds of all listed time steps since the first."""
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
         if file.is_file():
@@ -219,7 +219,7 @@ def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
 
 
 def _keep_asked_frames(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
-    """The camera with its photos reduced to the asked frames."""
+    """Keep only a camera's photos of the asked frames."""
     first = -math.inf if options.first_frame is None else options.first_frame
     last = math.inf if options.last_frame is None else options.last_frame
     return replace(camera, photos={index: photo for index, photo in camera.photos.items() if first <= index <= last})

@@ -1,4 +1,4 @@
-"""Where boxes appear in a view."""
+"""Pixels of a view that show boxes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from instdrive_core.scene.track import Track
 def find_box_silhouette(
     camera: Camera, world_from_box: Float64[ndarray, "4 4"], dimensions: Float64[ndarray, "3"]
 ) -> Bool[ndarray, "h w"]:
-    """Pixels whose centre ray meets the box in front of the camera; occluders are not considered.
+    """Find pixels whose centre ray meets the box in front of the camera; occluders are not considered.
 
     Slab test (Kay and Kajiya 1986) in the box's frame, so boxes beside and around the camera are right as well.
     """
@@ -33,7 +33,7 @@ def find_box_silhouette(
 
 
 def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float) -> Bool[ndarray, "h w"]:
-    """Pixels that show the boxes of moving objects at `time` (seconds)."""
+    """Find pixels that show the boxes of moving objects at `time` (seconds)."""
     shown = np.zeros((camera.height, camera.width), bool)
     for track in tracks:
         if track.moving and track.covers(time):
@@ -44,7 +44,7 @@ def find_moving_box_pixels(camera: Camera, tracks: Iterable[Track], time: float)
 def _list_pixels_around(
     camera: Camera, world_from_box: Float64[ndarray, "4 4"], half: Float64[ndarray, "3"]
 ) -> Int64[ndarray, " p"]:
-    """Flat indices of a rectangle that holds the whole silhouette; corners behind the camera leave no smaller one
+    """List flat indices of a rectangle that holds the whole silhouette; corners behind the camera leave no smaller one
     than the image."""
     signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     corners, depths = camera.project(signs * half @ world_from_box[:3, :3].T + world_from_box[:3, 3])

@@ -37,11 +37,11 @@ class HeldOutView:
     """None where no moving object's box is in view."""
 
     def with_map(self, predicted: ndarray) -> LabelledView:
-        """This view with a predicted map."""
+        """Pair this view with a predicted map."""
         return LabelledView(self.frame.view.name, self.frame.view.time, self.truth, predicted)
 
     def with_ids(self, instance_ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> LabelledView:
-        """This view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
+        """Pair this view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
         padded = np.append(instance_ids, np.zeros(1, instance_ids.dtype))
         return self.with_map(padded[self.winner])  # winner -1 reads the last: 0
 

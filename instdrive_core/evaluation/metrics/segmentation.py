@@ -1,4 +1,4 @@
-"""How well predicted instance maps agree with ground-truth maps.
+"""Agreement of predicted instance maps with ground-truth maps.
 
 Label maps hold integer IDs. Ground truth 0 is *ignored* (unlabelled, sky, ego vehicle, tiny instances): such pixels
 count for nothing. Prediction 0 is *none*: such pixels match nothing and lower the recall of what lies there.
@@ -42,7 +42,7 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Matching:
-    """What one matching gives each ground-truth instance; an unmatched one has 0 and 0."""
+    """IoU and recall that a matching gives each ground-truth instance; an unmatched one has 0 and 0."""
 
     truth_ids: Int[ndarray, " t"]
     iou: Float64[ndarray, " t"]
@@ -67,7 +67,7 @@ def prepare_truth(
     ignored: Bool[ndarray, "h w"] | None = None,
     min_pixels: int = MIN_VISIBLE_PIXELS,
 ) -> UInt32[ndarray, "h w"]:
-    """One view's ground truth with ignored pixels, and instances under `min_pixels` of what is left, set to 0."""
+    """Set ignored pixels of one view's ground truth, and instances under `min_pixels` of what is left, to 0."""
     kept = labels.copy()
     if ignored is not None:
         kept[ignored] = 0
@@ -96,7 +96,8 @@ def count_confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) ->
 
 
 def match_one_to_one(pixels: Confusion) -> Matching:
-    """The Hungarian matching that maximises the summed IoU: each predicted ID serves one ground-truth instance."""
+    """Match one to one so that the summed IoU is largest (Hungarian method): each predicted ID serves one ground-truth
+    instance."""
     iou = pixels.iou
     rows, columns = linear_sum_assignment(iou, maximize=True)
     matched, recall = np.zeros(len(iou)), np.zeros(len(iou))
@@ -106,7 +107,8 @@ def match_one_to_one(pixels: Confusion) -> Matching:
 
 
 def match_by_majority(pixels: Confusion) -> Matching:
-    """Every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions are compared.
+    """Match by majority: every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions
+    are compared.
 
     A map in pieces wins this matching, which is why it is never the headline.
     """
@@ -148,7 +150,7 @@ class LabelledView:
 
 
 def count_id_switches(views: Sequence[LabelledView]) -> int:
-    """How often a ground-truth instance changes its predicted ID along a camera's views, summed over all.
+    """Count how often ground-truth instances change their predicted ID along a camera's views.
 
     Its ID in a view is the predicted instance of highest IoU there (ties: the lower ID). The views of each camera
     in which the instance is labelled are taken in order of time; each change between consecutive ones counts.

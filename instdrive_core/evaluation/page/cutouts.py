@@ -19,7 +19,7 @@ MISSED_COLOR, EXTRA_COLOR = ERROR_COLORS[NOTHING], ERROR_COLORS[OTHER]
 _HEIGHT, _MAX_WIDTH, _MAX_ENLARGED = 72, 150, 3.0
 """Pixels; small objects are enlarged at most so much."""
 _MARGIN = 0.15
-"""Of the object's box, on every side."""
+"""Margin on every side, as a share of the object's box."""
 _DIMMED, _TINT = 0.35, 0.6
 
 
@@ -52,7 +52,7 @@ def cut_out_objects(
 
 
 def _find_best_views(views: Sequence[HeldOutView]) -> Mapping[int, int]:
-    """By ground-truth ID, the position of the view with most of its pixels (ties: the first)."""
+    """Find by ground-truth ID the position of the view with most of its pixels (ties: the first)."""
     most: dict[int, tuple[int, int]] = {}
     for number, view in enumerate(views):
         ids, counts = np.unique(view.truth[view.truth > 0], return_counts=True)

@@ -21,7 +21,7 @@ ERROR_NAMES = {
     IGNORED: "ignored: unlabelled, sky, ego vehicle, tiny",
 }
 ERROR_COLORS = np.array([[38, 41, 46], [203, 208, 214], [213, 94, 0], [240, 200, 50], [0, 114, 178]], np.uint8)
-"""By category; the three errors are told apart by every kind of colour vision (Okabe and Ito 2008)."""
+"""Colours by category; the three errors are told apart by every kind of colour vision (Okabe and Ito 2008)."""
 _BOUNDARY = np.array([110, 116, 124], np.uint8)
 _STRIPE, _STRIPE_PERIOD = np.array([45, 47, 51], np.uint8), 7
 
