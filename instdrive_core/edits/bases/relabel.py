@@ -54,9 +54,8 @@ class RelabelEdit(Edit):
         table = document.scene.table
         self._table_before = {number: table.instances.get(number) for number in touched}
         self._free_before = document.first_free_id
-        document.scene.instance_ids[self._rows] = ids[changed]
+        assign_instances(document, self._rows, ids[changed])
         document.first_free_id = max(document.first_free_id, max(targets, default=0) + 1)
-        document.note_instances_changed(ids_changed=True)
         for number in touched:
             entry = self._table_before[number] or targets.get(number)
             if entry is not None:
@@ -66,10 +65,17 @@ class RelabelEdit(Edit):
 
     def undo(self, document: Document) -> None:
         """Write the old IDs back and restore the table's entries."""
-        document.scene.instance_ids[self._rows] = self._ids_before
+        assert self._rows is not None
+        assert self._ids_before is not None
+        assign_instances(document, self._rows, self._ids_before)
         restore_entries(document, self._table_before)
         document.first_free_id = self._free_before
-        document.note_instances_changed(ids_changed=True)
+
+
+def assign_instances(document: Document, rows: ndarray, ids: ndarray | int) -> None:
+    """Write the instance IDs of rows (0 = none): the sole writer. The table is left to the caller."""
+    document.scene.instance_ids[rows] = ids
+    document.note_instances_changed(ids_changed=True)
 
 
 def recount_instances(document: Document, ids: Iterable[int]) -> None:
