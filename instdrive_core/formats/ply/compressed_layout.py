@@ -18,7 +18,7 @@ CHUNK = 256
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _AXES, _SCALES, _CHANNELS = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 BOUNDS = tuple(f"{end}_{name}" for names in (_AXES, _SCALES, _CHANNELS) for end in ("min", "max") for name in names)
-"""In the order of the file: the least and the most of position, log scale and colour."""
+"""Columns of a chunk in the file's order: the least and the most of position, log scale and colour."""
 COLOR_BOUNDS = BOUNDS[12:]
 """Absent in files of the first versions, where colours are from 0 to 1."""
 

@@ -39,12 +39,12 @@ class SogPalette:
 
 @dataclass(frozen=True)
 class SogMeta:
-    """What a meta.json says. File names are not checked: the store does that."""
+    """The content of a meta.json. File names are not checked: the store does that."""
 
     count: int
     lowest: Float64[ndarray, "3"]
     highest: Float64[ndarray, "3"]
-    """Of sign(x) ln(1 + |x|) for positions x."""
+    """Bounds of sign(x) ln(1 + |x|) for positions x."""
     log_scales: Float32[ndarray, "3 256"]
     sh_dc: Float32[ndarray, "3 256"]
     opacity_logits: Float32[ndarray, "256"]
