@@ -57,7 +57,7 @@ def test_logs_are_rotated(tmp_path, monkeypatch):
         logging.getLogger("instdrive_app").warning("line %d of many", number)
     stop_logging(handler)
     files = sorted(file.name for file in tmp_path.iterdir())
-    assert files == ["editor.log", *(f"editor.log.{number}" for number in range(1, log_file.KEPT + 1))]
+    assert files == ["editor.log", *(f"editor.log.{number}" for number in range(1, log_file.BACKUPS + 1))]
     assert all(file.stat().st_size <= 2000 for file in tmp_path.iterdir())
     assert "line 399" in (tmp_path / "editor.log").read_text()
 
