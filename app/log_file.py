@@ -45,14 +45,6 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
     return handler
 
 
-def stop_logging(handler: logging.Handler) -> None:
-    """Undo `start_logging`."""
-    logging.getLogger().removeHandler(handler)
-    handler.close()
-    logging.captureWarnings(False)
-    threading.excepthook = threading.__excepthook__
-
-
 def _log_thread_failure(failure: threading.ExceptHookArgs) -> None:
     if failure.exc_value is None or isinstance(failure.exc_value, SystemExit):
         return

@@ -5,9 +5,10 @@ import threading
 import warnings
 
 import pytest
+from log_handlers import stop_logging
 
 from instdrive_app import log_file
-from instdrive_app.log_file import get_log_path, start_logging, stop_logging
+from instdrive_app.log_file import get_log_path, start_logging
 from instdrive_core.files.user_folders import find_state_folder
 
 
