@@ -97,7 +97,7 @@ def _follow_moving(
     moved: Bool[ndarray, " c"],
     velocities: dict[int, Float64[ndarray, "3"]],
     other: ClusteredSweep,
-    moved_there: Bool[ndarray, " c"],
+    moved_there: Bool[ndarray, " d"],
 ) -> None:
     """Mark, in place, another sweep's clusters that are where a moving one of `known` must be."""
     numbers, parts = known.select_parts(moved)
