@@ -73,7 +73,7 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
-    times = _step_times(root)
+    start, times = _step_times(root)
     cameras = [_load_camera(root / "camera" / name) for name in _camera_names(root, options.cameras)]
     last_photo = max((max(camera.photos) for camera in cameras if camera.photos), default=-1)
     if last_photo >= len(times):
@@ -96,23 +96,24 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     first, last = frames[0].view.index, frames[-1].view.index
     classes = _class_names(root)
     sweeps = [
-        Sweep(index, times[index], partial(load_sweep, root, index, origin))
+        Sweep(index, times[index], partial(load_sweep, root, index, origin, start))
         for index in sorted(files_by_index(root / "lidar"))
         if first <= index <= last
     ]
     # Where there is not one sweep, training starts as from any other photos.
     points = None if sweeps else SparsePoints.none()
+    tracks, notes = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
     return Clip(
         path=str(root),
         name=root.resolve().name,
         origin=origin,
         frames=tuple(frames),
         sweeps=tuple(sweeps),
-        tracks=load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin),
+        tracks=tracks,
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
         points=points,
-        notes=() if sweeps else (start_note(0),),
+        notes=(*(() if sweeps else (start_note(0),)), *notes),
     )
 
 
@@ -127,15 +128,15 @@ def files_by_index(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")
     return found
 
 
-def _step_times(root: Path) -> list[float]:
-    """Seconds of all listed time steps since the first."""
+def _step_times(root: Path) -> tuple[float, list[float]]:
+    """When the first listed time step was, and seconds of all of them since then."""
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
         if file.is_file():
             times = numbers(file, read_json(file), "the list of timestamps")
             if not times or any(later <= earlier for earlier, later in pairwise(times)):
                 raise DataError(file, "timestamps do not rise", "Get the file again")
-            return [time - times[0] for time in times]
+            return times[0], [time - times[0] for time in times]
     raise DataError(root, "has no timestamps ('meta/timestamps.json' is missing)", "Get the sequence's JSON files")
 
 

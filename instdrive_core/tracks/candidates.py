@@ -1,0 +1,92 @@
+"""Clusters of one sweep's points that are not confirmed to stand still."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+from numpy import ndarray
+from scipy.spatial import KDTree
+
+from instdrive_core.masks.lidar.clusters import cluster
+from instdrive_core.tracks.range_images import Votes
+from instdrive_core.tracks.sweep_clouds import SweepCloud
+
+REACH, REACH_PER_METRE, MAX_REACH = 0.35, 0.01, 1.0
+"""Metres within which points hang together: right at the sensor, per metre of range, at most."""
+MIN_POINTS = 5
+MAX_LENGTH, MAX_WIDTH = 20.0, 8.0
+"""Metres: what measures more along both axes of the world is no vehicle."""
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Points of one sweep that hang together."""
+
+    sweep: int
+    """Position among the clouds."""
+    rows: Int64[ndarray, " k"]
+    """In the cloud."""
+    points: Float32[ndarray, "k 3"]
+    """Metres, z above the ground."""
+    time: float
+    """Mean time of its points, seconds."""
+    low: Float64[ndarray, "3"]
+    high: Float64[ndarray, "3"]
+    """Corners of the box around it."""
+    seen_through: float
+    """Share of the points at whose places others saw through."""
+
+    @property
+    def middle(self) -> Float64[ndarray, "2"]:
+        """Of the box around it, along the ground."""
+        return (self.low[:2] + self.high[:2]) / 2
+
+
+def find_candidates(cloud: SweepCloud, votes: Votes, sweep: int) -> list[Cluster]:
+    """The clusters of a sweep that may move: of all points but those that surely stand still."""
+    rows = np.flatnonzero(~votes.is_static)
+    if not len(rows):
+        return []
+    reach = np.minimum(REACH + REACH_PER_METRE * cloud.distance[rows], MAX_REACH).astype(np.float32)
+    numbers = cluster(cloud.points[rows], reach)
+    numbers = _rejoined(cloud.points[rows], numbers, reach)
+    order = np.argsort(numbers, kind="stable")
+    parts = np.split(rows[order], np.flatnonzero(np.diff(numbers[order])) + 1)
+    return [
+        make_cluster(cloud, votes.is_seen_through, part, sweep)
+        for part in parts
+        if len(part) >= MIN_POINTS and not _is_huge(cloud.points[part])
+    ]
+
+
+def make_cluster(
+    cloud: SweepCloud, seen_through: Bool[ndarray, " n"], rows: Int64[ndarray, " k"], sweep: int
+) -> Cluster:
+    """Some points of a cloud as a cluster."""
+    points = cloud.points[rows]
+    low, high = points.min(axis=0).astype(float), points.max(axis=0).astype(float)
+    time = float(cloud.times[rows].mean())
+    return Cluster(sweep, rows, points, time, low, high, float(seen_through[rows].mean()))
+
+
+def _is_huge(points: Float32[ndarray, "k 3"]) -> bool:
+    extent = np.sort(np.ptp(points[:, :2], axis=0))
+    return bool(extent[1] > MAX_LENGTH or extent[0] > 2 * MAX_WIDTH)
+
+
+def _rejoined(points: Float32[ndarray, "n 3"], numbers: ndarray, reach: Float32[ndarray, " n"]) -> ndarray:
+    """The clusters with those joined that touch: on dense surfaces a point's nearest neighbours are all of its own."""
+    count = int(numbers.max()) + 1
+    pairs = KDTree(points[:, :2]).query_pairs(float(REACH), output_type="ndarray")
+    if not len(pairs):
+        return numbers
+    first, second = numbers[pairs[:, 0]], numbers[pairs[:, 1]]
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    touching = (first != second) & (apart < np.minimum(reach[pairs[:, 0]], reach[pairs[:, 1]]))
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    links = (np.ones(int(touching.sum()), bool), (first[touching], second[touching]))
+    return connected_components(coo_matrix(links, shape=(count, count)), directed=False)[1][numbers]
