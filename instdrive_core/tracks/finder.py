@@ -10,9 +10,11 @@ import numpy as np
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.candidates import find_candidates
+from instdrive_core.tracks.fragments import merge_fragments
 from instdrive_core.tracks.linking import link_clusters
 from instdrive_core.tracks.motion_tests import may_move
 from instdrive_core.tracks.range_images import Votes, count_votes
+from instdrive_core.tracks.second_pass import drop_covered, solve_again
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.starts import first_guesses
 from instdrive_core.tracks.strict_test import is_mover
@@ -76,4 +78,9 @@ def find_things(
     chains = [chain for chain in link_clusters(by_sweep) if may_move(chain, clouds)]
     on_stage("solving motions")
     solved = [solve_thing(chain.clusters, clouds, first_guesses(chain)) for chain in chains]
-    return [thing for thing in solved if thing is not None and is_mover(thing, clouds)]
+    movers = [thing for thing in solved if thing is not None and is_mover(thing, clouds)]
+    on_stage("joining fragments")
+    whole = merge_fragments(movers, clouds, votes)
+    on_stage("following on")
+    again = drop_covered([solve_again(thing, clouds, votes) for thing in whole], clouds)
+    return [thing for thing in merge_fragments(again, clouds, votes) if is_mover(thing, clouds)]

@@ -9,7 +9,9 @@ from instdrive_core.tracks.motion_tests import EGO_DRIFT, EGO_REACH
 from instdrive_core.tracks.solved_thing import SolvedThing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
-MAX_RATIO = 0.5
+MAX_RATIO, SURE_SEEN, SURE_RATIO = 0.5, 0.5, 0.72
+"""Greatest `motion_ratio`; what was seen through at so many of its places may have the greater one: slow things overlap
+themselves a metre on."""
 MIN_WAY = 0.9
 """Metres between its two farthest places."""
 SEEN = 0.1
@@ -38,7 +40,7 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     extent = np.percentile(local, 97, axis=0) - np.percentile(local, 3, axis=0)
     if way < MIN_WAY:
         return f"way {way:.2f}"
-    if thing.ratio > MAX_RATIO:
+    if thing.ratio > (SURE_RATIO if seen > SURE_SEEN else MAX_RATIO):
         return f"ratio {thing.ratio:.2f}"
     if extent[0] > MAX_LENGTH or extent[1] > MAX_WIDTH:
         return f"extent {extent[0]:.1f} {extent[1]:.1f}"
