@@ -27,6 +27,10 @@ COMMANDS = {
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
     ),
     "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
+    "tracks": Command(
+        "instdrive_core.cli.tracks:tracks",
+        "Find what moves in a clip's LiDAR sweeps, without cuboids or classes.",
+    ),
     "train": Command("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
     "eval": Command("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
     "compare": Command("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
