@@ -14,6 +14,7 @@ CORE_LAYERS = [
     {"scene"},
     {"formats", "datasets", "rasterize", "edits"},
     {"masks", "project"},
+    {"tracks"},
     {"evaluation"},
     {"training"},
     {"baselines"},

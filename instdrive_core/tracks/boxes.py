@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-TRIM = 1.0
+TRIM = 0.6
 """Percent of the points beyond each face that do not count."""
 TALL = 2.3
 """Metres: higher vehicles are vans, buses and lorries."""
-CAR, VAN = (4.5, 1.85), (6.0, 2.4)
+CAR, VAN = (4.6, 1.88), (6.0, 2.4)
 """Length and width in metres of what was seen in part only."""
 TWO_WHEELER, PERSON = (1.8, 0.7), (0.6, 0.6)
 PERSON_LENGTH, PERSON_WIDTH, PERSON_HEIGHTS = 1.25, 1.1, (0.9, 2.2)

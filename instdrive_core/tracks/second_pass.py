@@ -7,24 +7,29 @@ from jaxtyping import Float32
 from numpy import ndarray
 from scipy import ndimage
 
+from instdrive_core.tracks.boxes import kind_of
 from instdrive_core.tracks.candidates import make_cluster
 from instdrive_core.tracks.extension import extend_in_time
 from instdrive_core.tracks.motion_tests import carry, motion_ratio
 from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.solved_thing import SolvedThing, solve_thing
 from instdrive_core.tracks.sweep_clouds import SweepCloud
-from instdrive_core.tracks.trajectory import Trajectory
+from instdrive_core.tracks.trajectory import SPACING, Trajectory
 
 CELL = 0.3
 """Metres along an edge of the cells of a thing's frame."""
 OFTEN = 0.5
 """Share of the sweeps in which points lie in a cell of the thing."""
-REACH_ALONG, REACH_ACROSS, HIGHEST = 1.5, 0.7, 4.2
-"""Metres around what is known of a thing within which it may go on, and above the ground."""
+REACH_ALONG, REACH_ACROSS, REACH_UP = 1.5, 0.7, 0.5
+"""Metres around and above what is known of a thing within which it may go on."""
 STANDING_RATIO = 0.8
 """`motion_ratio` from which on a part that was added stands still."""
-CAR, LORRY, TALL = (5.8, 2.6), (18.0, 3.2), 2.3
-"""Length and width in metres to which a thing may grow, and one higher than so many metres."""
+LARGEST = {"Pedestrian": (1.2, 1.1), "Bicycle": (2.3, 1.1), "Car": (5.6, 2.4)}
+"""Length and width in metres to which a thing may grow, by what it looks like so far."""
+LORRY = (18.0, 3.2)
+"""The same for all others."""
+MAX_CHANGE = 0.5
+"""Metres (median) by which a thing's places may change when it is solved again; more, and it slid onto something else."""
 REACHES = (0.4, 0.35, 0.3, 0.25, 0.25, 0.25)
 """Metres within which points of two observations are of one place, step by step; poses are nearly right."""
 
@@ -36,9 +41,24 @@ def solve_again(thing: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
     rows = _grown(rows, trajectory, thing, clouds)
     clusters = [make_cluster(clouds[k], votes[k].is_seen_through, rows[k], k) for k in sorted(rows)]
     again = solve_thing(clusters, clouds, [trajectory], REACHES)
-    if again is None or again.ratio > thing.ratio + 0.12:
+    if again is None or again.ratio > thing.ratio + 0.12 or _change(thing, again) > MAX_CHANGE:
         return thing
     return again
+
+
+def _change(thing: SolvedThing, again: SolvedThing) -> float:
+    """Median metres between the middles of a thing's points as solved before and again."""
+    times = thing.trajectory.start + SPACING * np.arange(len(thing.trajectory.knots))
+    places = []
+    for one in (thing, again):
+        local = one.local_points()
+        middle = (np.percentile(local, 1, axis=0) + np.percentile(local, 99, axis=0))[:2] / 2
+        poses = one.trajectory.poses_at(times)
+        cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        turned = np.column_stack([cosine * middle[0] - sine * middle[1], sine * middle[0] + cosine * middle[1]])
+        places.append(poses[:, :2] + turned)
+    grown = np.abs(np.ptp(again.local_points(), axis=0) - np.ptp(thing.local_points(), axis=0))[:2].max() / 2
+    return float(np.median(np.linalg.norm(places[1] - places[0], axis=1)) - grown)
 
 
 def _grown(
@@ -47,7 +67,7 @@ def _grown(
     """The rows of each sweep with those that lie, sweep after sweep, in the same cells of the thing's frame."""
     local = thing.local_points()
     low, high = np.percentile(local, 1, axis=0), np.percentile(local, 99, axis=0)
-    length, width = LORRY if high[2] > TALL else CAR
+    length, width = LARGEST.get(kind_of(high[:2] - low[:2], float(high[2]))[0], LORRY)
     spare = np.maximum(np.array([length, width]) - (high - low)[:2], 0)
     margin = np.minimum([REACH_ALONG, REACH_ACROSS], spare)
     corner = low[:2] - margin
@@ -62,7 +82,7 @@ def _grown(
         close = np.union1d(close, own)
         places = _local(cloud.points[close], pose)
         cells = np.floor((places[:, :2] - corner) / CELL).astype(int)
-        inside = np.all((cells >= 0) & (cells < shape), axis=1) & (cloud.points[close, 2] < HIGHEST)
+        inside = np.all((cells >= 0) & (cells < shape), axis=1) & (cloud.points[close, 2] < high[2] + REACH_UP)
         close, cells = close[inside], cells[inside]
         is_own = np.isin(close, own)
         mark = np.zeros(shape, bool)

@@ -16,6 +16,8 @@ MIN_WAY = 0.9
 """Metres between its two farthest places."""
 SEEN = 0.1
 """Share of points at places seen through below which more is asked of a thing."""
+FEW_SEEN, SURE_MOTION = 0.02, 0.35
+"""What walks along a wall is seldom seen through: so many points suffice if no more of its distances are left."""
 NEAR = 30.0
 """Metres within which a mover is seen through, as beams are dense there."""
 FLAT, FLAT_REACH = 0.35, 40.0
@@ -46,7 +48,9 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
         return f"extent {extent[0]:.1f} {extent[1]:.1f}"
     if _moves_with_ego(thing, clouds):
         return "ego"
-    if seen < SEEN and (distance < NEAR or way < 2 * float(extent[:2].max())):
+    size = float(extent[:2].max())
+    walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
+    if seen < SEEN and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
     if extent[2] < FLAT and distance < FLAT_REACH:
         return f"flat {extent[2]:.2f}"
