@@ -23,6 +23,8 @@ MAX_ROUGHNESS, ROUGHNESS_SHARE = 0.3, 0.015
 EGO_REACH, EGO_DRIFT = 4.0, 0.5
 """Metres: what stays within so many of the sensor and moves against it by no more is part of the recording car."""
 LOOSE_RATIO = 0.75
+SURE_SEEN = 0.5
+"""Share of points at places seen through from which on a chain need only go somewhere: it was cut out roughly."""
 CLIP = 0.6
 """Metres beyond which a distance between clouds counts no more."""
 APART = 1.0
@@ -37,6 +39,7 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
     if len(chain.clusters) < MIN_SWEEPS:
         return False
     times = np.array([one.time for one in chain.clusters])
+    is_seen_through = np.mean([one.seen_through for one in chain.clusters]) > SURE_SEEN
     passed = False
     for places in (linked_places(chain), middles(chain)):
         way = float(np.linalg.norm(places[-1] - places[0]))
@@ -47,13 +50,14 @@ def may_move(chain: Chain, clouds: list[SweepCloud]) -> bool:
             continue
         off = np.linalg.norm(path_of.poses_at(times)[:, :2] - places, axis=1)
         speed = path / max(times[-1] - times[0], 0.1)
-        if np.sqrt(np.mean(off**2)) > MAX_ROUGHNESS + ROUGHNESS_SHARE * speed:
+        slack = 2 if is_seen_through else 1
+        if np.sqrt(np.mean(off**2)) > slack * (MAX_ROUGHNESS + ROUGHNESS_SHARE * speed):
             continue
         if moves_with_ego(times, places, clouds, [one.sweep for one in chain.clusters]):
             return False
         parts = [one.points for one in chain.clusters]
         shifts = path_of.poses_at(times)[:, :2]
-        if motion_ratio(parts, shifts) < LOOSE_RATIO:
+        if is_seen_through or motion_ratio(parts, shifts) < LOOSE_RATIO:
             passed = True
             break
     return passed

@@ -42,8 +42,8 @@ def box_clip(
     period: float = 0.1,
     ego: Callable[[float], float] = lambda time: 0.0,
     timed: bool = True,
-    beams: int = 48,
-    azimuths: int = 900,
+    beams: int = 40,
+    azimuths: int = 720,
 ) -> Clip:
     """A clip of sweeps only: the ego car is at `ego(time)` along x; with `timed` points carry their times."""
     sweeps, frames = [], []
@@ -53,7 +53,7 @@ def box_clip(
         sweeps.append(Sweep(step, time, lambda sweep=sweep: sweep))
         pose = np.eye(4)
         pose[:3, 3] = ego(time), 0.0, LIDAR_HEIGHT
-        camera = Camera(50, 50, 32, 18, 64, 36, pose)
+        camera = Camera(50.0, 50.0, 32.0, 18.0, 64, 36, pose)
         view = CameraView(camera, "front_camera", step, time, "", is_held_out(step))
         frames.append(Frame(view, lambda: np.zeros((36, 64, 3), np.uint8)))
     return Clip("boxes", "boxes", np.zeros(3), tuple(frames), tuple(sweeps), (), {}, ("front_camera",))
