@@ -1,5 +1,8 @@
 # make demo   train a synthetic drive, evaluate it, open (or script) the editor on it
-# make test   the whole test suite, in WORKERS processes (default 2) that take a file of tests each
+# make test   style, types, import contracts and the whole test suite, in WORKERS processes (default 2) that take a file
+#             of tests each
+# make lint   the same without the suite
+# make docs   the documentation as a site in build/site; warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,21 +12,36 @@ PACKAGES := libegl1 libgl1 libgl1-mesa-dri libglx-mesa0 libx11-6 libxcursor1 lib
 RUN ?= runs/demo
 WORKERS ?= 2
 
-.PHONY: demo test lint bench pictures system clean
+.PHONY: demo test docs lint style contracts types suite bench pictures system clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.ready
 	$(BIN)/instdrive demo --out $(RUN)
 
+# pyright has one thread: it runs beside the suite, whose files wait for each other at the end.
 test: $(VENV)/.ready-dev
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	@$(MAKE) --no-print-directory style contracts
+	@$(MAKE) --no-print-directory --jobs=2 --keep-going types suite
 
-# pyright does not follow pyproject's package-dir: it finds app/ under its import name through a link.
-lint: $(VENV)/.ready-dev
-	@mkdir -p $(VENV)/paths && ln -sfn ../../app $(VENV)/paths/instdrive_app
+lint: style contracts types
+
+style: $(VENV)/.ready-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+contracts: $(VENV)/.ready-dev
+	$(BIN)/lint-imports --no-logo
+
+# pyright does not follow pyproject's package-dir: it finds app/ under its import name through a link.
+types: $(VENV)/.ready-dev
+	@mkdir -p $(VENV)/paths && ln -sfn ../../app $(VENV)/paths/instdrive_app
 	$(BIN)/pyright
+
+suite: $(VENV)/.ready-dev
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+
+docs: $(VENV)/.ready-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: $(VENV)/.ready-dev
 	$(BIN)/python -m benchmarks.rasterize --workload W2 --state init
@@ -39,11 +57,15 @@ $(VENV)/bin/python: | system
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.ready: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[train]'
 	touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+$(VENV)/.ready-docs: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
 	touch $@
 
 # OpenGL, a virtual display and venv support come from Debian packages; nothing is installed when all are there.

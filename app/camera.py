@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_app.state import Intrinsics, Viewpoint, default_viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import CameraView, look_at
-from instdrive_core.scene.transforms import Similarity, scale_of
-from instdrive_core.scene.turned import turned_pose
+from instdrive_core.scene.pose_transforms import transform_pose
+from instdrive_core.scene.transforms import Similarity, extract_scale
 
 STEEPEST = 0.99
 """|vertical part| of the viewing direction beyond which no drag tilts."""
@@ -23,14 +23,14 @@ NEAREST_PIVOT, FARTHEST_PIVOT = 0.3, 2000.0
 
 def orbit(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
     """Turn around the pivot: `yaw` about the world's vertical, `pitch` upwards about the camera's x axis."""
-    pose = _turned(viewpoint.world_from_camera, yaw, pitch)
+    pose = _turn(viewpoint.world_from_camera, yaw, pitch)
     pose[:3, 3] = viewpoint.pivot - viewpoint.pivot_distance * pose[:3, 2]
     return replace(viewpoint, world_from_camera=pose)
 
 
 def look(viewpoint: Viewpoint, yaw: float, pitch: float) -> Viewpoint:
     """Turn on the spot."""
-    return replace(viewpoint, world_from_camera=_turned(viewpoint.world_from_camera, yaw, pitch))
+    return replace(viewpoint, world_from_camera=_turn(viewpoint.world_from_camera, yaw, pitch))
 
 
 def pan(viewpoint: Viewpoint, right: float, down: float) -> Viewpoint:
@@ -52,7 +52,7 @@ def dolly(viewpoint: Viewpoint, factor: float) -> Viewpoint:
     return replace(viewpoint, world_from_camera=pose, pivot_distance=distance)
 
 
-def with_pivot(viewpoint: Viewpoint, distance: float) -> Viewpoint:
+def set_pivot_distance(viewpoint: Viewpoint, distance: float) -> Viewpoint:
     """The same view; orbiting turns around the point at `distance` along the axis."""
     return replace(viewpoint, pivot_distance=float(np.clip(distance, NEAREST_PIVOT, FARTHEST_PIVOT)))
 
@@ -71,7 +71,7 @@ def lift(viewpoint: Viewpoint, up: float) -> Viewpoint:
     return replace(viewpoint, world_from_camera=pose)
 
 
-def framed(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, "3"]) -> Viewpoint:
+def frame_box(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, "3"]) -> Viewpoint:
     """Look at the centre of a box from the present direction (from somewhat above), far enough to see all of it."""
     center, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.2)
     lens = viewpoint.lens
@@ -83,18 +83,18 @@ def framed(viewpoint: Viewpoint, low: Float[ndarray, "3"], high: Float[ndarray, 
     return Viewpoint(look_at(center - distance * direction, center), lens, float(distance))
 
 
-def through(view: CameraView, pivot_distance: float = 10.0) -> Viewpoint:
+def view_from_camera(view: CameraView, pivot_distance: float = 10.0) -> Viewpoint:
     """The dataset camera's own place and lens."""
     return Viewpoint(view.camera.world_from_camera, Intrinsics.of(view.camera), pivot_distance)
 
 
-def framed_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
+def frame_points(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
     """Frame the box of most of the points (at least one): stray splats do not push the camera away."""
     low, high = np.percentile(points, [2, 98], axis=0)
-    return framed(viewpoint, low, high)
+    return frame_box(viewpoint, low, high)
 
 
-def birds_eye(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
+def look_straight_down(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
     """Straight down on most of the points (at least one), with the present heading up in the picture."""
     low, high = np.percentile(points, [2, 98], axis=0)
     heading = viewpoint.forward * [1, 1, 0]
@@ -113,19 +113,21 @@ def birds_eye(viewpoint: Viewpoint, points: Float[ndarray, "n 3"]) -> Viewpoint:
     return Viewpoint(pose, lens, float(distance))
 
 
-def carried(viewpoint: Viewpoint, matrix: Similarity) -> Viewpoint:
+def transform_viewpoint(viewpoint: Viewpoint, matrix: Similarity) -> Viewpoint:
     """Gone along with a scene after [s R | t], then without roll: the same thing in the middle, and upright."""
-    pose = turned_pose(viewpoint.world_from_camera, matrix)
+    pose = transform_pose(viewpoint.world_from_camera, matrix)
     level = look_at(pose[:3, 3], pose[:3, 3] + pose[:3, 2])
-    return with_pivot(replace(viewpoint, world_from_camera=level), viewpoint.pivot_distance * scale_of(matrix))
+    return set_pivot_distance(
+        replace(viewpoint, world_from_camera=level), viewpoint.pivot_distance * extract_scale(matrix)
+    )
 
 
-def overview(means: Float[ndarray, "n 3"]) -> Viewpoint:
+def frame_scene(means: Float[ndarray, "n 3"]) -> Viewpoint:
     """A first look at a scene without cameras."""
-    return framed_points(default_viewpoint(), means) if len(means) else default_viewpoint()
+    return frame_points(make_default_viewpoint(), means) if len(means) else make_default_viewpoint()
 
 
-def _turned(pose: Float[ndarray, "4 4"], yaw: float, pitch: float) -> Float[ndarray, "4 4"]:
+def _turn(pose: Float[ndarray, "4 4"], yaw: float, pitch: float) -> Float[ndarray, "4 4"]:
     cosine, sine = np.cos(yaw), np.sin(yaw)
     about_z = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
     rotation = about_z @ pose[:3, :3]

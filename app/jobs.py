@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any
 
-from instdrive_app.memory import give_back
+from instdrive_app.memory import release_freed_memory
 from instdrive_app.messages import user_message
 from instdrive_core.errors import EditError, InstDriveError
-from instdrive_core.progress import CancelledError, reporting
+from instdrive_core.progress import CancelledError, report_to
 
 _log = logging.getLogger(__name__)
 
@@ -25,19 +25,19 @@ class Job:
 
     title: str
     """Present participle for the progress box, e.g. ``Opening street.ply``."""
-    done: Callable[[Any], None]
+    on_done: Callable[[Any], None]
     modal: bool
     """Whether edits wait until it is done."""
-    failed: Callable[[BaseException], bool]
+    on_failure: Callable[[BaseException], bool]
     """Gets what went wrong; returns whether that was all there is to do about it."""
-    future: Future = field(default_factory=Future)
+    future: Future[Any] = field(default_factory=Future)
     share: float | None = None
     """How much of it is done, 0 … 1; None while that is not known."""
     stop: Event = field(default_factory=Event)
     over: bool = False
     """Whether its end, whatever it was, has been told."""
 
-    def progressed(self, share: float) -> None:
+    def report_share(self, share: float) -> None:
         """Told by the work, in its own thread. Raises CancelledError where the user wants it to stop."""
         self.share = share
         if self.stop.is_set():
@@ -66,7 +66,7 @@ class Jobs:
         return next(iter((*self._jobs, *self._asides)), None)
 
     @property
-    def blocking(self) -> bool:
+    def is_blocking(self) -> bool:
         """Whether a modal job is under way."""
         return any(job.modal for job in self._jobs)
 
@@ -74,26 +74,26 @@ class Jobs:
         self,
         title: str,
         work: Callable[[], Any],
-        done: Callable[[Any], None] = lambda _: None,
+        on_done: Callable[[Any], None] = lambda _: None,
         modal: bool = True,
-        failed: Callable[[BaseException], bool] = lambda _: False,
+        on_failure: Callable[[BaseException], bool] = lambda _: False,
     ) -> Job:
-        """Run `work` in the background, then `done(result)` on the UI's thread.
+        """Run `work` in the background, then `on_done(result)` on the UI's thread.
 
-        What `work` tells by `instdrive_core.progress.report` is the job's `share`. A failure goes to `failed` first,
+        What `work` tells by `instdrive_core.progress.report` is the job's `share`. A failure goes to `on_failure` first,
         and where that returns False to the user.
         """
-        job = Job(title, done, modal, failed)
+        job = Job(title, on_done, modal, on_failure)
         self._start(self._pool, job, work)
         self._jobs.append(job)
         return job
 
-    def submit_aside(
+    def submit_in_background(
         self,
         title: str,
         work: Callable[[], Any],
-        done: Callable[[Any], None] = lambda _: None,
-        failed: Callable[[BaseException], bool] = lambda _: False,
+        on_done: Callable[[Any], None] = lambda _: None,
+        on_failure: Callable[[BaseException], bool] = lambda _: False,
     ) -> None:
         """As `submit`, beside the other jobs and never modal: what nobody waits for.
 
@@ -103,19 +103,19 @@ class Jobs:
             old.stop.set()
             old.future.cancel()
             self._asides.remove(old)
-        job = Job(title, done, False, failed)
+        job = Job(title, on_done, False, on_failure)
         self._start(self._aside, job, work)
         self._asides.append(job)
 
     def _start(self, pool: ThreadPoolExecutor, job: Job, work: Callable[[], Any]) -> None:
-        def listened() -> Any:
+        def run() -> Any:
             try:
-                with reporting(job.progressed):
+                with report_to(job.report_share):
                     return work()
             finally:
-                give_back()
+                release_freed_memory()
 
-        job.future = pool.submit(copy_context().run, listened)
+        job.future = pool.submit(copy_context().run, run)
         job.future.add_done_callback(lambda _: self._wake())
 
     def cancel(self) -> None:
@@ -137,8 +137,8 @@ class Jobs:
         if job.future.cancelled() or isinstance(error, CancelledError | NeverBegunError):
             self._report_cancelled(f"{job.title} was cancelled")
         elif error is None:
-            job.done(job.future.result())
-        elif job.failed(error):
+            job.on_done(job.future.result())
+        elif job.on_failure(error):
             _log.info("%s failed: %s", job.title, error)
         elif isinstance(error, InstDriveError):
             self._report_error(user_message(error) if isinstance(error, EditError) else str(error))

@@ -8,16 +8,16 @@ import threading
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
-from instdrive_core.files.user_folders import state_folder
+from instdrive_core.files.user_folders import find_state_folder
 
 MAX_BYTES, KEPT = 1_000_000, 4
 """Size of one file, and how many older ones are kept."""
 _FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 
-def log_path() -> Path:
+def get_log_path() -> Path:
     """The newest log."""
-    return state_folder() / "logs" / "editor.log"
+    return find_state_folder() / "logs" / "editor.log"
 
 
 def start_logging(path: Path | None = None) -> logging.Handler | None:
@@ -25,7 +25,7 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
 
     Returns None, with a warning on stderr, where the file cannot be written: the editor works without.
     """
-    path = path or log_path()
+    path = path or get_log_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # File names need not be text: a failure that names one is logged all the same.
@@ -41,7 +41,7 @@ def start_logging(path: Path | None = None) -> logging.Handler | None:
     logging.getLogger("instdrive_app").setLevel(logging.INFO)
     logging.getLogger("instdrive_core").setLevel(logging.INFO)
     logging.captureWarnings(True)
-    threading.excepthook = _thread_failed
+    threading.excepthook = _log_thread_failure
     return handler
 
 
@@ -53,7 +53,7 @@ def stop_logging(handler: logging.Handler) -> None:
     threading.excepthook = threading.__excepthook__
 
 
-def _thread_failed(failure: threading.ExceptHookArgs) -> None:
+def _log_thread_failure(failure: threading.ExceptHookArgs) -> None:
     if failure.exc_value is None or isinstance(failure.exc_value, SystemExit):
         return
     name = failure.thread.name if failure.thread else "a thread"

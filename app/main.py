@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Command:
+class CliCommand:
     """Where a command lives, and the first line of its docstring, repeated so that help imports nothing."""
 
     target: str
@@ -20,33 +20,35 @@ class Command:
 
 
 COMMANDS = {
-    "demo": Command("instdrive_app.cli.demo:demo", "Train a synthetic drive, evaluate it, and open the editor on it."),
-    "edit": Command("instdrive_app.cli.edit:edit", "Open a scene in the editor window."),
-    "synth": Command(
+    "demo": CliCommand(
+        "instdrive_app.cli.demo:demo", "Train a synthetic drive, evaluate it, and open the editor on it."
+    ),
+    "edit": CliCommand("instdrive_app.cli.edit:edit", "Open a scene in the editor window."),
+    "synth": CliCommand(
         "instdrive_core.cli.synth:synth",
         "Write a synthetic driving clip in PandaSet's layout, with exact instance labels.",
     ),
-    "masks": Command("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
-    "tracks": Command(
+    "masks": CliCommand("instdrive_core.cli.masks:masks", "Write instance masks for the training photos of a clip."),
+    "tracks": CliCommand(
         "instdrive_core.cli.tracks:tracks",
         "Find what moves in a clip's LiDAR sweeps, without cuboids or classes.",
     ),
-    "train": Command("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
-    "eval": Command("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
-    "compare": Command("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
-    "apply": Command("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
-    "convert": Command(
+    "train": CliCommand("instdrive_core.cli.train:train", "Train a driving clip into Gaussians with instance IDs."),
+    "eval": CliCommand("instdrive_core.cli.eval:evaluate", "Measure a trained run against held-out photos and labels."),
+    "compare": CliCommand("instdrive_core.cli.compare:compare", "Put measured runs side by side."),
+    "apply": CliCommand("instdrive_core.cli.apply:apply", "Edit a scene without a window and export it."),
+    "convert": CliCommand(
         "instdrive_core.cli.convert:convert", "Convert a scene into the format that the new name ends in."
     ),
-    "objects": Command(
+    "objects": CliCommand(
         "instdrive_core.cli.objects:objects", "Write boxes or hulls of a scene's instances as .json or .glb."
     ),
-    "id-masks": Command(
+    "id-masks": CliCommand(
         "instdrive_core.cli.id_masks:id_masks", "Write instance masks as the cameras of a scene's photos see them."
     ),
-    "render": Command("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
-    "info": Command("instdrive_core.cli.info:info", "Print what a scene file holds."),
-    "doctor": Command(
+    "render": CliCommand("instdrive_core.cli.render:render", "Draw a scene into PNG pictures without a window."),
+    "info": CliCommand("instdrive_core.cli.info:info", "Print what a scene file holds."),
+    "doctor": CliCommand(
         "instdrive_app.cli.doctor:doctor", "Print versions and the state of OpenGL and CUDA, and test a render."
     ),
 }
@@ -59,10 +61,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     arguments = list(sys.argv[1:] if argv is None else argv)
     if not arguments or arguments[0] in ("-h", "--help"):
-        print(_help())
+        print(_format_help())
         return 0
     if arguments[0] in ("-V", "--version"):
-        print(f"instdrive {_version()}")
+        print(f"instdrive {_find_version()}")
         return 0
     name, rest = arguments[0], arguments[1:]
     if name not in COMMANDS:
@@ -76,8 +78,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _run(name, rest)
 
 
+def gui(argv: Sequence[str] | None = None) -> int:
+    """Open the editor as a double click does, on the paths of the command line; returns the exit status."""
+    from instdrive_app.cli.desktop import start_from_desktop
+
+    return start_from_desktop(sys.argv[1:] if argv is None else argv)
+
+
 def _run(name: str, arguments: list[str]) -> int:
     from instdrive_core.errors import InstDriveError
+    from instdrive_core.extras import explain_missing_module
 
     try:
         import tyro
@@ -87,6 +97,12 @@ def _run(name: str, arguments: list[str]) -> int:
         tyro.cli(command, prog=f"instdrive {name}", args=arguments)
     except InstDriveError as error:
         print(f"instdrive {name}: {error}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        missing = explain_missing_module(error)
+        if missing is None:
+            raise
+        print(f"instdrive {name}: {missing}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"instdrive {name}: stopped", file=sys.stderr)
@@ -99,7 +115,7 @@ def _run(name: str, arguments: list[str]) -> int:
     return 0
 
 
-def _help() -> str:
+def _format_help() -> str:
     width = max(len(name) for name in COMMANDS)
     lines = [
         "usage: instdrive COMMAND [OPTIONS]",
@@ -110,7 +126,7 @@ def _help() -> str:
     return "\n".join([*lines, "", "Options of a command: instdrive COMMAND --help. Version: instdrive --version."])
 
 
-def _version() -> str:
+def _find_version() -> str:
     from importlib.metadata import version
 
     return version("instdrive")

@@ -11,7 +11,7 @@ _WORD_START, _IN_ROW, _ANYWHERE = 8, 5, 1
 """What a letter found at a word's start, right after the last one, or elsewhere is worth."""
 
 
-def match_score(typed: str, title: str) -> int | None:
+def score_match(typed: str, title: str) -> int | None:
     """How well `title` answers to `typed`: its letters must occur in that order; None where they do not.
 
     Letters at the start of words and letters in a row count more, so that ``exp`` finds ``Export`` before ``Explode at
@@ -38,8 +38,8 @@ def match_score(typed: str, title: str) -> int | None:
     return max(best.values())
 
 
-def best_matches(typed: str, items: Iterable[Item], title: Callable[[Item], str]) -> list[Item]:
+def find_best_matches(typed: str, items: Iterable[Item], title: Callable[[Item], str]) -> list[Item]:
     """The items that answer to `typed`, best first; all in their order where nothing is typed."""
-    scored = [(match_score(typed, title(item)), item) for item in items]
+    scored = [(score_match(typed, title(item)), item) for item in items]
     found = [(score, item) for score, item in scored if score is not None]
     return [item for _, item in sorted(found, key=lambda pair: -pair[0])]

@@ -6,49 +6,45 @@ import ctypes
 import sys
 import time
 from functools import cache
-from pathlib import Path
 
-STATM = Path("/proc/self/statm")
-PAGE_BYTES = 4096
+import psutil
+
 LOOK_SECONDS = 1.0
-"""Between two looks."""
+"""Time between two looks."""
 
 
 class MemoryGauge:
-    """Resident bytes of this process, looked up at most once a second; None where the system does not say."""
+    """Resident bytes of this process, looked up at most once a second."""
 
     def __init__(self) -> None:
-        self._bytes: int | None = None
+        self._bytes = 0
         self._next = 0.0
 
     @property
-    def resident(self) -> int | None:
-        """Bytes."""
+    def resident(self) -> int:
+        """Bytes that were in memory at the last look."""
         now = time.monotonic()
         if now >= self._next:
-            self._bytes, self._next = resident_bytes(), now + LOOK_SECONDS
+            self._bytes, self._next = read_resident_bytes(), now + LOOK_SECONDS
         return self._bytes
 
 
-def resident_bytes() -> int | None:
-    """What of this process is in memory now, in bytes; None where the system does not say."""
-    try:
-        return int(STATM.read_text().split()[1]) * PAGE_BYTES
-    except (OSError, ValueError, IndexError):
-        return None
+def read_resident_bytes() -> int:
+    """Read how many bytes of this process are in memory now."""
+    return psutil.Process().memory_info().rss
 
 
-def give_back() -> None:
+def release_freed_memory() -> None:
     """Let the system have the freed memory that the C library keeps: after hours of large jobs on several threads that
     would be as much as the scene itself. Does nothing where the C library has no such call (all but Linux with glibc).
     """
-    trim = _trim()
+    trim = _find_trim()
     if trim is not None:
         trim(0)
 
 
 @cache
-def _trim():
+def _find_trim():
     if not sys.platform.startswith("linux"):
         return None
     return getattr(ctypes.CDLL(None), "malloc_trim", None)

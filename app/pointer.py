@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.kinds.select import SelectMode
@@ -29,16 +29,17 @@ class Click:
     @property
     def mode(self) -> SelectMode:
         """What the keys ask for: Shift adds, Ctrl removes, both keep of the selection what is meant."""
-        return selection_mode(self.shift, self.ctrl)
+        return choose_selection_mode(self.shift, self.ctrl)
 
 
-def selection_mode(shift: bool, ctrl: bool) -> SelectMode:
+def choose_selection_mode(shift: bool, ctrl: bool) -> SelectMode:
     """The mode of selecting that these keys stand for."""
     if shift and ctrl:
         return "intersect"
     return "add" if shift else "remove" if ctrl else "replace"
 
 
+@runtime_checkable
 class Tool(Protocol):
     """Turns pointing into commands and edits."""
 

@@ -81,7 +81,7 @@ class Viewpoint:
         """The point that orbiting turns around."""
         return self.position + self.pivot_distance * self.forward
 
-    def fitted(self, width: int, height: int) -> Camera:
+    def fit_camera(self, width: int, height: int) -> Camera:
         """The camera of a viewport: the whole film is inside, centred, and what lies around it is shown too."""
         lens = self.lens
         scale = min(width / lens.width, height / lens.height)
@@ -89,14 +89,14 @@ class Viewpoint:
         cy = lens.cy * scale + (height - lens.height * scale) / 2
         return Camera(lens.fx * scale, lens.fy * scale, cx, cy, width, height, self.world_from_camera)
 
-    def film_in(self, width: int, height: int) -> tuple[float, float, float, float]:
+    def fit_film(self, width: int, height: int) -> tuple[float, float, float, float]:
         """Left, top, right, bottom of the film in the viewport's pixels."""
         scale = min(width / self.lens.width, height / self.lens.height)
         left, top = (width - self.lens.width * scale) / 2, (height - self.lens.height * scale) / 2
         return left, top, width - left, height - top
 
 
-def default_viewpoint() -> Viewpoint:
+def make_default_viewpoint() -> Viewpoint:
     """Eye height, looking along the world's +y."""
     pose = look_at(np.array([0.0, -8.0, 3.0]), np.array([0.0, 0.0, 1.0]))
     return Viewpoint(pose, Intrinsics.from_field_of_view(50.0))
@@ -109,7 +109,7 @@ class EditorState:
     view_mode: ViewMode = ViewMode.COLOR
     time: float = 0.0
     """Seconds since the clip's first time step."""
-    viewpoint: Viewpoint = field(default_factory=default_viewpoint)
+    viewpoint: Viewpoint = field(default_factory=make_default_viewpoint)
     dataset_view: int | None = None
     """Index into the scene's views while the viewport looks through one of them."""
     hovered: int = 0
@@ -147,7 +147,7 @@ class FrameSnapshot:
 def resolve(state: EditorState, width: int, height: int, draft: bool = False) -> FrameSnapshot:
     """The frame that `state` asks for in a viewport of this size (pixels, at least 1 × 1)."""
     return FrameSnapshot(
-        camera=state.viewpoint.fitted(max(width, 1), max(height, 1)),
+        camera=state.viewpoint.fit_camera(max(width, 1), max(height, 1)),
         time=state.time,
         view_mode=state.view_mode,
         hovered=state.hovered,

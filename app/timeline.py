@@ -19,7 +19,7 @@ class Timeline:
 
     def __init__(self, views: Sequence[CameraView], actors: Sequence[Track] = ()) -> None:
         self._views = views
-        times = _step_times(views) or {float(time) for actor in actors for time in actor.times}
+        times = _find_step_times(views) or {float(time) for actor in actors for time in actor.times}
         self.steps: tuple[float, ...] = tuple(sorted(times))
         self.camera_names: tuple[str, ...] = tuple(dict.fromkeys(view.name for view in views))
 
@@ -33,15 +33,15 @@ class Timeline:
         """The last moment."""
         return self.steps[-1] if self.steps else 0.0
 
-    def step_of(self, time: float) -> int:
+    def find_step(self, time: float) -> int:
         """The number of the step nearest to `time`."""
         return int(np.argmin(np.abs(np.array(self.steps) - time))) if self.steps else 0
 
-    def stepped(self, time: float, count: int) -> float:
+    def step_time(self, time: float, count: int) -> float:
         """The moment `count` steps on, around the ends."""
-        return self.steps[(self.step_of(time) + count) % len(self.steps)]
+        return self.steps[(self.find_step(time) + count) % len(self.steps)]
 
-    def nearest_view(self, name: str, time: float) -> int:
+    def find_nearest_view(self, name: str, time: float) -> int:
         """Index of the view of camera `name` nearest in time. Raises ValueError for an unknown name."""
         candidates = [(abs(view.time - time), index) for index, view in enumerate(self._views) if view.name == name]
         if not candidates:
@@ -49,7 +49,7 @@ class Timeline:
         return min(candidates)[1]
 
 
-def _step_times(views: Sequence[CameraView]) -> set[float]:
+def _find_step_times(views: Sequence[CameraView]) -> set[float]:
     """The middle one of the times of each step's photos."""
     of_step: dict[int, list[float]] = {}
     for view in views:

@@ -17,10 +17,10 @@ from tyro.conf import Positional
 
 from benchmarks.pictures import clip_of_run, save_picture
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
+from instdrive_core.evaluation.metrics.box_pixels import find_box_silhouette
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 _ASPECT = 1.4
@@ -54,12 +54,12 @@ class Crop:
 def largest_crops(clip: Clip, count: int) -> list[Crop]:
     """The best view of each moving object, largest objects first; cut off at no border."""
     best: dict[str, tuple[int, Crop]] = {}
-    for frame in clip.held_out_frames():
+    for frame in clip.held_out_frames:
         camera, time = frame.view.camera, frame.view.time
         for track in clip.tracks:
             if not (track.moving and track.covers(time)):
                 continue
-            seen = box_silhouette(camera, track.pose_at(time), track.dimensions)
+            seen = find_box_silhouette(camera, track.interpolate_pose(time), track.dimensions)
             rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
             if not len(rows) or rows[0] == 0 or columns[0] == 0 or columns[-1] == camera.width - 1:
                 continue
@@ -83,7 +83,7 @@ def drawn(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
     """The scene as the frame's camera would have photographed it."""
     image = view_scene(scene, frame.view.camera, frame.view.time).color
     if scene.exposures is not None:
-        image = exposed(image, scene.exposures.at(frame.view.name, frame.view.time))
+        image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, frame.view.time))
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 

@@ -14,7 +14,7 @@ from benchmarks.cells import Cell
 
 ROOT = Path(__file__).resolve().parents[1]
 THREADS = 2
-"""Of each process."""
+"""Threads of each process."""
 _POLL = 0.1
 
 

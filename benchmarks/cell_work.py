@@ -108,7 +108,7 @@ def work(cell: Cell, place: Workplace) -> None:
 
 
 def provenance() -> dict[str, Any]:
-    """Of what code, on what machine and when."""
+    """What code was measured, on what machine and when."""
     import numba
 
     return {
@@ -160,7 +160,7 @@ def _make_clip(cell: Cell, place: Workplace) -> dict[str, Any]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         write_street(folder, StreetConfig(seed, scale.steps, scale.width, scale.height, scale.lidar_azimuths))
     clip = place.load_clip(cell)
-    return {"photos": len(clip.training_frames()), "held_out": len(clip.held_out_frames())}
+    return {"photos": len(clip.training_frames), "held_out": len(clip.held_out_frames)}
 
 
 def _make_masks(cell: Cell, place: Workplace) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def _measure(cell: Cell, place: Workplace) -> dict[str, Any]:
     rows, evaluation = {}, None
     bounding = cell.method == "instdrive" and not cell.variant  # all methods share the geometry, and so the oracle
     for row, shown in _rows(cell, scene).items():
-        evaluation = evaluate_scene(shown, clip, truth, facts, oracle_too=bounding)
+        evaluation = evaluate_scene(shown, clip, truth, facts, with_reference=bounding)
         rows[row] = {**evaluation.figures, "shared_codes": len(evaluation.shared_codes) if shown.code_bits else None}
     assert evaluation is not None
     return {
@@ -233,9 +233,9 @@ def _is_own(cell: Cell, place: Workplace) -> bool:
 def _rows(cell: Cell, scene: Scene) -> dict[str, Scene]:
     if not cell.published_too:
         return {SPLIT: scene}
-    from instdrive_core.baselines.as_published import as_published
+    from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 
-    return {PUBLISHED: as_published(scene), SPLIT: scene}
+    return {PUBLISHED: assign_instances_by_codeword(scene), SPLIT: scene}
 
 
 def _draw(cell: Cell, place: Workplace) -> dict[str, Any]:
@@ -248,7 +248,7 @@ def _draw(cell: Cell, place: Workplace) -> dict[str, Any]:
 
 def _train(cell: Cell, place: Workplace, run: Path, init: Path | None = None) -> None:
     """Train into a folder, or go on where an earlier process was cut off."""
-    from instdrive_core.baselines.registry import learner_for
+    from instdrive_core.baselines.registry import find_learner
     from instdrive_core.training.run import CHECKPOINT, CONFIG, RunRequest, run_training
 
     if (run / _RUN_FACTS).is_file():
@@ -263,7 +263,7 @@ def _train(cell: Cell, place: Workplace, run: Path, init: Path | None = None) ->
         resume=(run / CONFIG).is_file(),
         init=init,
         device="cpu",
-        learner=learner_for(cell.method),
+        learner=find_learner(cell.method),
     )
     run_training(request, on_event=lambda event: None, on_note=lambda note: print(note, flush=True))
     (run / CHECKPOINT).unlink(missing_ok=True)

@@ -18,8 +18,8 @@ from instdrive_core.training.settings.config import (
     InstanceConfig,
     Method,
     TrainConfig,
-    on_frozen_geometry,
-    train_config,
+    build_train_config,
+    keep_geometry,
 )
 
 Kind = Literal["clip", "masks", "geometry", "method", "figure"]
@@ -59,7 +59,7 @@ class Scale:
     """Part of the PandaSet clip."""
     last_frame: int | None = None
     image_scale: float | None = None
-    """Of the PandaSet clip's photos."""
+    """Scale at which the PandaSet clip's photos are read."""
     geometry_iterations: int | None = None
     """None = those of the preset."""
     instance_iterations: int | None = None
@@ -190,7 +190,7 @@ _EVALUATION, _ORACLE = 25.0, 25.0
 _MASKS = {"annotations": 40.0, "lidar": 60.0}
 _INSTANCES = {"gaussian-grouping": 150.0, "opengaussian": 150.0, "mask-graph": 15.0, "paper": 70.0, "instdrive": 60.0}
 _SHARE_OF_CAMERAS = {"1": 0.6, "3": 0.75, "6": 1.0}
-"""Of a method's cost with six cameras."""
+"""Cost with so many cameras as a share of the cost with six."""
 
 
 def config_of(cell: Cell, scale: Scale) -> TrainConfig:
@@ -198,7 +198,7 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
 
     Raises OptionError for an unknown variant.
     """
-    config = train_config(cell.method, "quick")
+    config = build_train_config(cell.method, "quick")
     if scale.geometry_iterations is not None:
         config = replace(config, geometry=replace(config.geometry, iterations=scale.geometry_iterations))
     if scale.instance_iterations is not None:
@@ -211,7 +211,7 @@ def config_of(cell: Cell, scale: Scale) -> TrainConfig:
         )
     if cell.kind == "geometry":
         return config
-    config = on_frozen_geometry(config)
+    config = keep_geometry(config)
     instances = config.instances
     for change in filter(None, cell.variant.split("+")):
         instances = _changed(instances, change)

@@ -1,9 +1,9 @@
 """How long it takes to make instances of codewords, and what their table and names take.
 
 `python -m benchmarks.components [--run RUN]` prints one JSON line: seconds (the best of several runs, after the kernels
-were compiled) of `split_components`, `table_from_ids` and `instance_classes` on a trained scene grown to a million
-Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each Gaussian
-moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
+were compiled) of `split_components`, `build_instance_table` and `find_instance_classes` on a trained scene grown to a
+million Gaussians in two ways. `longer`: copies of the drive, one behind the other. `denser`: copies in place, each
+Gaussian moved by a draw from its own distribution, as splitting does. Names need a run's own clip: without `--run` the sample
 scene is measured, and they are null.
 """
 
@@ -25,14 +25,14 @@ from benchmarks.workload import ROOT
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
+from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.components import split_components
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.training.instances.naming import instance_classes
+from instdrive_core.training.instances.naming import find_instance_classes
 
 Growth = Literal["longer", "denser"]
 
@@ -95,7 +95,7 @@ def measured(scene: GrownScene, clip: Clip | None, labels: list[str], runs: int)
     ids = split_components(gaussians.means, scales, nodes, codewords, opacities)
     named = None
     if clip is not None:
-        named = seconds(lambda: instance_classes(clip, ids, gaussians.means, nodes, labels), runs)
+        named = seconds(lambda: find_instance_classes(clip, ids, gaussians.means, nodes, labels), runs)
     return {
         "gaussians": len(gaussians),
         "instances": int(ids.max()),
@@ -103,7 +103,7 @@ def measured(scene: GrownScene, clip: Clip | None, labels: list[str], runs: int)
         "split_components": seconds(
             lambda: split_components(gaussians.means, scales, nodes, codewords, opacities), runs
         ),
-        "table_from_ids": seconds(lambda: table_from_ids(ids, gaussians.means, codewords, nodes), runs),
+        "table_from_ids": seconds(lambda: build_instance_table(ids, gaussians.means, codewords, nodes), runs),
         "instance_classes": named,
     }
 
@@ -114,7 +114,7 @@ def main(options: Options) -> dict[str, object]:
     clip = None
     if options.run is not None:
         facts = read_run_facts(options.run)
-        clip = load_clip(facts["clip"], clip_options(facts))
+        clip = load_clip(facts["clip"], build_clip_options(facts))
     labels = [actor.label for actor in scene.actors]
     growths: tuple[Growth, ...] = ("longer", "denser")
     figures = {

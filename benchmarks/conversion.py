@@ -40,9 +40,9 @@ class Options:
     folder: Path | None = None
     """Where the files go, about twice the .ply; default: the system's place for temporary files."""
     degree: int = 3
-    """Of the SH."""
+    """Degree of the spherical harmonics."""
     instances: int = 0
-    """As columns of IDs and codewords in the .ply."""
+    """Number of instances, written as columns of IDs and codewords of the .ply."""
     measured: tuple[Path, Path] | None = None
     """Used by the program itself: convert the first file into the second in this process."""
 

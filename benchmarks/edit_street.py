@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -31,7 +31,7 @@ def edit_street(seed: int = 0, ground: int = 1500, cars: int = 6, actors: int = 
         ids,
         codewords,
         nodes,
-        table_from_ids(ids, means, codewords, nodes, {}, {1: "Car", 2: "Bus"}),
+        build_instance_table(ids, means, codewords, nodes, {}, {1: "Car", 2: "Bus"}),
         tuple(_track(rng, number) for number in range(actors)),
         code_bits=4,
         extra={"confidence": rng.random(count).astype(np.float32)},

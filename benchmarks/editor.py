@@ -19,7 +19,7 @@ from benchmarks.editor_scene import SIZE, write_street
 from benchmarks.editor_session import driven_editor
 from benchmarks.editor_window import help_seconds, window_figures
 from benchmarks.own_state import own_state
-from instdrive_app.render.offscreen import offscreen_context
+from instdrive_app.render.offscreen import open_offscreen_context
 from instdrive_core.errors import InstDriveError
 
 
@@ -55,7 +55,7 @@ def main(options: Options) -> dict[str, float]:
 
 def _small_figures(folder: Path, options: Options) -> float:
     path, cameras = write_street(folder, options.small)
-    with offscreen_context() as context, driven_editor(context, SIZE) as editor:
+    with open_offscreen_context() as context, driven_editor(context, SIZE) as editor:
         editor.open(path)
         editor.look_from(cameras[0])
         editor.settle()
@@ -64,7 +64,7 @@ def _small_figures(folder: Path, options: Options) -> float:
 
 def _large_figures(folder: Path, options: Options) -> dict[str, float]:
     path, cameras = write_street(folder, options.large)
-    with offscreen_context() as context, driven_editor(context, SIZE) as editor:
+    with open_offscreen_context() as context, driven_editor(context, SIZE) as editor:
         opened = editor.open(path)
         editor.look_from(cameras[0])
         editor.settle()

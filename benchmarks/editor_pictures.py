@@ -19,11 +19,12 @@ from tyro.conf import Positional, arg
 
 from benchmarks.own_state import own_state
 from benchmarks.picture_layout import beside, save_jpeg
-from instdrive_app.demo.showpiece import best_view, ranked_things
+from instdrive_app.demo.showpiece import choose_showpiece_view, rank_objects
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowPalette
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode, resolve
@@ -48,7 +49,7 @@ class Tour:
             yield
         yield from self._calm()
         self._window.ui.script_pointer = (-1.0, -1.0)  # wherever the mouse is, nothing is pointed at
-        session.navigation.look_through(best_view(self._renderer, session))
+        session.navigation.look_through(choose_showpiece_view(self._renderer, session))
         yield from self._calm()
         first, second = self._things()
         for name, state in (
@@ -66,23 +67,23 @@ class Tour:
             self.pictures[name] = Image.fromarray(self._window.last_screenshot)
 
     def _moving(self, instance: int) -> Iterator[None]:
-        self._session.select((instance,))
+        self._session.selection.select((instance,))
         self._session.state.tool = "move"
-        self._session.moving.options.along_lane = True
+        self._session.movement.options.along_lane = True
         yield from self._calm()
 
     def _deleting(self, instance: int) -> Iterator[None]:
         self._session.state.tool = "pick"
-        self._session.delete((instance,))
-        yield from self._until(lambda: self._session.aftermath.finding is not None)
+        self._session.deletion.delete((instance,))
+        yield from self._until(lambda: self._session.deletion.review.findings is not None)
 
     def _recoloring(self, instance: int) -> Iterator[None]:
         session = self._session
-        session.aftermath.absorb()
-        session.aftermath.fill()
-        yield from self._until(lambda: not session.aftermath.filling and session.jobs.current is None)
-        session.select((instance,))
-        session.recolor((instance,), "tint", (0.16, 0.42, 0.75))
+        session.deletion.review.absorb()
+        session.deletion.review.fill()
+        yield from self._until(lambda: not session.deletion.review.is_filling and session.jobs.current is None)
+        session.selection.select((instance,))
+        session.colors.recolor((instance,), "tint", (0.16, 0.42, 0.75))
         yield from self._calm()
 
     def _showing_instances(self, instance: int) -> Iterator[None]:
@@ -94,11 +95,11 @@ class Tour:
         state = self._session.state
         state.view_mode, state.tool = ViewMode.COLOR, "pick"
         state.reference, state.reference_beside = Reference.PHOTO, True
-        yield from self._until(lambda: not self._session.references.reading)
+        yield from self._until(lambda: not self._session.references.is_reading)
 
     def _finding(self) -> Iterator[None]:
         self._session.state.reference = Reference.NONE
-        self._session.dialog = "palette"
+        self._session.requests.put(ShowPalette())
         yield from self._calm()
 
     # ------------------------------------------------------------------ waiting
@@ -111,8 +112,8 @@ class Tour:
         document = self._session.document
         assert document is not None
         lens = self._session.state.viewpoint.lens
-        ids = self._renderer.instance_ids(resolve(self._session.state, 480, round(480 * lens.height / lens.width)))
-        first, second, *_ = ranked_things(document.scene, np.asarray(ids))
+        ids = self._renderer.read_instance_ids(resolve(self._session.state, 480, round(480 * lens.height / lens.width)))
+        first, second, *_ = rank_objects(document.scene, np.asarray(ids))
         return first, second
 
     def _until(self, reached: Callable[[], bool]) -> Iterator[None]:
@@ -138,7 +139,7 @@ def main(
         out: Folder of the pictures.
     """
     run = run.absolute()
-    with own_state(), nullcontext() if has_display() else virtual_display(SIZE):
+    with own_state(), nullcontext() if has_display() else open_virtual_display(SIZE):
         session = EditorSession()
         session.files.open(run)
         window = EditorWindow(session, WindowOptions(SIZE, remember_layout=False))

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from benchmarks.workload import generated_workload
 from instdrive_core.formats.registry import save_scene
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.camera import Camera
@@ -43,7 +43,7 @@ def write_street(folder: Path, count: int, block: Float64[ndarray, "3"] = BLOCK)
     )
     ids, zeros = _block_ids(workload.means, block), np.zeros(count, np.uint32)
     nodes = np.zeros(count, np.uint16)
-    scene = Scene(gaussians, ids, zeros, nodes, table_from_ids(ids, gaussians.means, zeros, nodes))
+    scene = Scene(gaussians, ids, zeros, nodes, build_instance_table(ids, gaussians.means, zeros, nodes))
     path = folder / f"street_{count}.ply"
     save_scene(path, scene)
     return path, workload.cameras

@@ -32,7 +32,8 @@ class DrivenEditor:
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int]) -> None:
         self._woken = threading.Event()
-        self.session, self.view = EditorSession(self._woken.set), LiveView(context, self._woken.set)
+        self.session, self.view = EditorSession(), LiveView(context, self._woken.set)
+        self.session.wake_window = self._woken.set
         self.tool, self.size = PickTool(self.session), size
         self.longest_freeze = 0.0
         """Longest frame, in seconds."""
@@ -74,7 +75,7 @@ class DrivenEditor:
 
     def export(self, path: Path) -> float:
         """Seconds until the file is whole."""
-        self.session.export(path)
+        self.session.export.write(path)
         return self.frames_until(lambda: self.session.files.last_export == path)
 
     def look_from(self, pose: Camera) -> None:
@@ -87,7 +88,7 @@ class DrivenEditor:
         for number in range(count + 2):
             view = camera.look(start, 0.1 * math.sin(number), 0.0)
             snapshot = resolve(self.session.state, *self.size)
-            snapshot = type(snapshot)(**{**vars(snapshot), "camera": view.fitted(*self.size)})
+            snapshot = type(snapshot)(**{**vars(snapshot), "camera": view.fit_camera(*self.size)})
             began = time.perf_counter()
             self.view.renderer.render(snapshot)
             seconds.append(time.perf_counter() - began)
@@ -116,7 +117,7 @@ class DrivenEditor:
             snapshot = self.view.snapshot
             assert snapshot is not None
             seconds = self.frame(lambda click=click, snapshot=snapshot: self.tool.click(click, snapshot))
-            if self.session.selected:
+            if self.session.selection.ids:
                 taken.append(seconds)
             self.settle()
         return statistics.median(taken)
@@ -125,17 +126,17 @@ class DrivenEditor:
         """Median time of the frames in which instances are deleted and recoloured, and of those that undo it."""
         session, taken = self.session, {"delete": [], "recolor": [], "undo": []}
         assert session.document is not None
-        visible = session.document.visible_instances()
+        visible = session.document.find_visible_instances()
         for number in range(count):
             instance = (visible[7 * number % len(visible)],)
             steps = {
-                "recolor": lambda instance=instance: session.recolor(instance, "tint", (0.8, 0.2, 0.1)),
-                "delete": lambda instance=instance: session.delete(instance),
+                "recolor": lambda instance=instance: session.colors.recolor(instance, "tint", (0.8, 0.2, 0.1)),
+                "delete": lambda instance=instance: session.deletion.delete(instance),
             }
             for name, step in steps.items():
                 taken[name].append(self.frame(step))
                 self.settle()
-                taken["undo"].append(self.frame(session.undo))
+                taken["undo"].append(self.frame(session.history.undo))
                 self.settle()
         return {name: statistics.median(seconds) for name, seconds in taken.items()}
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 
 PATIENCE = 60.0
 _TICKS = os.sysconf("SC_CLK_TCK")
@@ -35,7 +35,7 @@ def window_figures(scene: Path, folder: Path, idle_seconds: float = 8.0) -> tupl
 
     Raises DisplayError where no window can be opened.
     """
-    with nullcontext() if has_display() else virtual_display(), _running(scene, folder) as (process, report):
+    with nullcontext() if has_display() else open_virtual_display(), _running(scene, folder) as (process, report):
         window = _wait(lambda: bool(_last(report)), process)
         _wait(lambda: bool(_last(report).get("open") and _last(report).get("settled")), process)
         time.sleep(2.0)
@@ -46,7 +46,7 @@ def window_figures(scene: Path, folder: Path, idle_seconds: float = 8.0) -> tupl
 
 
 @contextmanager
-def _running(scene: Path, folder: Path) -> Iterator[tuple[subprocess.Popen, Path]]:
+def _running(scene: Path, folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     report = folder / "window.jsonl"
     command = [sys.executable, "-m", "instdrive_app.main", "edit", str(scene), "--report", str(report)]
     environment = {**os.environ, "INSTDRIVE_STATE": str(folder / "state")}
@@ -58,7 +58,7 @@ def _running(scene: Path, folder: Path) -> Iterator[tuple[subprocess.Popen, Path
         process.wait(PATIENCE)
 
 
-def _wait(reached: Callable[[], bool], process: subprocess.Popen) -> float:
+def _wait(reached: Callable[[], bool], process: subprocess.Popen[bytes]) -> float:
     started = time.perf_counter()
     while not reached():
         if process.poll() is not None:

@@ -18,24 +18,24 @@ from jaxtyping import Bool, Float32, UInt8
 from numpy import ndarray
 from scipy.ndimage import gaussian_filter
 
-from instdrive_app.files.sample import sample_scene
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.sensors.render import StepRenderer
 from instdrive_core.datasets.synthetic.world.layout import build_street
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import open_scene
 from instdrive_core.instances.table import Instance
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.scene import Scene
 
 GROUND_LABELS = (1, 2, 3, 4)
-"""Of the synthetic street: road, marks, kerbs and pavements."""
+"""Classes of the synthetic street's ground: road, marks, kerbs and pavements."""
 BLUR = 8.0
 """Pixels: texture that is elsewhere than in truth is no error, another brightness is."""
 NEAREST = 1.2
@@ -49,7 +49,7 @@ class Options:
     scene: Path | None = None
     """Trained from the street; default: the sample scene."""
     seed: int = 7
-    """Of the street."""
+    """Seed of the street."""
     min_splats: int = 1200
     """Smaller cars are left out."""
     views: int = 3
@@ -104,7 +104,7 @@ def best_views(scene: Scene, instance: int, count: int) -> list[CameraView]:
     """The photos that show most of an instance, from different places."""
     areas = []
     for view in scene.views:
-        ids = instance_map(scene, view_scene(scene, view.camera, view.time))
+        ids = build_instance_map(scene, view_scene(scene, view.camera, view.time))
         areas.append(int((ids == instance).sum()))
     chosen: list[CameraView] = []
     for index in np.argsort(areas)[::-1]:
@@ -125,7 +125,7 @@ def errors(scene: Scene, part: Uncovered) -> tuple[float, float]:
 
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
-    path = options.scene or sample_scene()
+    path = options.scene or find_sample_scene()
     scene, street = open_scene(path), build_street(StreetConfig(seed=options.seed))
     before, after, cars = [], [], 0
     for instance in list(scene.table):
@@ -140,13 +140,13 @@ def main(options: Options) -> dict[str, object]:
         cars += 1
         document = Document(open_scene(path))
         document.apply(DeleteInstances((instance.id,)))
-        report = deletion_report(document, (instance.id,), 0.0)
-        gone = baked(document)
+        report = report_deletion(document, (instance.id,), 0.0)
+        gone = bake_document(document)
         before += [errors(gone, part) for part in parts]
-        for edit in (report.absorption(), report.filling()):
+        for edit in (report.make_absorb_edit(), report.make_fill_edit()):
             if edit is not None:
                 document.apply(edit)
-        filled = baked(document)
+        filled = bake_document(document)
         after += [errors(filled, part) for part in parts]
     figures = {}
     for name, measured in (("before", before), ("after", after)):

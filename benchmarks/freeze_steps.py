@@ -13,6 +13,15 @@ import numpy as np
 
 from benchmarks.monkey_hands import Hands
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import (
+    AskClass,
+    AskExport,
+    AskReassign,
+    AskSplit,
+    OfferCleanup,
+    Request,
+    ShowPalette,
+)
 from instdrive_app.shell.window import EditorWindow
 from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind
 from instdrive_core.edits.document.document import Document
@@ -48,16 +57,16 @@ class Desk:
     @property
     def ids(self) -> tuple[int, ...]:
         """All instances that are left."""
-        return self.document.visible_instances()
+        return self.document.find_visible_instances()
 
     def largest(self, count: int) -> tuple[int, ...]:
         """The instances with the most splats."""
-        counts = self.document.counts()
+        counts = self.document.count_states()
         return tuple(counts.ids[np.argsort(-counts.count)[:count]].tolist())
 
     def run(self, command: str) -> None:
         """Run a command of the menus."""
-        self.session.commands.run(command)
+        self.session.actions.run(command)
 
     def middle(self, mark: str) -> tuple[float, float]:
         """Where a widget is."""
@@ -100,15 +109,15 @@ def command(name: str) -> Act:
 
 
 def _select_largest(count: int) -> Act:
-    return lambda desk: desk.session.select(desk.largest(count))
+    return lambda desk: desk.session.selection.select(desk.largest(count))
 
 
 def _recolor(desk: Desk, mode: RecolorMode = "tint") -> None:
-    desk.session.recolor(desk.session.selected, mode, RED)
+    desk.session.colors.recolor(desk.session.selection.ids, mode, RED)
 
 
 def _adjust(what: AdjustKind, amount: float) -> Act:
-    return lambda desk: desk.session.adjust(desk.session.selected, what, amount)
+    return lambda desk: desk.session.colors.adjust(desk.session.selection.ids, what, amount)
 
 
 def _slide(what: AdjustKind) -> Act:
@@ -117,7 +126,7 @@ def _slide(what: AdjustKind) -> Act:
     def act(desk: Desk) -> Iterator[None]:
         low, high, _ = RANGES[what]
         for share in np.linspace(0.2, 0.45, 6):
-            desk.session.adjust(desk.session.selected, what, low + share * (high - low), "slide")
+            desk.session.colors.adjust(desk.session.selection.ids, what, low + share * (high - low), "slide")
             yield
 
     return act
@@ -127,8 +136,8 @@ def _place(shift: float = 0.0, yaw: float = 0.0, scale: float = 1.0) -> Act:
     """Type another number."""
 
     def act(desk: Desk) -> None:
-        moving = desk.session.moving
-        before = moving.placement()
+        moving = desk.session.movement
+        before = moving.find_placement()
         x, y, z = before.position
         moving.place(before, replace(before, position=(x + shift, y, z), yaw=before.yaw + yaw, scale=scale))
 
@@ -162,7 +171,7 @@ def _in_focus(desk: Desk) -> Iterator[None]:
 
 
 def _solo(desk: Desk) -> None:
-    desk.session.solo.enter(desk.ids[: len(desk.ids) // 2])
+    desk.session.visibility.solo.enter(desk.ids[: len(desk.ids) // 2])
 
 
 def _search(desk: Desk) -> Iterator[None]:
@@ -191,9 +200,9 @@ def _sort(desk: Desk) -> Iterator[None]:
         yield from frames(4)
 
 
-def _dialog(name: str) -> Act:
+def _dialog(make: Callable[[tuple[int, ...]], Request]) -> Act:
     def act(desk: Desk) -> Iterator[None]:
-        desk.session.ask(name, desk.session.selected)
+        desk.session.requests.put(make(desk.session.selection.ids))
         yield from frames(12)
         desk.hands.hold("Escape")
         yield from frames(2)
@@ -207,32 +216,32 @@ def _long_history(desk: Desk) -> Iterator[None]:
     document, ids = desk.document, desk.ids
     for number in range(HISTORY):
         chosen = ids if number % EVERYTHING == 0 else (ids[number % len(ids)],)
-        desk.session.recolor(chosen, "tint", (number / HISTORY, 0.5, 0.5))
+        desk.session.colors.recolor(chosen, "tint", (number / HISTORY, 0.5, 0.5))
         if number % EVERYTHING == 0:
             yield
     assert len(document.history.edits) == HISTORY, desk.session.messages.log[-1].text
 
 
 def _jump(cursor: int) -> Act:
-    return lambda desk: desk.session.jump(cursor)
+    return lambda desk: desk.session.history.jump(cursor)
 
 
 def _merge_largest(count: int) -> Act:
     def act(desk: Desk) -> None:
-        desk.session.select(desk.largest(count))
+        desk.session.selection.select(desk.largest(count))
         desk.run("labels.merge")
 
     return act
 
 
 def _split(desk: Desk) -> None:
-    desk.session.labels.split(SplitInstance(desk.session.selected[0], 0.2))
+    desk.session.labels.split(SplitInstance(desk.session.selection.ids[0], 0.2))
 
 
 ALL = (command("select.all"),)
 STEPS = (
     Step("select all", command("select.all")),
-    Step("select all in the list", lambda desk: desk.session.select(desk.ids)),
+    Step("select all in the list", lambda desk: desk.session.selection.select(desk.ids)),
     Step("invert", command("select.invert"), (_select_largest(100),)),
     Step("select nothing", command("select.none"), ALL),
     Step("grow", command("select.grow"), (_select_largest(2000),)),
@@ -246,7 +255,7 @@ STEPS = (
     Step("lock all", command("edit.lock"), ALL),
     Step("unlock all", command("edit.unlock_all"), (*ALL, command("edit.lock"))),
     Step("solo half", _solo),
-    Step("leave solo", lambda desk: desk.session.solo.leave(), (_solo,)),
+    Step("leave solo", lambda desk: desk.session.visibility.solo.leave(), (_solo,)),
     Step("tint all", _recolor, ALL),
     Step("hue all", lambda desk: _recolor(desk, "hue"), ALL),
     Step("solid all", lambda desk: _recolor(desk, "solid"), ALL),
@@ -269,7 +278,7 @@ STEPS = (
     Step("duplicate one", command("move.duplicate"), (_select_largest(1),)),
     Step("duplicate six", command("move.duplicate"), (_select_largest(6),)),
     Step("duplicate all", command("move.duplicate"), ALL),
-    Step("insert a scene", lambda desk: desk.session.inserting.insert(desk.folder / "inserted.ply")),
+    Step("insert a scene", lambda desk: desk.session.insertion.insert(desk.folder / "inserted.ply")),
     Step("merge 300", command("labels.merge"), (_select_largest(300),)),
     Step("merge all", command("labels.merge"), ALL),
     Step("class of all", lambda desk: desk.session.labels.set_class(desk.ids, "Car"), ALL),
@@ -278,22 +287,22 @@ STEPS = (
     Step("absorb floaters of one", command("labels.absorb"), (_select_largest(1),)),
     Step("absorb floaters of 20", command("labels.absorb"), (_select_largest(20),)),
     Step("split what was merged of 300", _split, (_merge_largest(300),)),
-    Step("split dialog", _dialog("split"), (_select_largest(1),), edits=False),
-    Step("findings dialog", _dialog("findings"), edits=False),
-    Step("export dialog", _dialog("export"), edits=False),
-    Step("export dialog of all selected", _dialog("export_selection"), ALL, edits=False),
-    Step("class dialog of all", _dialog("class"), ALL, edits=False),
-    Step("reassign dialog of all", _dialog("reassign"), ALL, edits=False),
-    Step("command palette", _dialog("palette"), ALL, edits=False),
+    Step("split dialog", _dialog(lambda ids: AskSplit(ids[0])), (_select_largest(1),), edits=False),
+    Step("findings dialog", _dialog(lambda _: OfferCleanup()), edits=False),
+    Step("export dialog", _dialog(lambda _: AskExport()), edits=False),
+    Step("export dialog of all selected", _dialog(lambda _: AskExport("selection")), ALL, edits=False),
+    Step("class dialog of all", _dialog(AskClass), ALL, edits=False),
+    Step("reassign dialog of all", _dialog(lambda _: AskReassign()), ALL, edits=False),
+    Step("command palette", _dialog(lambda _: ShowPalette()), ALL, edits=False),
     Step("search the list", _search, edits=False),
     Step("sort the list", _sort, edits=False),
     Step("jump to the beginning", _jump(0), (_long_history,), edits=False),
     Step("jump to the end", _jump(HISTORY), (_long_history, _jump(0)), edits=False),
     Step(
         "save with a long history",
-        lambda desk: desk.session.save(desk.folder / f"saved{SUFFIX}"),
+        lambda desk: desk.session.files.save(desk.folder / f"saved{SUFFIX}"),
         (_long_history,),
         edits=False,
     ),
-    Step("export all", lambda desk: desk.session.export(desk.folder / "exported.ply"), edits=False),
+    Step("export all", lambda desk: desk.session.export.write(desk.folder / "exported.ply"), edits=False),
 )

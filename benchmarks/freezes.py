@@ -25,7 +25,7 @@ from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_core.errors import InstDriveError
@@ -75,9 +75,9 @@ class Observer:
             if step.edits and self._desk.document.history.cursor == cursor:
                 print(f"{step.name} was refused: {self._told()}", file=sys.stderr, flush=True)
             elif step.edits:
-                yield from self._measured(f"{step.name}, undo", self._done(lambda desk: desk.session.undo()))
-                yield from self._measured(f"{step.name}, redo", self._done(lambda desk: desk.session.redo()))
-            yield from self._done(lambda desk: desk.session.jump(0))
+                yield from self._measured(f"{step.name}, undo", self._done(lambda desk: desk.session.history.undo()))
+                yield from self._measured(f"{step.name}, redo", self._done(lambda desk: desk.session.history.redo()))
+            yield from self._done(lambda desk: desk.session.history.jump(0))
 
     def close(self) -> None:
         """Let go of mouse and keys."""
@@ -112,7 +112,7 @@ class Observer:
         session, window = self._desk.session, self._desk.window
         yield from frames(2)
         for _ in range(PATIENCE_FRAMES):
-            if session.jobs.current is None and not session.jumping.under_way and window.ui.view.settled:
+            if session.jobs.current is None and not session.history.is_jumping and window.ui.view.settled:
                 break
             yield
         yield from frames(3)
@@ -125,7 +125,7 @@ class Observer:
 def main(options: Options) -> dict[str, float]:
     """Everything the JSON line says."""
     chosen = tuple(step for step in STEPS if not options.only or any(word in step.name for word in options.only))
-    with own_state() as folder, nullcontext() if has_display() else virtual_display(SIZE):
+    with own_state() as folder, nullcontext() if has_display() else open_virtual_display(SIZE):
         write_street(folder, INSERTED)[0].rename(folder / "inserted.ply")
         path, _ = write_street(folder, options.splats, options.block * BLOCK)
         session = EditorSession()

@@ -66,7 +66,7 @@ class LineTracer:
     def stop(self) -> tuple[Line, ...]:
         """The lines that are new since the last call."""
         sys.settrace(None)
-        threading.settrace(None)  # pyright: ignore[reportArgumentType]
+        threading.settrace(None)
         found, self._new = tuple(self._new), []
         return found
 

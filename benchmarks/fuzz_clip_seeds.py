@@ -16,7 +16,7 @@ from PIL import Image
 from pycocotools import mask as coco
 
 WIDTH, HEIGHT, STEPS = 32, 18, 3
-"""Of the photos; time steps."""
+"""Size of the photos in pixels; number of time steps."""
 _FORWARD = {"w": 0.5**0.5, "x": -(0.5**0.5), "y": 0.0, "z": 0.0}
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
 

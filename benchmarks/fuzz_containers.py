@@ -143,6 +143,8 @@ def _in_gzip(data: bytes, rng: random.Random, depth: int) -> Damage:
             return Damage(_gzip_bomb(), "a gzip bomb")
         case 2:
             return Damage(data + data, "gzip members joined")
+        case _:
+            pass
     damage = inside(gzip.decompress(data), rng, depth + 1)
     return Damage(gzip.compress(damage.data, 1, mtime=0), f"inside gzip: {damage.what}", damage.must_show)
 
@@ -171,6 +173,8 @@ def _in_spz4(data: bytes, rng: random.Random, depth: int) -> Damage:
                 rng.choice((field, field + 1, 255)) % 256 if row != 1 else field for row, field in enumerate(fields)
             ]
             return Damage(_SPZ4_HEADER.pack(magic, *fields, streams, toc) + data[_SPZ4_HEADER.size :], "header fields")
+        case _:
+            pass
     parts = []
     for packed, _ in entries:
         parts.append(data[start : start + packed])

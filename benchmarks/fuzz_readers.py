@@ -21,8 +21,8 @@ from instdrive_core.formats.registry import open_scene
 from instdrive_core.masks.imported.labels import READERS as MASK_READERS
 from instdrive_core.masks.label_map_folder import open_masks
 from instdrive_core.project.open import open_project
-from instdrive_core.project.recoverable import pending, restore
-from instdrive_core.scene.lint import linted
+from instdrive_core.project.recoverable import find_pending_sessions, restore_session
+from instdrive_core.scene.lint import find_defects
 from instdrive_core.scene.scene import Scene
 
 
@@ -31,7 +31,7 @@ class Read:
     """What came out of a file that was read without an error."""
 
     digest: str
-    """Of everything that was read."""
+    """Digest of everything that was read."""
     reported: tuple[str, ...] = ()
     """What the linter, or a note to the user, says of it."""
     unreported: str = ""
@@ -44,7 +44,7 @@ def read_scene(path: Path) -> Read:
 
 
 def _scene_facts(scene: Scene, notes: tuple[str, ...] = ()) -> Read:
-    findings = linted(scene)
+    findings = find_defects(scene)
     kinds = {finding.kind for finding in findings}
     arrays = scene.gaussians.arrays()
     unreported = ""
@@ -92,12 +92,12 @@ def _document_facts(document: Document, notes: tuple[str, ...], view: str = "") 
 
 def read_journal_folder(path: Path) -> Read:
     """What an editor that died has left, in a folder of sessions."""
-    found = [session for session in pending(path.parent) if session.folder.name == path.name]
+    found = [session for session in find_pending_sessions(path.parent) if session.folder.name == path.name]
     if not found:
         return Read("", ("no session",))
     if found[0].problem:
         raise DataError(path, found[0].problem, "")
-    restored = restore(found[0])
+    restored = restore_session(found[0])
     return _document_facts(restored.document, restored.notes)
 
 

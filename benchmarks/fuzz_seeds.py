@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -20,15 +21,15 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.formats.spz.scenes import write_spz
-from instdrive_core.project.edit_log import Logged, difference
-from instdrive_core.project.journal import Journal
+from instdrive_core.project.edit_log import LoggedHistory, diff_histories
+from instdrive_core.project.journal import EditJournal
 from instdrive_core.project.open import open_document
 from instdrive_core.project.save import save_project
 from instdrive_core.project.session_folder import JOURNAL, write_session
-from instdrive_core.project.sources import recorded_source, sources_of
+from instdrive_core.project.sources import get_sources, record_source
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.scene import Scene
@@ -80,7 +81,7 @@ def _small_street() -> Scene:
 
 def _scene_seeds(folder: Path) -> Iterator[Seed]:
     drive = _small_street()
-    still = replace(frozen_at(drive, 0.2), views=(), sky=None, exposures=None)
+    still = replace(freeze_at_time(drive, 0.2), views=(), sky=None, exposures=None)
 
     def written(kind: str, file: str, write: Callable[[Path], None]) -> Seed:
         write(folder / file)
@@ -144,7 +145,7 @@ def _sog_files(rng: np.random.Generator, count: int, version: int) -> Files:
     files = {f"{name}.webp": _webp(_as_image(values)) for name, values in pixels.items()}
     files["centroids.webp"] = _webp(rng.integers(0, 256, (2, 64 * 3, 4)).astype(np.uint8))
     codebook = np.sort(rng.normal(-3, 1, 256)).tolist()
-    meta: dict[str, dict] = {name: {"files": [f"{name}.webp"]} for name in ("scales", "quats", "sh0")}
+    meta: dict[str, dict[str, Any]] = {name: {"files": [f"{name}.webp"]} for name in ("scales", "quats", "sh0")}
     meta["means"] = {"mins": [-3.0] * 3, "maxs": [3.0] * 3, "files": ["means_l.webp", "means_u.webp"]}
     meta["shN"] = {"files": ["centroids.webp", "labels.webp"]}
     if version == 2:
@@ -180,7 +181,7 @@ def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> 
 
 
 def _kept_edits(folder: Path) -> Iterator[Seed]:
-    scene = replace(frozen_at(_small_street(), 0.2), views=(), sky=None, exposures=None)
+    scene = replace(freeze_at_time(_small_street(), 0.2), views=(), sky=None, exposures=None)
     base = folder / "kept" / "street.splat"
     base.parent.mkdir()
     save_scene(base.with_suffix(".ply"), scene)
@@ -203,16 +204,16 @@ def _kept_edits(folder: Path) -> Iterator[Seed]:
 def _session(folder: Path, base: Path, document: Document) -> Files:
     """What an editor that died has left; the base scene is found in the session's folder."""
     folder.mkdir()
-    journal, before = Journal(folder / JOURNAL), Logged()
+    journal, before = EditJournal(folder / JOURNAL), LoggedHistory()
     for done in range(1, document.history.cursor + 1):
-        after = Logged(document.history.edits[:done], done)
-        line = difference(before, after)
+        after = LoggedHistory(document.history.edits[:done], done)
+        line = diff_histories(before, after)
         assert line is not None
         journal.append(line)
         before = after
     journal.append({"saved": None})
     journal.close()
-    write_session(folder, Path(base.name), recorded_source(sources_of(document).base, base))
+    write_session(folder, Path(base.name), record_source(get_sources(document).base, base))
     files = {f"session/{name}": data for name, data in files_below(folder).items()}
     # The path is the temporary folder's otherwise, and no two runs would damage the same bytes.
     entry = json.loads(files["session/session.json"])

@@ -25,15 +25,15 @@ from benchmarks.workload import load_workload
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.masks.sources import ensure_masks
+from instdrive_core.masks.making import ensure_masks
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends.backend import Backend
-from instdrive_core.training.backends.device import chosen_backend
-from instdrive_core.training.build_trainer import trainer_from_clip, trainer_from_scene
-from instdrive_core.training.settings.config import Device, TrainConfig, train_config
+from instdrive_core.training.backends.device import choose_backend
+from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene
+from instdrive_core.training.settings.config import Device, TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.training_view import TrainingView
-from instdrive_core.training.views.view_store import ViewStore, view_store
+from instdrive_core.training.views.view_store import ViewStore, open_view_store
 
 _BLOCKS = 6
 """The workload's photos are noise, with this many times this many masks."""
@@ -61,7 +61,7 @@ class Options:
 
 def configured(feature_dim: int, with_instances: bool) -> TrainConfig:
     """The RGB stage at full resolution, spherical harmonics of degree 3, with or without the instance losses in it."""
-    config = train_config("instdrive", "paper")
+    config = build_train_config("instdrive", "paper")
     return replace(
         config,
         geometry=replace(config.geometry, coarse_iterations=0),
@@ -82,7 +82,7 @@ def workload_trainer(options: Options, config: TrainConfig, backend: Backend) ->
     model.parameters["features"] = torch.from_numpy(features.astype(np.float32))
     views = [noise_view(camera, number) for number, camera in enumerate(workload.cameras)]
     model.shared["exposures"] = torch.eye(3, 4).repeat(len(views), 1, 1).requires_grad_(True)
-    return Trainer(model, ViewStore.of(views), config, scene_radius=50.0, backend=backend)
+    return Trainer(model, ViewStore.from_views(views), config, scene_radius=50.0, backend=backend)
 
 
 def noise_view(camera: Camera, number: int) -> TrainingView:
@@ -103,14 +103,14 @@ def noise_view(camera: Camera, number: int) -> TrainingView:
 def clip_trainer(options: Options, path: Path, config: TrainConfig, backend: Backend, folder: str) -> Trainer:
     """A clip's training photos and masks; `folder` keeps masks made from its annotations."""
     clip = load_clip(str(path), options.options)
-    store = view_store(clip, ensure_masks(path, clip, folder, None))
+    store = open_view_store(clip, ensure_masks(path, clip, folder, None))
     if options.init is not None:
-        return trainer_from_scene(config, clip, store, options.init, backend)
-    return trainer_from_clip(config, clip, store, backend)
+        return build_trainer_from_scene(config, clip, store, options.init, backend)
+    return build_trainer_from_clip(config, clip, store, backend)
 
 
 def steps_per_second(trainer: Trainer, warm_up: int, steps: int) -> float:
-    """Of the RGB stage, once photos have been read and kernels compiled."""
+    """Training speed of the RGB stage, once photos have been read and kernels compiled."""
     start = 0.0
     for number in range(warm_up + steps):
         if number == warm_up:
@@ -129,7 +129,7 @@ def finished(trainer: Trainer) -> float:
 
 def measure(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
-    backend, rates, trainer = chosen_backend(options.device), [], None
+    backend, rates, trainer = choose_backend(options.device), [], None
     with tempfile.TemporaryDirectory() as folder:
         for with_instances in (False, True):
             config = configured(options.feature_dim, with_instances)

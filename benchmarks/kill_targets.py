@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.edit_street import edit_street
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document
-from instdrive_core.project.recoverable import pending, restore
+from instdrive_core.project.recoverable import find_pending_sessions, restore_session
 from instdrive_core.project.recovery import Recovery
 from instdrive_core.project.save import save_project
 from instdrive_core.scene.scene import Scene
@@ -106,10 +106,10 @@ class Autosave(Target):
             time.sleep(_PAUSE)
 
     def found(self, folder: Path) -> int:
-        sessions = pending(folder / "recovery")
+        sessions = find_pending_sessions(folder / "recovery")
         if not sessions:
             return -1
-        restored = restore(sessions[0])
+        restored = restore_session(sessions[0])
         try:
             return _edits_of(restored.document)
         finally:

@@ -24,7 +24,7 @@ from tyro.conf import Positional
 from instdrive_core.datasets.clip import Clip, ClipOptions, Frame
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.metrics.segmentation import confusion, evaluated_truth, one_to_one
+from instdrive_core.evaluation.metrics.segmentation import count_confusion, match_one_to_one, prepare_truth
 from instdrive_core.masks.annotated.labels import AnnotationLabels
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import GroundTruth
@@ -65,18 +65,18 @@ def truth_of(clip: Clip) -> GroundTruth:
 
 def score_photo(truth: GroundTruth, masks: LabelSource, frame: Frame) -> PhotoScores | None:
     """Compare one photo's masks; None where nothing is known of it."""
-    expected = evaluated_truth(truth.load(frame), None if frame.valid is None else ~frame.valid)
-    pixels = confusion(expected.astype(np.int64), masks.load(frame).astype(np.int64))
+    expected = prepare_truth(truth.load(frame), None if frame.valid is None else ~frame.valid)
+    pixels = count_confusion(expected.astype(np.int64), masks.load(frame).astype(np.int64))
     if not len(pixels.truth_ids):
         return None
     things = {number for number, one in truth.instances.items() if one.kind == "thing"}
-    sky = truth.sky(frame)
+    sky = truth.load_sky(frame)
     return PhotoScores(
         np.isin(pixels.truth_ids, list(things)),
         pixels.iou.max(axis=1, initial=0),
-        one_to_one(pixels).iou,
+        match_one_to_one(pixels).iou,
         int((pixels.predicted_areas >= pixels.ignored_areas).sum()),
-        None if sky is None or not sky.any() else _iou(sky, masks.sky(frame)),
+        None if sky is None or not sky.any() else _iou(sky, masks.load_sky(frame)),
     )
 
 
@@ -102,8 +102,8 @@ def picture(truth: GroundTruth, masks: LabelSource, frames: Sequence[Frame]) -> 
     """A row for each photo: the photo, the masks, the ground truth."""
     rows = []
     for frame in frames:
-        image, sky = frame.load_image(), truth.sky(frame)
-        own = _painted(image, masks.load(frame), masks.sky(frame))
+        image, sky = frame.load_image(), truth.load_sky(frame)
+        own = _painted(image, masks.load(frame), masks.load_sky(frame))
         known = _painted(image, truth.load(frame), np.zeros(image.shape[:2], bool) if sky is None else sky)
         rows.append(np.hstack([image, own, known]))
     return np.vstack(rows)
@@ -129,7 +129,7 @@ def main(options: Options) -> dict[str, object]:
     start = time.perf_counter()
     masks = LidarLabels(clip)
     prepared = time.perf_counter()
-    frames = clip.training_frames()[:: options.every]
+    frames = clip.training_frames[:: options.every]
     for frame in frames[:1]:
         masks.load(frame)  # compiles
     truth, photos, seconds = truth_of(clip), [], 0.0
@@ -142,7 +142,7 @@ def main(options: Options) -> dict[str, object]:
             photos.append(scores)
     if options.picture is not None:
         middle = frames[len(frames) // 2].view.index
-        shown = [frame for frame in clip.training_frames() if frame.view.index == middle]
+        shown = [frame for frame in clip.training_frames if frame.view.index == middle]
         Image.fromarray(picture(truth, masks, shown)).resize(
             (PICTURE_WIDTH, round(PICTURE_WIDTH / 3 * 9 / 16) * len(shown)), Image.Resampling.LANCZOS
         ).save(options.picture, quality=80)

@@ -99,12 +99,12 @@ def resident_megabytes() -> float:
 def run_editing(options: Editing) -> dict[str, object]:
     """Rounds of what a user does; each ends where it began, so that what stays is a leak."""
     from benchmarks.editor_session import driven_editor
-    from instdrive_app.files.sample import sample_scene
-    from instdrive_app.render.offscreen import offscreen_context
+    from instdrive_app.files.sample import find_sample_scene
+    from instdrive_app.render.offscreen import open_offscreen_context
 
     gauge, rounds = Gauge(options.minutes), 0
-    with own_state() as folder, offscreen_context() as context, driven_editor(context, SIZE) as editor:
-        scene = options.scene or sample_scene()
+    with own_state() as folder, open_offscreen_context() as context, driven_editor(context, SIZE) as editor:
+        scene = options.scene or find_sample_scene()
         editor.open(scene)
         rng = np.random.default_rng(0)
         while not gauge.over:
@@ -119,26 +119,26 @@ def _editing_round(editor, rng: np.random.Generator, folder: Path, reopen: Path 
     from instdrive_core.edits.kinds.move import MoveInstances
 
     session = editor.session
-    visible = session.document.visible_instances()
+    visible = session.document.find_visible_instances()
     chosen = tuple(int(i) for i in rng.choice(visible, min(3, len(visible)), replace=False))
     acts: tuple[Callable[[], object], ...] = (
-        lambda: session.select(chosen),
-        lambda: session.recolor(chosen, "tint", tuple(rng.uniform(0, 1, 3))),
-        lambda: session.apply(MoveInstances, chosen, (float(rng.uniform(-1, 1)), 0.5, 0.0)),
-        lambda: session.apply(DuplicateInstances, chosen[:1], (0.0, 2.0, 0.0)),
-        lambda: session.delete(chosen[:1]),
+        lambda: session.selection.select(chosen),
+        lambda: session.colors.recolor(chosen, "tint", tuple(rng.uniform(0, 1, 3))),
+        lambda: session.history.apply(MoveInstances(chosen, (float(rng.uniform(-1, 1)), 0.5, 0.0))),
+        lambda: session.history.apply(DuplicateInstances(chosen[:1], (0.0, 2.0, 0.0))),
+        lambda: session.deletion.delete(chosen[:1]),
         lambda: session.navigation.look_through(int(rng.integers(len(session.document.scene.views) or 1))),
-        session.undo,
-        session.redo,
-        lambda: session.save(folder / "long.instdrive"),
+        session.history.undo,
+        session.history.redo,
+        lambda: session.files.save(folder / "long.instdrive"),
     )
     for act in acts:
         editor.frame(act)
         editor.settle()
     editor.frames_until(lambda: session.jobs.current is None)
     editor.export(folder / "long.ply")
-    session.jump(0)
-    editor.frames_until(lambda: not session.jumping.under_way)
+    session.history.jump(0)
+    editor.frames_until(lambda: not session.history.is_jumping)
     if reopen is not None:
         before = session.document
         session.files.open(reopen)
@@ -151,9 +151,9 @@ def run_training(options: Training) -> dict[str, object]:
     from instdrive_core.datasets.clip import ClipOptions
     from instdrive_core.training.run import RunRequest
     from instdrive_core.training.run import run_training as train
-    from instdrive_core.training.settings.config import train_config
+    from instdrive_core.training.settings.config import build_train_config
 
-    config = train_config()
+    config = build_train_config()
     extra = config.init.near_points + config.init.far_points
     config = replace(
         config,
@@ -187,6 +187,6 @@ def main(options: Command) -> dict[str, object]:
 
 if __name__ == "__main__":
     try:
-        print(json.dumps(main(tyro.cli(Command))))  # type: ignore[arg-type]
+        print(json.dumps(main(tyro.cli(Command))))
     except InstDriveError as error:
         sys.exit(str(error))

@@ -19,7 +19,7 @@ from tyro.conf import Positional
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import InstDriveError
 from instdrive_core.training.run import FACTS, RunRequest, run_training
-from instdrive_core.training.settings.config import train_config
+from instdrive_core.training.settings.config import build_train_config
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Options:
     gaussians: int = 500_000
     """Gaussians to start with, about."""
     steps: int = 200
-    """Of each stage."""
+    """Steps of each stage."""
     options: ClipOptions = field(default_factory=lambda: ClipOptions(scale=0.5))
 
 
 def main(options: Options) -> dict[str, object]:
     """Everything the JSON line says."""
-    config = train_config()
+    config = build_train_config()
     extra = config.init.near_points + config.init.far_points
     config = replace(
         config,

@@ -23,16 +23,17 @@ import tyro
 
 from benchmarks.monkey_hands import Hands
 from benchmarks.own_state import own_state
-from instdrive_app.files.sample import sample_scene
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.messages import Level
-from instdrive_app.render.gl.gl_objects import live_objects
+from instdrive_app.render.gl.gl_objects import count_live_objects
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, What
 from instdrive_app.shell.display import DisplayError
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
-from instdrive_core.edits.document.invariants import broken_invariants, fingerprint
+from instdrive_core.edits.document.fingerprint import fingerprint
+from instdrive_core.edits.document.invariants import find_broken_invariants
 from instdrive_core.project.save import SUFFIX
 
 SIZE = (1280, 720)
@@ -82,7 +83,7 @@ class Monkey:
         end, next_check = time.monotonic() + self._seconds, 0.0
         while time.monotonic() < end and self.actions.total() < self._most:
             yield from self._act()
-            self._session.quitting = False
+            self._session.is_quitting = False
             if self._session.document is not document:
                 self.problems.append("another document was opened")
                 break
@@ -104,8 +105,8 @@ class Monkey:
         self._leaks()
 
     def _jump(self, cursor: int) -> Iterator[None]:
-        self._session.jump(cursor)
-        while self._session.jumping.under_way:
+        self._session.history.jump(cursor)
+        while self._session.history.is_jumping:
             yield
 
     def close(self) -> None:
@@ -134,11 +135,11 @@ class Monkey:
     def _command(self) -> Iterator[None]:
         document = self._session.document
         if document is not None and self._random.random() < 0.6:
-            visible = document.visible_instances()
+            visible = document.find_visible_instances()
             count = min(len(visible), self._random.choice((1, 1, 2, 5)))
-            self._session.select(tuple(self._random.sample(visible, count)))
-        commands = [command for command in self._session.commands if command.id not in NEVER]
-        self._session.commands.run(self._random.choice(commands).id)
+            self._session.selection.select(tuple(self._random.sample(visible, count)))
+        commands = [command for command in self._session.actions if command.id not in NEVER]
+        self._session.actions.run(self._random.choice(commands).id)
         yield from self._frames(2)
 
     def _click_widget(self) -> Iterator[None]:
@@ -191,7 +192,7 @@ class Monkey:
         yield from self._frames(1)
 
     def _key(self) -> Iterator[None]:
-        chords = [shortcut for command in self._session.commands for shortcut in command.shortcuts]
+        chords = [shortcut for command in self._session.actions for shortcut in command.shortcuts]
         chord = self._random.choice([*chords, "Escape", "Return", "Tab", "w", "a", "s", "d"])
         if chord in ("Ctrl+Q", "Ctrl+O"):
             return
@@ -215,7 +216,7 @@ class Monkey:
         yield from self._frames(2)
 
     def _save(self) -> Iterator[None]:
-        self._session.save(Path(f"saved{SUFFIX}").resolve())
+        self._session.files.save(Path(f"saved{SUFFIX}").resolve())
         yield from self._frames(2)
 
     def _export(self) -> Iterator[None]:
@@ -223,7 +224,7 @@ class Monkey:
         quick: list[What] = [what for what in KINDS if what not in SLOW_EXPORTS]
         what = self._random.choice(quick)
         ending = (KINDS[what].endings or ("",))[0]
-        self._session.exporting.export(Path(f"exported_{what}{ending}").resolve(), ExportChoice(what))
+        self._session.export.write(Path(f"exported_{what}{ending}").resolve(), ExportChoice(what))
         yield from self._frames(2)
 
     def _place(self) -> tuple[float, float]:
@@ -253,9 +254,9 @@ class Monkey:
 
     def _check(self) -> None:
         document = self._session.document
-        if document is not None and not self._session.jobs.blocking:
-            self.problems += broken_invariants(document)
-        self.objects.append(sum(live_objects().values()))
+        if document is not None and not self._session.jobs.is_blocking:
+            self.problems += find_broken_invariants(document)
+        self.objects.append(sum(count_live_objects().values()))
         fault = self._window.ui.view.gl_error
         if fault is not None:
             self.problems.append(f"OpenGL reports {fault}")
@@ -272,8 +273,8 @@ class Monkey:
 
 def play(options: Options) -> dict[str, object]:
     """Run the monkey; returns what the JSON line says."""
-    source, failure = options.scene or sample_scene(), None
-    with own_state() as folder, chdir(folder), virtual_display(SIZE):
+    source, failure = options.scene or find_sample_scene(), None
+    with own_state() as folder, chdir(folder), open_virtual_display(SIZE):
         scene = folder / source.name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
         session = EditorSession()

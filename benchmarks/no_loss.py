@@ -27,8 +27,9 @@ import tyro
 
 from benchmarks.edit_street import edit_street
 from benchmarks.kill_targets import ACKNOWLEDGED, TARGETS, Autosave, Target, TornError, prepare, run_until_killed
-from benchmarks.random_edits import RandomEdits, document_digest
+from benchmarks.random_edits import RandomEdits
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.fingerprint import fingerprint
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
@@ -165,13 +166,13 @@ def replays(edits: int, seed: int) -> dict[str, object]:
         save_scene(folder / "car", edit_street(seed=1, ground=0, cars=1, actors=1, per_car=20))
         document, _ = open_document(folder / "street")
         drawn = RandomEdits(document, str(folder / "car"), seed)
-        digests, kinds = {0: document_digest(document)}, Counter[str]()
+        digests, kinds = {0: fingerprint(document)}, Counter[str]()
         while document.history.cursor < edits:
             kinds[drawn.apply_one()] += 1
-            digests[document.history.cursor] = document_digest(document)
+            digests[document.history.cursor] = fingerprint(document)
         save_project(folder / "a.instdrive", document)
         again, _ = open_document(folder / "a.instdrive")
-        same_replay = document_digest(again) == digests[edits]
+        same_replay = fingerprint(again) == digests[edits]
         del again
         return {
             "edits": edits,
@@ -186,7 +187,7 @@ def _is_history_equal(document: Document, digests: dict[int, bytes]) -> bool:
     """Whether each step undone, then redone, gives the document of that moment."""
     for step in (document.undo, document.redo):
         while step() is not None:
-            if document_digest(document) != digests[document.history.cursor]:
+            if fingerprint(document) != digests[document.history.cursor]:
                 return False
     return True
 

@@ -12,14 +12,14 @@ from numpy import ndarray
 from scipy.ndimage import binary_dilation
 
 from benchmarks.picture_layout import banner, beside, fitted, save_jpeg
-from instdrive_core.baselines.as_published import as_published
+from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 from instdrive_core.datasets.clip import Clip, Frame, Sweep, is_held_out
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.metrics.point_ids import point_ids, point_support
+from instdrive_core.evaluation.metrics.point_ids import compute_point_support, vote_point_ids
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.ground_truth import GroundTruth, open_ground_truth
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.scene import Scene
 
@@ -56,7 +56,7 @@ class Shown:
     def scene(self) -> Scene:
         """Its Gaussians with the instances that the figure shows."""
         scene = read_scene_folder(self.run)
-        return scene if self.method == "instdrive" else as_published(scene)
+        return scene if self.method == "instdrive" else assign_instances_by_codeword(scene)
 
 
 def draw(figure: str, clip: Clip, shown: Sequence[Shown], target: Path) -> str:
@@ -94,7 +94,7 @@ def camera_grid(clip: Clip, shown: Sequence[Shown]) -> tuple[UInt8[ndarray, "h w
 def id_picture(scene: Scene, frame: Frame) -> UInt8[ndarray, "h w 3"]:
     """Instance colours as a click sees them, shaded by the photo so that shapes can be told."""
     seen = view_scene(scene, frame.view.camera, frame.view.time)
-    colors = colors_from_ids(instance_map(scene, seen)).astype(np.float32)
+    colors = colors_from_ids(build_instance_map(scene, seen)).astype(np.float32)
     gray = frame.load_image().mean(axis=-1, keepdims=True, dtype=np.float32) / 255
     return (colors * (0.6 + 0.4 * gray)).astype(np.uint8)
 
@@ -145,7 +145,7 @@ def _bird(clip: Clip, sweep: Sweep, width: int = 960, height: int = 640) -> Came
 
 def ids_of_points(scene: Scene, time: float, points: Float32[ndarray, "n 3"]) -> UInt32[ndarray, " n"]:
     """The ID that each point has, as the evaluation sees it; 0 = none."""
-    return point_ids(point_support(scene, points, time), scene.instance_ids).ids.astype(np.uint32)
+    return vote_point_ids(compute_point_support(scene, points, time), scene.instance_ids).ids.astype(np.uint32)
 
 
 def point_picture(
@@ -204,7 +204,7 @@ def _subjects(scene: Scene, clip: Clip, truth: GroundTruth) -> Iterator[Subject]
     """
     classes = {"lamp": "Other Static Object", "sign": "Signs", "building": "Building", "road": "Road"}
     best: dict[str, tuple[float, Subject]] = {}
-    for frame in clip.held_out_frames():
+    for frame in clip.held_out_frames:
         labels = truth.load(frame)
         for label in np.unique(labels[labels > 0]).tolist():
             mask = labels == label
@@ -245,7 +245,7 @@ def _outlined(photo: UInt8[ndarray, "h w 3"], mask: Bool[ndarray, "h w"]) -> UIn
 def _alone(scene: Scene, subject: Subject) -> UInt8[ndarray, "h w 3"]:
     """The instance that most pixels of the object show, on white."""
     camera, time = subject.frame.view.camera, subject.frame.view.time
-    ids = instance_map(scene, view_scene(scene, camera, time))[subject.mask]
+    ids = build_instance_map(scene, view_scene(scene, camera, time))[subject.mask]
     selected = np.bincount(ids[ids > 0], minlength=1).argmax() if ids.any() else 0
     drawn = (scene.instance_ids == selected) & (scene.instance_ids > 0)
     seen = view_scene(replace(scene, sky=None), camera, time, drawn)
@@ -254,7 +254,7 @@ def _alone(scene: Scene, subject: Subject) -> UInt8[ndarray, "h w 3"]:
 
 def _middle(clip: Clip) -> list[Frame]:
     """Frames of the middle held-out time step."""
-    held_out = clip.held_out_frames()
+    held_out = clip.held_out_frames
     if not held_out:
         raise DataError(clip.path, "has no held-out time step", "Use a range of frames that contains one.")
     steps = sorted({frame.view.index for frame in held_out})

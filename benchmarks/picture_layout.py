@@ -43,7 +43,7 @@ def fitted(picture: UInt8[ndarray, "h w 3"], width: int, height: int) -> UInt8[n
 
 
 def save_jpeg(pixels: UInt8[ndarray, "h w 3"], target: Path, max_bytes: int = MAX_BYTES) -> None:
-    """As good a JPEG as fits into `max_bytes`: quality 90 down to 60, then smaller and smaller."""
+    """Write the best JPEG that fits into `max_bytes`: quality 90 down to 60, then smaller and smaller."""
     picture = Image.fromarray(pixels)
     picture.thumbnail((2400, 2400), Image.Resampling.LANCZOS)
     while True:

@@ -22,7 +22,7 @@ from instdrive_core.datasets.clip import Clip, ClipOptions, Frame
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.colormap import colors_from_ids
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.scene import Scene
 
 _ORDER = ("left_camera", "front_left_camera", "front_camera", "front_right_camera", "right_camera", "back_camera")
@@ -39,7 +39,7 @@ def frame_rows(scene: Scene, frame: Frame) -> list[UInt8[ndarray, "h w 3"]]:
     """Photo, rendered colour and instance colours of one frame."""
     seen = view_scene(scene, frame.view.camera, frame.view.time)
     color = (np.clip(seen.color, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return [frame.load_image(), color, colors_from_ids(instance_map(scene, seen))]
+    return [frame.load_image(), color, colors_from_ids(build_instance_map(scene, seen))]
 
 
 def camera_grid(scene: Scene, frames: list[Frame]) -> UInt8[ndarray, "h w 3"]:
@@ -83,7 +83,7 @@ def main(
     scene, clip = read_scene_folder(run), clip_of_run(run)
     frames = [frame for frame in clip.frames if frame.view.index == step] if step is not None else []
     if not frames:
-        held_out = clip.held_out_frames()
+        held_out = clip.held_out_frames
         frames = [frame for frame in held_out if frame.view.index == held_out[0].view.index]
     written = [out / f"{name}_six_cameras.jpg"]
     save_picture(camera_grid(scene, frames), written[0])

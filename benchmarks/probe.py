@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from benchmarks.workload import Workload
 from instdrive_core.rasterize.kernels.bin import TILE
-from instdrive_core.rasterize.kernels.blend import aligned_zeros
+from instdrive_core.rasterize.kernels.blend import allocate_aligned_zeros
 from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, power_of_two
 from instdrive_core.rasterize.kernels.project import (
     CONIC_XX,
@@ -31,12 +31,12 @@ from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
 from instdrive_core.rasterize.kernels.simd import (
     add_scaled,
     choose,
+    fill_lanes,
     greatest,
     least,
     load,
     load_block,
     magnitude,
-    spread,
     store_block,
 )
 from instdrive_core.scene.camera import Camera
@@ -57,7 +57,7 @@ def gaussian_pixel_rate(seconds: float = 1.0) -> float:
     depth, with the arithmetic of the forward pass. The best of many rounds within `seconds` counts.
     """
     threads = numba.get_num_threads()
-    constants = DEFAULT_SETTINGS.as_row()
+    constants = DEFAULT_SETTINGS.to_row()
     sums = np.zeros((threads, TILE * TILE * _VALUES + TILE), np.float32)
     splats = _covering_splats()
     _blend_rounds(splats, 1, constants, sums)
@@ -132,9 +132,9 @@ def _covering_splats() -> Float[ndarray, " k"]:
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
 def _blend_rounds(splats, rounds, constants, sums):
     for thread in numba.prange(len(sums)):
-        staged = aligned_zeros(len(splats))
+        staged = allocate_aligned_zeros(len(splats))
         staged[:] = splats
-        tile = aligned_zeros(sums.shape[1])
+        tile = allocate_aligned_zeros(sums.shape[1])
         tile[-TILE:] = np.arange(TILE)
         for _ in range(rounds):
             _blend_tile(tile, staged, np.uint64(len(splats)), constants)
@@ -149,7 +149,7 @@ def _blend_tile(tile, staged, length, constants):
     columns = load(tile, np.uint64(len(tile)) - _ROW)
     for row in range(_ROW):
         target = row * _ROW * np.uint64(_VALUES)
-        before = spread(np.float32(1))
+        before = fill_lanes(np.float32(1))
         totals = load_block(12, tile, target, _ROW)
         for at in range(np.uint64(0), length, _SPLAT):
             dx = columns - staged[at + _X]

@@ -1,12 +1,10 @@
-"""Edits of every kind drawn at random for whatever document is there, and a digest of all that edits may change."""
+"""Edits of every kind drawn at random for whatever document is there."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -72,7 +70,7 @@ class RandomEdits:
 
     def _kind(self) -> str:
         document = self._document
-        deleted = len(document.state.rows_with(Flag.DELETED)) / len(document.scene)
+        deleted = len(document.state.find_rows(Flag.DELETED)) / len(document.scene)
         room = self._first_count + ROOM + SPLATS_PER_EDIT * document.history.cursor - len(document.scene)
         is_spared = deleted > MAX_DELETED and self._rng.random() > _STILL_DELETED
         refused = (*(_ADDING if room < 0 else ()), *(_DELETING if is_spared else ()))
@@ -176,22 +174,3 @@ class RandomEdits:
         kinds = [self._pick(sorted(self.kinds - {"compound", *_ADDING, *_DELETING})) for _ in range(2)]
         parts = [{"kind": kind, **self._recipes[kind]()} for kind in kinds]
         return {"edits": parts, "name": "two at once"}
-
-
-def document_digest(document: Document) -> bytes:
-    """Of every array and table that edits may change: equal where all bits are."""
-    scene, digest = document.scene, hashlib.sha256()
-    arrays = [document.state.flags, document.colors.indices, document.colors.values]
-    arrays += [document.transforms.indices, document.transforms.values]
-    arrays += [scene.instance_ids, scene.codewords, scene.nodes, *scene.gaussians.arrays().values()]
-    arrays += [array for track in scene.actors for array in (track.times, track.world_from_box, track.dimensions)]
-    arrays += [scene.extra[name] for name in sorted(scene.extra)]
-    arrays += [view.camera.world_from_camera for view in scene.views]
-    arrays += [document.orientation, *([scene.sky.faces] if scene.sky is not None else [])]
-    for array in arrays:
-        digest.update(f"{array.dtype.str} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    table = [astuple(entry) for entry in scene.table]
-    names = ([track.id for track in scene.actors], sorted(scene.extra), document.first_free_id)
-    digest.update(repr((table, names)).encode())
-    return digest.digest()

@@ -17,10 +17,10 @@ from jaxtyping import Float32, Float64
 from numpy import ndarray
 from tyro.conf import Positional, arg
 
-from instdrive_core.edits.queries.bake import recounted
+from instdrive_core.edits.queries.bake import recount_table
 from instdrive_core.formats.folder.scenes import read_scene_folder, write_scene_folder
-from instdrive_core.rasterize.kernels.blend_weights import blend_weights
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.rasterize.kernels.blend_weights import compute_blend_weights
+from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.sky import Sky
 
 COUNT = 104_000
@@ -45,18 +45,18 @@ def reduced(scene: Scene) -> Scene:
         sky=Sky(halved(scene.sky.faces)) if scene.sky else None,
         views=views,
     )
-    return recounted(smaller)
+    return recount_table(smaller)
 
 
 def weight_shown(scene: Scene) -> Float64[ndarray, " n"]:
     """How much each Gaussian carries of all photos' pixels."""
     gaussians, total = scene.gaussians, np.zeros(len(scene))
     for view in scene.views:
-        poses, present = scene.at(view.time)
-        means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
+        poses, present = scene.find_node_poses(view.time)
+        means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
         opacities = np.where(present[scene.nodes] > 0, gaussians.opacities, np.float32(0))
         pixels = np.arange(view.camera.width * view.camera.height)
-        weights = blend_weights(means, quats, gaussians.log_scales, opacities, view.camera, pixels)
+        weights = compute_blend_weights(means, quats, gaussians.log_scales, opacities, view.camera, pixels)
         total += np.bincount(weights.rows, weights.weights, len(scene))
     return total
 

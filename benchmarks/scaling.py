@@ -42,7 +42,7 @@ def step_ms(count: int, width: int, height: int, runs: int) -> float:
 
 
 def exponents(amounts: list[float], costs: list[float]) -> list[float]:
-    """Of cost ~ amountᵉ between neighbours."""
+    """Exponents e of cost ~ amountᵉ between neighbours."""
     return [
         round(log(second / first) / log(more / less), 2)
         for (less, more), (first, second) in zip(pairwise(amounts), pairwise(costs), strict=True)

@@ -24,19 +24,19 @@ from tyro.conf import Positional
 from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import InstDriveError
-from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
+from instdrive_core.evaluation.metrics.box_pixels import find_moving_box_pixels
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.masks.label_map_folder import MaskFolder, open_masks
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.cpu_backend import CpuBackend
-from instdrive_core.training.build_trainer import trainer_from_clip
-from instdrive_core.training.gaussians.exposures import finished_exposures
-from instdrive_core.training.instances.scene_export import finished_scene
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.build_trainer import build_trainer_from_clip
+from instdrive_core.training.gaussians.exposures import export_exposures
+from instdrive_core.training.instances.scene_export import export_trained_scene
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.views.view_store import view_store
+from instdrive_core.training.views.view_store import open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
 
@@ -48,7 +48,7 @@ class Options:
     masks: Path | None = None
     """Folder of masks, of which the RGB stage uses the sky; default: the clip's own `masks/`, else none."""
     options: ClipOptions = dataclasses.field(default_factory=ClipOptions)
-    config: TrainConfig = dataclasses.field(default_factory=train_config)
+    config: TrainConfig = dataclasses.field(default_factory=build_train_config)
     marks: int = 10
     """How often held-out photos are drawn, evenly over the steps."""
     photos: int = 18
@@ -65,18 +65,18 @@ class Quality:
 
 def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
     """Compare held-out photos with the scene."""
-    frames = clip.held_out_frames()
+    frames = clip.held_out_frames
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(photos, len(frames))).round().astype(int))
     whole, actors = [], []
     for frame in (frames[number] for number in chosen):
         camera, moment = frame.view.camera, frame.view.time
         image = view_scene(scene, camera, moment).color
         if scene.exposures is not None:
-            image = exposed(image, scene.exposures.at(frame.view.name, moment))
+            image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, moment))
         photo = frame.load_image().astype(np.float32) / 255
         valid = np.ones(photo.shape[:2], bool) if frame.valid is None else frame.valid
         whole.append(psnr(np.clip(image, 0, 1), photo, valid))
-        actors.append(psnr(np.clip(image, 0, 1), photo, valid & moving_box_pixels(camera, clip.tracks, moment)))
+        actors.append(psnr(np.clip(image, 0, 1), photo, valid & find_moving_box_pixels(camera, clip.tracks, moment)))
     known = [value for value in actors if value is not None]
     return Quality(
         float(np.mean([value for value in whole if value is not None])), float(np.mean(known)) if known else None
@@ -87,8 +87,8 @@ def scene_of(trainer: Trainer, clip: Clip) -> Scene:
     """What has been learned so far, without instances."""
     exposures = None
     if trainer.config.geometry.exposure_lr:
-        exposures = finished_exposures(trainer.model.shared["exposures"], trainer.store.facts)
-    return finished_scene(trainer.model, clip, trainer.config, learned=None, exposures=exposures)
+        exposures = export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+    return export_trained_scene(trainer.model, clip, trainer.config, learned=None, exposures=exposures)
 
 
 def main(options: Options) -> dict[str, object]:
@@ -102,8 +102,9 @@ def main(options: Options) -> dict[str, object]:
     total = options.config.geometry.iterations
     due = set(np.linspace(0, total, options.marks + 1).round().astype(int).tolist()[1:])
     curve: list[tuple[int, float, float, int]] = []
-    with view_store(clip, masks) as store:
-        trainer = trainer_from_clip(options.config, clip, store, CpuBackend())
+    psnr_actors: float | None = None
+    with open_view_store(clip, masks) as store:
+        trainer = build_trainer_from_clip(options.config, clip, store, CpuBackend())
         ready = time.perf_counter() - started
         while trainer.iteration < total:
             trainer.rgb_step()
@@ -115,6 +116,7 @@ def main(options: Options) -> dict[str, object]:
                 reached = quality(scene_of(trainer, clip), clip, photos)
                 drawing += time.perf_counter() - before
                 seconds = time.perf_counter() - started - drawing
+                psnr_actors = reached.psnr_actors
                 curve.append((trainer.iteration, round(seconds, 1), round(reached.psnr, 3), len(trainer.model)))
                 print(*curve[-1], file=sys.stderr, flush=True)
     return {
@@ -124,7 +126,7 @@ def main(options: Options) -> dict[str, object]:
         "ready_s": round(ready, 1),
         "seconds": curve[-1][1],
         "psnr": curve[-1][2],
-        "psnr_actors": reached.psnr_actors and round(reached.psnr_actors, 3),
+        "psnr_actors": psnr_actors and round(psnr_actors, 3),
         "gaussians": len(trainer.model),
         "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
         "curve": curve,

@@ -29,10 +29,10 @@ from instdrive_core.rasterize.render import render
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.training.backends.cpu_backend import CpuBackend
-from instdrive_core.training.gaussians.model import SceneModel, model_from_gaussians
+from instdrive_core.training.gaussians.model import SceneModel, build_model
 from instdrive_core.training.gaussians.optimizers import Optimizers
-from instdrive_core.training.gaussians.view_rendering import draw_view
-from instdrive_core.training.settings.config import train_config
+from instdrive_core.training.gaussians.view_rendering import render_view
+from instdrive_core.training.settings.config import build_train_config
 
 _FEATURES, _SH_REST = 8, 15
 _WARM_UP = 3
@@ -64,7 +64,7 @@ def model_of(workload: Workload) -> SceneModel:
         features=workload.channels[:, 3 : 3 + _FEATURES],
     )
     sky = np.full((6, 8, 8, 3), 0.5, np.float32)
-    return model_from_gaussians(gaussians, np.zeros(count, np.uint16), (), sky, (0.0,))
+    return build_model(gaussians, np.zeros(count, np.uint16), (), sky, (0.0,))
 
 
 class Step:
@@ -72,7 +72,7 @@ class Step:
 
     def __init__(self, model: SceneModel, camera: Camera) -> None:
         self.model, self.camera, self.backend = model, camera, CpuBackend()
-        config = train_config()
+        config = build_train_config()
         self.optimizers = Optimizers(model, config)
         self.optimizers.geometry.rates = dict.fromkeys(
             self.optimizers.geometry.rates, 0.0
@@ -86,7 +86,7 @@ class Step:
     def run(self) -> dict[str, float]:
         """Milliseconds of each phase."""
         marks = [time.perf_counter()]
-        drawn = draw_view(self.model, self.backend, self.camera, 0.0, with_features=True)
+        drawn = render_view(self.model, self.backend, self.camera, 0.0, with_features=True)
         marks.append(time.perf_counter())
         loss, _ = self.backend.photometric_loss(drawn.color, self.photo, None, 0.2)
         assert drawn.features is not None

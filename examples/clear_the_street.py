@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 
@@ -19,14 +19,14 @@ document, _ = open_document(path)
 parked = [i for i in document.scene.table if i.class_name == "Car" and not i.node]
 for car in sorted(parked, key=lambda instance: instance.count, reverse=True)[:MOST]:
     document.apply(DeleteInstances((car.id,)))
-    report = deletion_report(document, (car.id,), time=0.0)
+    report = report_deletion(document, (car.id,), time=0.0)
     print(f"{car.name}: {report.summary}")
-    for edit in (report.absorption(), report.filling()):
+    for edit in (report.make_absorb_edit(), report.make_fill_edit()):
         if edit is not None:
             document.apply(edit)
-    print(f"  then: {deletion_report(document, (car.id,), time=0.0).summary}")
+    print(f"  then: {report_deletion(document, (car.id,), time=0.0).summary}")
 
 out = folder / "cleared.ply"
-result = baked(document, time=0.0)
+result = bake_document(document, time=0.0)
 save_scene(out, result)
 print(f"{out}: {len(result):,} splats, {int(result.extra['synthetic'].sum()):,} of them synthetic")

@@ -20,10 +20,10 @@ save_project(project, document)
 print(f"{project.stat().st_size:,} bytes hold {len(document.history.edits)} edits")
 
 again, _ = open_document(project)
-assert again.visible_instances() == document.visible_instances()
+assert again.find_visible_instances() == document.find_visible_instances()
 again.undo()
 again.undo()
-assert first.id in again.visible_instances()
+assert first.id in again.find_visible_instances()
 redone = again.redo()
 assert redone is not None
 print(f"opened again, undone and redone: {redone.title}")

@@ -6,8 +6,8 @@ from scene_and_folder import scene_and_folder
 
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.placement import center_of, lane_at
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.placement import compute_center, find_lane
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 
@@ -16,8 +16,8 @@ document, _ = open_document(path)
 
 parked = [i for i in document.scene.table if i.class_name == "Car" and not i.node]
 car = max(parked, key=lambda instance: instance.count).id
-center = center_of(document, (car,), time=0.0)
-x, y, _ = lane_at(document, (car,), center, time=0.0)
+center = compute_center(document, (car,), time=0.0)
+x, y, _ = find_lane(document, (car,), center, time=0.0)
 
 document.apply(MoveInstances((car,), translation=(3 * x, 3 * y, 0.0), along_lane=True, on_ground=True))
 before = {instance.id for instance in document.scene.table}
@@ -25,5 +25,5 @@ document.apply(DuplicateInstances((car,), (-2.5 * y, 2.5 * x, 0.0)))
 (copy,) = {instance.id for instance in document.scene.table} - before
 document.apply(MoveInstances((copy,), rotation=(0.97, 0.0, 0.0, 0.24), yaw_only=True, on_ground=True))
 
-save_scene(folder / "moved.spz", baked(document, time=0.0))
+save_scene(folder / "moved.spz", bake_document(document, time=0.0))
 print(f"moved {document.scene.table[car].name} by 3 m, copied it to {document.scene.table[copy].name}: moved.spz")

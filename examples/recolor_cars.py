@@ -9,7 +9,7 @@ from PIL import Image
 from scene_and_folder import scene_and_folder
 
 from instdrive_core.edits.kinds.color import RecolorInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.rasterize.scene_view import view_scene
@@ -32,7 +32,7 @@ for number, car in enumerate(cars):
     color = colorsys.hsv_to_rgb(number / len(cars), 0.8, 0.7)
     document.apply(RecolorInstances((car,), "tint", color))
 
-result = baked(document)
+result = bake_document(document)
 picture(result).save(folder / "after.png")
 save_scene(folder / "recolored", result)
 print(f"{len(cars)} cars repainted: {folder}/before.png, after.png and the scene folder recolored/")

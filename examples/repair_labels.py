@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from scene_and_folder import scene_and_folder
 
-from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
+from instdrive_core.edits.kinds.merge import MergeInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.errors import EditError
 from instdrive_core.project.open import open_document

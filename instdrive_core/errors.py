@@ -36,20 +36,26 @@ class SceneTooLargeError(DataError):
 
     def __init__(self, path: str | Path, count: int, needed: float, available: float, keep_every: int | None) -> None:
         self.count, self.needed, self.available, self.keep_every = count, needed, available, keep_every
-        problem = f"it has {count:,} splats and needs {gigabytes(needed)}, {gigabytes(available)} are free"
-        every = "" if keep_every is None else f"open every {ordinal(keep_every)} splat (--keep-every {keep_every}), or "
+        problem = (
+            f"it has {count:,} splats and needs {format_gigabytes(needed)}, {format_gigabytes(available)} are free"
+        )
+        every = (
+            ""
+            if keep_every is None
+            else f"open every {format_ordinal(keep_every)} splat (--keep-every {keep_every}), or "
+        )
         remedy = f"{every}close other programs, or use a machine with more memory"
         super().__init__(path, problem, remedy[0].upper() + remedy[1:])
 
 
-def gigabytes(size: float) -> str:
+def format_gigabytes(size: float) -> str:
     """Bytes as a person says them, e.g. ``48 GB`` or ``0.3 GB``."""
     return (
         f"{size / 1e9:.0f} GB" if size >= 9.95e9 else f"{size / 1e9:.1f} GB" if size >= 5e7 else f"{size / 1e6:.1f} MB"
     )
 
 
-def ordinal(number: int) -> str:
+def format_ordinal(number: int) -> str:
     """``2nd``, ``3rd``, ``11th``."""
     ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
     return f"{number}{ending}"

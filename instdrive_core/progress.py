@@ -1,6 +1,6 @@
 """How far long work is, told without handing a callback through every function, and how it is stopped.
 
-Work that may take a second calls `report` now and then. Whoever wants to know wraps the work in `reporting`; where
+Work that may take a second calls `report` now and then. Whoever wants to know wraps the work in `report_to`; where
 nobody does, `report` costs next to nothing. The listener belongs to the thread (or context) that set it.
 """
 
@@ -33,7 +33,7 @@ def report(share: float) -> None:
 
 
 @contextmanager
-def reporting(listener: Listener) -> Iterator[None]:
+def report_to(listener: Listener) -> Iterator[None]:
     """Tell `listener` what is reported inside the block."""
     outer, span = _listener.set(listener), _span.set((0.0, 1.0))
     try:
@@ -44,7 +44,7 @@ def reporting(listener: Listener) -> Iterator[None]:
 
 
 @contextmanager
-def part_of_work(start: float, stop: float) -> Iterator[None]:
+def report_span(start: float, stop: float) -> Iterator[None]:
     """What is reported inside the block, 0 … 1, counts as `start` … `stop` of the work around it."""
     low, high = _span.get()
     token = _span.set((low + (high - low) * start, low + (high - low) * stop))

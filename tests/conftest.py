@@ -1,7 +1,8 @@
-"""What holds for all tests: shapes and types of the core's pure packages are checked by beartype, neither speed nor
-chance decides what fails, and workers that run beside each other keep out of each other's way."""
+"""What holds for all tests: beartype checks the types and shapes of every call outside Numba's kernels, neither speed
+nor chance decides what fails, and workers that run beside each other keep out of each other's way."""
 
 import os
+import re
 import time
 from pathlib import Path
 
@@ -10,17 +11,22 @@ from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
 ROOT = Path(__file__).resolve().parents[1]
-CHECKED = ("maths", "instances", "scene", "edits")
+PACKAGES = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
+"""Folder and import name of what is checked."""
+KERNELS = re.compile(r"^\s*(import|from) (numba|llvmlite)\b", re.MULTILINE)
 
 
 def _checked_modules() -> list[str]:
-    """Modules of pure numpy; Numba cannot cache functions that a checker has wrapped."""
-    files = [file for package in CHECKED for file in (ROOT / "instdrive_core" / package).rglob("*.py")]
-    pure = [file for file in files if file.stem != "__init__" and "import numba" not in file.read_text()]
-    return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in pure]
+    """Modules without kernels: Numba cannot cache functions that a checker has wrapped."""
+    return [
+        ".".join([package, *path.relative_to(ROOT / folder).with_suffix("").parts])
+        for folder, package in PACKAGES.items()
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        if path.stem != "__init__" and not KERNELS.search(path.read_text(encoding="utf-8"))
+    ]
 
 
-install_import_hook(_checked_modules(), "beartype.beartype")
+install_import_hook(_checked_modules(), "checked_types.check_types")
 # The first example of a test may have to compile what it tests: that takes seconds, and says nothing of it.
 UNHURRIED = settings(
     deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture], print_blob=True
@@ -59,7 +65,7 @@ def _compiled_code_is_saved_by_one_worker_at_a_time(tmp_path_factory):
     path, save = tmp_path_factory.getbasetemp().parent / "numba.lock", IndexDataCacheFile.save
 
     def save_alone(self, key, data):
-        while (lock := FileLock.taken(path)) is None:
+        while (lock := FileLock.acquire(path)) is None:
             time.sleep(0.002)
         try:
             save(self, key, data)

@@ -8,7 +8,7 @@ from random_scene import random_scene
 
 from instdrive_core.datasets.colmap import binary as colmap_binary
 from instdrive_core.datasets.colmap import text as colmap_text
-from instdrive_core.datasets.photos import photo_size
+from instdrive_core.datasets.photos import read_photo_size
 from instdrive_core.datasets.point_cloud import read_point_ply
 from instdrive_core.errors import DataError
 from instdrive_core.files.json_fields import read_json
@@ -16,7 +16,7 @@ from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.masks.imported.label_map import read_imported_label_map
 from instdrive_core.masks.imported.npz import read_imported_npz
-from instdrive_core.masks.label_map_folder import read_sky
+from instdrive_core.masks.label_map_folder import read_sky_mask
 from instdrive_core.project.open import open_document
 
 PIPE = "a pipe, socket or device"
@@ -62,10 +62,10 @@ def test_arrays_of_a_scene_folder(tmp_path: Path, make) -> None:
         ("points.ply", read_point_ply),
         ("00.pkl", read_pickle),
         ("00.pkl.gz", read_pickle),
-        ("00.jpg", photo_size),
+        ("00.jpg", read_photo_size),
         ("masks.npz", lambda path: read_imported_npz(path, 4, 3)),
         ("labels.png", lambda path: read_imported_label_map(path, 4, 3)),
-        ("sky.png", read_sky),
+        ("sky.png", read_sky_mask),
     ],
 )
 def test_files_of_clips_and_masks(tmp_path: Path, make, name: str, read) -> None:

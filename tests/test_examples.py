@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.project.open import open_edited
+from instdrive_core.project.open import open_edited_scene
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 SAMPLE = EXAMPLES.parent / "assets" / "sample_scene"
@@ -37,4 +37,4 @@ def test_example(name, tmp_path):
         path = tmp_path / written
         assert path.exists(), done.stdout
         if path.suffix != ".png":
-            assert len(open_edited(path) if path.suffix == ".instdrive" else open_scene(path)) > 50_000
+            assert len(open_edited_scene(path) if path.suffix == ".instdrive" else open_scene(path)) > 50_000

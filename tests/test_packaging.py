@@ -1,28 +1,12 @@
 """Wheel and source archive hold what they should; the wheel, installed outside the checkout, runs."""
 
-import os
-import shutil
 import subprocess
 import sys
 import tarfile
-from pathlib import Path
+import tomllib
 
 import pytest
-
-ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = {"instdrive_core": "instdrive_core", "app": "instdrive_app"}
-RESOURCES = {"shaders": "instdrive_app/shaders", "assets": "instdrive_app/assets"}
-ARCHIVED = ("tests", "benchmarks", "docs", "examples")
-"""Only in the source archive."""
-FILES = ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "Makefile", "constraints.txt")
-
-
-def run(*command, cwd, **environment):
-    result = subprocess.run(
-        command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert result.returncode == 0, result.stdout + result.stderr
-    return result.stdout
+from wheel_of_checkout import ARCHIVED, FILES, FOLDERS, PIP, RESOURCES, ROOT, build_wheel, copy_sources, run
 
 
 def files_under(folder):
@@ -33,31 +17,23 @@ def files_under(folder):
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
     """A copy of what is packaged, so that the checkout stays clean."""
-    source = tmp_path_factory.mktemp("source")
-    for name in (*FOLDERS, *RESOURCES, *ARCHIVED):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "*.jpg"))
-    for name in FILES:
-        shutil.copy(ROOT / name, source / name)
-    return source
+    return copy_sources(tmp_path_factory.mktemp("source"))
 
 
 @pytest.fixture(scope="module")
 def installed(source, tmp_path_factory):
     """A folder with the wheel's content."""
     wheels, target = (tmp_path_factory.mktemp(name) for name in ("wheels", "installed"))
-    pip = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-    run(*pip, "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", str(wheels), str(source), cwd=source)
-    (wheel,) = wheels.glob("instdrive-*.whl")
-    run(*pip, "install", "--no-deps", "--no-index", "--target", str(target), str(wheel), cwd=wheels)
+    wheel = build_wheel(source, wheels)
+    run(*PIP, "install", "--no-deps", "--no-index", "--target", str(target), str(wheel), cwd=wheels)
     return target
 
 
 def test_the_wheel_holds_every_module_and_resource(installed):
     for folder, package in FOLDERS.items():
-        missing = {name for name in files_under(ROOT / folder) if name.endswith(".py")} - files_under(
-            installed / package
-        )
-        assert not missing, f"list the packages of {sorted(missing)} in pyproject.toml"
+        expected = {name for name in files_under(ROOT / folder) if not name.endswith((".nbi", ".nbc"))}
+        missing = expected - files_under(installed / package)
+        assert not missing, f"list packages and package-data of {sorted(missing)} in pyproject.toml"
     for folder, package in RESOURCES.items():
         assert files_under(ROOT / folder) <= files_under(installed / package)
 
@@ -81,9 +57,7 @@ def test_the_source_archive_builds_and_tests(source, tmp_path):
     with tarfile.open(archive) as packed:
         found = {name.partition("/")[2] for name in packed.getnames()}
     expected = {f"{folder}/{name}" for folder in (*FOLDERS, *RESOURCES) for name in files_under(source / folder)}
-    expected |= {
-        f"{folder}/{name}" for folder in ("tests", "benchmarks", "examples") for name in files_under(source / folder)
-    }
+    expected |= {f"{folder}/{name}" for folder in ARCHIVED if folder != "docs" for name in files_under(source / folder)}
     expected |= {f"docs/{name}" for name in files_under(source / "docs") if name.endswith((".md", ".jsonl"))}
     assert expected | set(FILES) <= found
     assert not {name for name in found if "/__pycache__" in name or name.startswith(("runs", ".venv", ".git"))}
@@ -111,6 +85,8 @@ def test_the_installed_command_runs(installed, tmp_path):
     script = installed / "bin" / "instdrive"
     text = run(sys.executable, str(script), "--help", cwd=tmp_path, PYTHONPATH=str(installed))
     assert "usage: instdrive COMMAND" in text
-    assert run(sys.executable, str(script), "--version", cwd=tmp_path, PYTHONPATH=str(installed)) == "instdrive 0.1.0\n"
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    text = run(sys.executable, str(script), "--version", cwd=tmp_path, PYTHONPATH=str(installed))
+    assert text == f"instdrive {version}\n"
     text = run(sys.executable, str(script), "apply", "--help", cwd=tmp_path, PYTHONPATH=str(installed))
     assert "--recolor" in text

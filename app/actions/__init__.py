@@ -1,20 +1,22 @@
-"""Every command of the editor: one file per menu or topic, each with ``commands(session) -> list[Command]``.
+"""Every action of the editor: one file per menu or topic, each with ``list_actions(session) -> list[Action]``.
 
-A new command goes into the file of its topic; a new topic is a file and a place in `TOPICS`, whose order is that of
+A new action goes into the file of its topic; a new topic is a file and a place in `TOPICS`, whose order is that of
 the menus and of the items in them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from instdrive_app.action import Action
 from instdrive_app.actions import (
-    aftermath,
+    deletion_review,
     edit,
     file,
     help,
+    labels,
     move,
-    panels,
     reference,
-    repair,
     select,
     time_steps,
     tools,
@@ -22,11 +24,11 @@ from instdrive_app.actions import (
 )
 from instdrive_app.session.editor_session import EditorSession
 
-TOPICS = (file, edit, select, repair, tools, move, view, aftermath, reference, time_steps, panels, help)
+TOPICS = (file, edit, select, labels, tools, move, view, deletion_review, reference, time_steps)
 
 
-def register_commands(session: EditorSession) -> None:
-    """Fill `session.commands`."""
-    for topic in TOPICS:
-        for command in topic.commands(session):
-            session.commands.add(command)
+def register_actions(session: EditorSession, *more: Callable[[EditorSession], list[Action]]) -> None:
+    """Fill `session.actions`; `more` lists the actions of further menus, which come before Help."""
+    for list_actions in (*(topic.list_actions for topic in TOPICS), *more, help.list_actions):
+        for action in list_actions(session):
+            session.actions.add(action)

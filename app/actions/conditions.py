@@ -1,21 +1,18 @@
-"""What several menus share: when a command can be run, and opening a dialog."""
+"""What several menus share: when an action can be run, and asking the window for something."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import Request
 
 
-def editable(session: EditorSession) -> bool:
+def is_editable(session: EditorSession) -> bool:
     """Whether a document is open and no modal work is under way."""
-    return session.document is not None and not session.jobs.blocking
+    return session.document is not None and not session.jobs.is_blocking
 
 
-def asking(session: EditorSession, dialog: str) -> Callable[[], None]:
-    """A callback that opens the dialog of this name."""
-
-    def run() -> None:
-        session.dialog = dialog
-
-    return run
+def put_request(session: EditorSession, request: Request) -> Callable[[], None]:
+    """Make a callback that asks the window for something."""
+    return lambda: session.requests.put(request)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskName, OfferCleanup
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Edit menu."""
-    return [*_history(session), *_changes(session), *_showing(session), *_odd_splats(session)]
+    return [*_list_history(session), *_list_changes(session), *_list_visibility(session), *_list_cleanup(session)]
 
 
-def _history(session: EditorSession) -> list[Command]:
+def _list_history(session: EditorSession) -> list[Action]:
     def reaches(back: bool) -> bool:
         if session.document is None:
             return False
@@ -20,19 +21,19 @@ def _history(session: EditorSession) -> list[Command]:
         return history.cursor > 0 if back else history.cursor < len(history.edits)
 
     return [
-        Command(
+        Action(
             "edit.undo",
             "Undo",
-            session.undo,
+            session.history.undo,
             "Edit",
             ("Ctrl+Z",),
             enabled=lambda: reaches(back=True),
             icon="ICON_FA_ROTATE_LEFT",
         ),
-        Command(
+        Action(
             "edit.redo",
             "Redo",
-            session.redo,
+            session.history.redo,
             "Edit",
             ("Ctrl+Shift+Z", "Ctrl+Y"),
             enabled=lambda: reaches(back=False),
@@ -41,118 +42,118 @@ def _history(session: EditorSession) -> list[Command]:
     ]
 
 
-def _changes(session: EditorSession) -> list[Command]:
+def _list_changes(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "edit.delete",
             "Delete",
-            session.delete_selection,
+            session.deletion.delete_selection,
             "Edit",
             ("Delete",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_TRASH",
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "edit.recolor",
             "Recolour",
-            lambda: session.recolor(session.selected, session.recolor_mode, session.recolor_color),
+            lambda: session.colors.recolor_as_picked(session.selection.ids),
             "Edit",
             ("C",),
-            enabled=lambda: bool(session.selected),
+            enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_PAINTBRUSH",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.reset_colors",
             "Reset colours",
-            lambda: session.reset_colors(session.selected),
+            lambda: session.colors.reset(session.selection.ids),
             "Edit",
             ("Shift+C",),
-            enabled=lambda: bool(session.selected),
+            enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.rename",
             "Rename…",
-            lambda: session.ask_name(session.selected[0]),
+            lambda: session.requests.put(AskName(session.selection.ids[0])),
             "Edit",
             ("F2",),
-            enabled=lambda: len(session.selected) == 1,
+            enabled=lambda: len(session.selection.ids) == 1,
             icon="ICON_FA_PEN",
             undoable=True,
         ),
     ]
 
 
-def _showing(session: EditorSession) -> list[Command]:
+def _list_visibility(session: EditorSession) -> list[Action]:
     """What is shown, and what may be edited."""
     return [
-        Command(
+        Action(
             "edit.hide",
             "Hide",
-            lambda: session.hide(session.selected),
+            lambda: session.visibility.hide(session.selection.ids),
             "Edit",
             ("H",),
-            enabled=lambda: bool(session.selected),
+            enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_EYE_SLASH",
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "edit.lock",
             "Lock",
-            lambda: session.lock(session.selected),
+            lambda: session.visibility.lock(session.selection.ids),
             "Edit",
             ("Ctrl+L",),
-            enabled=lambda: bool(session.selected),
+            enabled=lambda: bool(session.selection.ids),
             icon="ICON_FA_LOCK",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.unlock_all",
             "Unlock all",
-            lambda: session.lock(session.locked, locked=False),
+            lambda: session.visibility.lock(session.visibility.locked_ids, locked=False),
             "Edit",
             ("Ctrl+Shift+L",),
-            enabled=lambda: bool(session.locked),
+            enabled=lambda: bool(session.visibility.locked_ids),
             icon="ICON_FA_LOCK_OPEN",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.solo",
             "Show only the selection",
-            lambda: session.solo.toggle(session.selected or session.solo.ids),
+            lambda: session.visibility.solo.toggle(session.selection.ids or session.visibility.solo.ids),
             "Edit",
             ("I",),
-            enabled=lambda: bool(session.selected or session.solo.ids),
-            checked=lambda: bool(session.solo.ids),
+            enabled=lambda: bool(session.selection.ids or session.visibility.solo.ids),
+            checked=lambda: bool(session.visibility.solo.ids),
             icon="ICON_FA_BULLSEYE",
             undoable=True,
         ),
-        Command(
+        Action(
             "edit.show_all",
             "Show all",
-            session.show_all,
+            session.visibility.show_all,
             "Edit",
             ("Alt+H",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_EYE",
             undoable=True,
         ),
     ]
 
 
-def _odd_splats(session: EditorSession) -> list[Command]:
+def _list_cleanup(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "edit.odd_splats",
             "Odd splats…",
-            asking(session, "findings"),
+            put_request(session, OfferCleanup()),
             "Edit",
-            enabled=lambda: editable(session) and bool(session.findings),
+            enabled=lambda: is_editable(session) and bool(session.files.defects),
             icon="ICON_FA_BROOM",
             separator=True,
             undoable=True,

@@ -2,71 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
-from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command, MenuItem
-from instdrive_app.files.sample import has_sample_scene, sample_scene
+from instdrive_app.action import Action, MenuItem
+from instdrive_app.actions.conditions import is_editable, put_request
+from instdrive_app.files.sample import find_sample_scene, has_sample_scene
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskExport, AskPath
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The File menu."""
-    return [*_opening(session), *_saving(session), *_exporting(session), *_leaving(session)]
+    return [*_list_opening(session), *_list_saving(session), *_list_exporting(session), *_list_leaving(session)]
 
 
-def _opening(session: EditorSession) -> list[Command]:
-    def opening(path: Path) -> Callable[[], None]:
-        return lambda: session.leave(lambda: session.files.open(path))
-
-    def recent() -> list[MenuItem]:
-        return [(path.name, opening(path)) for path in session.files.recents.paths]
+def _list_opening(session: EditorSession) -> list[Action]:
+    def list_recents() -> list[MenuItem]:
+        return [(path.name, partial(session.files.leave_for, path)) for path in session.files.recents.paths]
 
     return [
-        Command("file.open", "Open…", asking(session, "open"), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"),
-        Command(
+        Action(
+            "file.open", "Open…", put_request(session, AskPath("open")), "File", ("Ctrl+O",), icon="ICON_FA_FOLDER_OPEN"
+        ),
+        Action(
             "file.recent",
             "Open recent",
-            asking(session, "open"),
+            put_request(session, AskPath("open")),
             "File",
             enabled=lambda: bool(session.files.recents.paths),
             icon="ICON_FA_CLOCK_ROTATE_LEFT",
-            items=recent,
+            items=list_recents,
         ),
-        Command(
+        Action(
             "file.sample",
             "Open the sample scene",
-            lambda: opening(sample_scene())(),
+            lambda: session.files.leave_for(find_sample_scene()),
             "File",
             enabled=has_sample_scene,
             icon="ICON_FA_CITY",
         ),
-        Command(
+        Action(
             "file.insert",
             "Insert scene…",
-            asking(session, "insert"),
+            put_request(session, AskPath("insert")),
             "File",
             ("Ctrl+Shift+I",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_FILE_IMPORT",
             undoable=True,
         ),
     ]
 
 
-def _saving(session: EditorSession) -> list[Command]:
+def _list_saving(session: EditorSession) -> list[Action]:
     def save() -> None:
         if session.files.project is None:
-            session.dialog = "save"
+            session.requests.put(AskPath("save"))
         else:
-            session.save()
+            session.files.save()
 
     def can_save() -> bool:
-        return editable(session) and session.files.path is not None
+        return is_editable(session) and session.files.path is not None
 
     return [
-        Command(
+        Action(
             "file.save",
             "Save project",
             save,
@@ -77,10 +76,10 @@ def _saving(session: EditorSession) -> list[Command]:
             undoable=False,
             separator=True,
         ),
-        Command(
+        Action(
             "file.save_as",
             "Save project as…",
-            asking(session, "save"),
+            put_request(session, AskPath("save")),
             "File",
             ("Ctrl+Shift+S",),
             enabled=can_save,
@@ -90,37 +89,37 @@ def _saving(session: EditorSession) -> list[Command]:
     ]
 
 
-def _exporting(session: EditorSession) -> list[Command]:
+def _list_exporting(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "file.export",
             "Export…",
-            asking(session, "export"),
+            put_request(session, AskExport()),
             "File",
             ("Ctrl+E",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_FILE_EXPORT",
             undoable=False,
         ),
-        Command(
+        Action(
             "file.export_selection",
             "Export selection…",
-            asking(session, "export_selection"),
+            put_request(session, AskExport("selection")),
             "File",
             ("Ctrl+Shift+E",),
-            enabled=lambda: editable(session) and session.has_selection,
+            enabled=lambda: is_editable(session) and not session.selection.is_empty,
             icon="ICON_FA_ARROW_UP_RIGHT_FROM_SQUARE",
             undoable=False,
         ),
     ]
 
 
-def _leaving(session: EditorSession) -> list[Command]:
+def _list_leaving(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "file.quit",
             "Quit",
-            lambda: session.leave(session.quit),
+            lambda: session.files.leave(session.quit),
             "File",
             ("Ctrl+Q",),
             icon="ICON_FA_POWER_OFF",

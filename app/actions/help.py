@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from instdrive_app.actions.conditions import asking
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import put_request
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ShowAbout, ShowPalette, ShowShortcuts
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Help menu."""
     return [
-        Command(
-            "help.palette", "Find a command…", asking(session, "palette"), "Help", ("Ctrl+P",), icon="ICON_FA_TERMINAL"
+        Action(
+            "help.palette",
+            "Find a command…",
+            put_request(session, ShowPalette()),
+            "Help",
+            ("Ctrl+P",),
+            icon="ICON_FA_TERMINAL",
         ),
-        Command(
+        Action(
             "help.shortcuts",
             "Keys and mouse",
-            asking(session, "shortcuts"),
+            put_request(session, ShowShortcuts()),
             "Help",
             ("F1",),
             icon="ICON_FA_KEYBOARD",
         ),
-        Command(
+        Action(
             "help.log",
             "Log file and version…",
-            asking(session, "about"),
+            put_request(session, ShowAbout()),
             "Help",
             icon="ICON_FA_CIRCLE_INFO",
             separator=True,

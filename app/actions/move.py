@@ -4,28 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.actions.conditions import asking, editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable, put_request
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.session.moving import MoveOptions
+from instdrive_app.session.move_controller import MoveOptions
+from instdrive_app.session.requests import AskUp
 
 SWITCHES = ("move.on_ground", "move.yaw_only", "move.along_lane")
 """Commands that bind moves."""
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Move menu."""
-    return [*_moves(session), *_bindings(session)]
+    return [*_list_moves(session), *_list_constraints(session)]
 
 
-def _moves(session: EditorSession) -> list[Command]:
-    moving = session.moving
+def _list_moves(session: EditorSession) -> list[Action]:
+    moving = session.movement
 
     def selected() -> bool:
-        return bool(session.selected)
+        return bool(session.selection.ids)
 
     return [
-        Command(
+        Action(
             "move.duplicate",
             "Duplicate",
             moving.duplicate,
@@ -35,7 +36,7 @@ def _moves(session: EditorSession) -> list[Command]:
             icon="ICON_FA_CLONE",
             undoable=True,
         ),
-        Command(
+        Action(
             "move.put_on_ground",
             "Put on the ground",
             moving.put_on_ground,
@@ -45,7 +46,7 @@ def _moves(session: EditorSession) -> list[Command]:
             icon="ICON_FA_ARROWS_DOWN_TO_LINE",
             undoable=True,
         ),
-        Command(
+        Action(
             "move.reset",
             "Reset the move",
             moving.reset,
@@ -54,12 +55,12 @@ def _moves(session: EditorSession) -> list[Command]:
             icon="ICON_FA_ARROW_ROTATE_LEFT",
             undoable=True,
         ),
-        Command(
+        Action(
             "move.turn_upright",
             "Turn upright…",
-            asking(session, "turn_upright"),
+            put_request(session, AskUp()),
             "Move",
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_ARROWS_SPIN",
             separator=True,
             undoable=True,
@@ -67,31 +68,31 @@ def _moves(session: EditorSession) -> list[Command]:
     ]
 
 
-def _bindings(session: EditorSession) -> list[Command]:
+def _list_constraints(session: EditorSession) -> list[Action]:
     """What moves are bound to."""
-    moving = session.moving
+    moving = session.movement
     return [
-        Command(
+        Action(
             "move.on_ground",
             "Moves stay on the ground",
-            _flip(moving.options, "on_ground"),
+            _toggle_option(moving.options, "on_ground"),
             "Move",
             checked=lambda: moving.options.on_ground,
             icon="ICON_FA_MAGNET",
             separator=True,
         ),
-        Command(
+        Action(
             "move.yaw_only",
             "Turn about the vertical only",
-            _flip_yaw_only(session),
+            _toggle_yaw_only(session),
             "Move",
             checked=lambda: moving.yaw_only,
             icon="ICON_FA_COMPASS",
         ),
-        Command(
+        Action(
             "move.along_lane",
             "Move along the lane",
-            _flip(moving.options, "along_lane"),
+            _toggle_option(moving.options, "along_lane"),
             "Move",
             checked=lambda: moving.options.along_lane,
             icon="ICON_FA_ROAD",
@@ -99,15 +100,15 @@ def _bindings(session: EditorSession) -> list[Command]:
     ]
 
 
-def _flip(options: MoveOptions, name: str) -> Callable[[], None]:
+def _toggle_option(options: MoveOptions, name: str) -> Callable[[], None]:
     def run() -> None:
         setattr(options, name, not getattr(options, name))
 
     return run
 
 
-def _flip_yaw_only(session: EditorSession) -> Callable[[], None]:
+def _toggle_yaw_only(session: EditorSession) -> Callable[[], None]:
     def run() -> None:
-        session.moving.options.yaw_only = not session.moving.yaw_only
+        session.movement.options.yaw_only = not session.movement.yaw_only
 
     return run

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import Reference
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """More of the View menu: photo, masks, side by side."""
     state = session.state
 
@@ -26,7 +26,7 @@ def commands(session: EditorSession) -> list[Command]:
         state.reference_beside = not state.reference_beside
 
     return [
-        Command(
+        Action(
             "view.photo",
             "Compare with the photo",
             show(Reference.PHOTO),
@@ -37,7 +37,7 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_IMAGE",
             separator=True,
         ),
-        Command(
+        Action(
             "view.masks",
             "Compare with the masks",
             show(Reference.MASKS),
@@ -47,7 +47,7 @@ def commands(session: EditorSession) -> list[Command]:
             checked=lambda: state.reference is Reference.MASKS,
             icon="ICON_FA_OBJECT_GROUP",
         ),
-        Command(
+        Action(
             "view.beside",
             "Side by side",
             beside,

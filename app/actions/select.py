@@ -2,123 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from instdrive_app.actions.conditions import editable
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Select menu."""
-    return [*_sets(session), *_borders(session), *_kinds(session)]
+    return [*_list_sets(session), *_list_borders(session), *_list_kinds(session)]
 
 
-def _sets(session: EditorSession) -> list[Command]:
+def _list_sets(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "select.all",
             "Select all",
-            lambda: _apply(session, SelectAll),
+            lambda: session.history.apply(SelectAll),
             "Select",
             ("Ctrl+A",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_OBJECT_GROUP",
             undoable=True,
         ),
-        Command(
+        Action(
             "select.none",
             "Select nothing",
-            session.clear_selection,
+            session.selection.clear,
             "Select",
             ("Escape",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_BAN",
             undoable=True,
         ),
-        Command(
+        Action(
             "select.invert",
             "Invert the selection",
-            lambda: _apply(session, InvertSelection),
+            lambda: session.history.apply(InvertSelection),
             "Select",
             ("Ctrl+I",),
-            enabled=lambda: editable(session),
+            enabled=lambda: is_editable(session),
             icon="ICON_FA_CIRCLE_HALF_STROKE",
             undoable=True,
         ),
     ]
 
 
-def _borders(session: EditorSession) -> list[Command]:
+def _list_borders(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "select.grow",
             "Grow the selection",
-            session.borders.grow,
+            session.selection.border.grow,
             "Select",
             ("Ctrl+=",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER",
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "select.shrink",
             "Shrink the selection",
-            session.borders.shrink,
+            session.selection.border.shrink,
             "Select",
             ("Ctrl+-",),
-            enabled=lambda: session.has_selection,
+            enabled=lambda: not session.selection.is_empty,
             icon="ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",
             undoable=True,
         ),
     ]
 
 
-def _kinds(session: EditorSession) -> list[Command]:
+def _list_kinds(session: EditorSession) -> list[Action]:
     return [
-        Command(
+        Action(
             "select.class",
             "Extend to the whole class",
             lambda: _select_classes(session),
             "Select",
             ("K",),
-            enabled=lambda: bool(_classes(session)),
+            enabled=lambda: bool(_find_classes(session)),
             icon="ICON_FA_TAGS",
             undoable=True,
             separator=True,
         ),
-        Command(
+        Action(
             "select.codeword",
             "Extend to the whole codeword",
-            lambda: session.select_codeword_of(session.selected[0]),
+            lambda: session.selection.select_codeword(session.selection.ids[0]),
             "Select",
             ("G",),
-            enabled=lambda: len(session.selected) == 1 and session.has_codewords,
+            enabled=lambda: len(session.selection.ids) == 1 and session.selection.has_codewords,
             icon="ICON_FA_BARCODE",
             undoable=True,
         ),
     ]
 
 
-def _apply(session: EditorSession, make: Callable, *parameters: object) -> None:
-    session.apply(make, *parameters)
-
-
-def _classes(session: EditorSession) -> tuple[str, ...]:
+def _find_classes(session: EditorSession) -> tuple[str, ...]:
     """The classes of the selected instances."""
     if session.document is None:
         return ()
     table = session.document.scene.table
-    return tuple(sorted({table[instance].class_name for instance in session.selected} - {""}))
+    return tuple(sorted({table[instance].class_name for instance in session.selection.ids} - {""}))
 
 
 def _select_classes(session: EditorSession) -> None:
-    classes = _classes(session)
+    classes = _find_classes(session)
     edits = tuple(SelectClass(name, "add") for name in classes)
     if len(edits) == 1:
-        session.apply(SelectClass, classes[0], "add")
+        session.history.apply(edits[0])
     else:
-        session.apply(CompoundEdit, edits, f"Select classes {', '.join(classes)}")
+        session.history.apply(CompoundEdit(edits, f"Select classes {', '.join(classes)}"))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Time menu."""
 
     def has_steps() -> bool:
@@ -16,7 +16,7 @@ def commands(session: EditorSession) -> list[Command]:
         session.navigation.playing = not session.navigation.playing
 
     return [
-        Command(
+        Action(
             "time.previous",
             "Previous time step",
             lambda: session.navigation.step(-1),
@@ -25,7 +25,7 @@ def commands(session: EditorSession) -> list[Command]:
             enabled=has_steps,
             icon="ICON_FA_BACKWARD_STEP",
         ),
-        Command(
+        Action(
             "time.play",
             "Play",
             play,
@@ -35,7 +35,7 @@ def commands(session: EditorSession) -> list[Command]:
             checked=lambda: session.navigation.playing,
             icon="ICON_FA_PLAY",
         ),
-        Command(
+        Action(
             "time.next",
             "Next time step",
             lambda: session.navigation.step(1),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.tools.registry import TOOLS, ToolRecord
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The Tools menu."""
     state = session.state
 
@@ -23,8 +23,8 @@ def commands(session: EditorSession) -> list[Command]:
         state.region_visible_only = not state.region_visible_only
 
     return [
-        *(_taking(session, record) for record in TOOLS),
-        Command(
+        *(_create_tool_action(session, record) for record in TOOLS),
+        Action(
             "tool.whole_instances",
             "Regions select whole instances",
             splats(False),
@@ -33,7 +33,7 @@ def commands(session: EditorSession) -> list[Command]:
             icon="ICON_FA_SHAPES",
             separator=True,
         ),
-        Command(
+        Action(
             "tool.single_splats",
             "Regions select single splats",
             splats(True),
@@ -41,7 +41,7 @@ def commands(session: EditorSession) -> list[Command]:
             checked=lambda: state.region_splats,
             icon="ICON_FA_BRAILLE",
         ),
-        Command(
+        Action(
             "tool.visible_only",
             "Regions select only what is visible",
             flip_visible_only,
@@ -52,11 +52,11 @@ def commands(session: EditorSession) -> list[Command]:
     ]
 
 
-def _taking(session: EditorSession, record: ToolRecord) -> Command:
+def _create_tool_action(session: EditorSession, record: ToolRecord) -> Action:
     def take() -> None:
         session.state.tool = record.name
 
-    return Command(
+    return Action(
         f"tool.{record.name}",
         record.title,
         take,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from instdrive_app.commands import Command
+from instdrive_app.action import Action
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import ViewMode
 
@@ -16,7 +16,7 @@ VIEW_MODE_ICONS = {
 }
 
 
-def commands(session: EditorSession) -> list[Command]:
+def list_actions(session: EditorSession) -> list[Action]:
     """The View menu."""
 
     def show(mode: ViewMode) -> Callable[[], None]:
@@ -29,7 +29,7 @@ def commands(session: EditorSession) -> list[Command]:
         return lambda: session.state.view_mode is mode
 
     modes = [
-        Command(
+        Action(
             f"view.{mode.name.lower()}",
             mode.value,
             show(mode),
@@ -42,17 +42,17 @@ def commands(session: EditorSession) -> list[Command]:
     ]
     return [
         *modes,
-        Command(
+        Action(
             "view.frame",
             "Frame the selection",
-            lambda: session.navigation.frame(session.selected),
+            lambda: session.navigation.frame(session.selection.ids),
             "View",
             ("F",),
             enabled=lambda: session.document is not None,
             icon="ICON_FA_EXPAND",
             separator=True,
         ),
-        Command(
+        Action(
             "view.frame_all",
             "Frame everything",
             lambda: session.navigation.frame(()),
@@ -61,27 +61,27 @@ def commands(session: EditorSession) -> list[Command]:
             enabled=lambda: session.document is not None,
             icon="ICON_FA_MAXIMIZE",
         ),
-        Command(
+        Action(
             "view.birds_eye",
             "Bird's eye",
-            lambda: session.navigation.look_down(session.selected),
+            lambda: session.navigation.look_down(session.selection.ids),
             "View",
             ("Shift+Home",),
             enabled=lambda: session.document is not None,
             icon="ICON_FA_DOVE",
         ),
-        _switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
-        _switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
+        _create_switch(session, "view.sky", "Sky", "show_sky", "ICON_FA_CLOUD_SUN", separator=True),
+        _create_switch(session, "view.outlines", "Outlines", "show_outlines", "ICON_FA_VECTOR_SQUARE"),
     ]
 
 
-def _switch(
+def _create_switch(
     session: EditorSession, command_id: str, title: str, field: str, icon: str, separator: bool = False
-) -> Command:
+) -> Action:
     def flip() -> None:
         setattr(session.state, field, not getattr(session.state, field))
 
-    return Command(
+    return Action(
         command_id,
         title,
         flip,

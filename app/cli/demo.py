@@ -15,7 +15,7 @@ from tyro.conf import arg
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic.config import StreetConfig
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 
 
 def demo(out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: int = 7, script: bool = False) -> None:
@@ -26,7 +26,7 @@ def demo(out: Annotated[Path, arg(aliases=["-o"])] = Path("runs/demo"), seed: in
         seed: Of the synthetic street.
         script: Play a scripted session instead of opening the window, as is done where there is no display.
     """
-    run = prepare_run(out, StreetConfig(seed=seed), train_config("instdrive", "demo"), Console())
+    run = prepare_run(out, StreetConfig(seed=seed), build_train_config("instdrive", "demo"), Console())
     has_display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if script or not has_display:
         play(run, out)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from instdrive_app.files.sample import NoSceneError, sample_scene
+from instdrive_app.files.file_names import join_names
+from instdrive_app.files.sample import NoSceneError, find_sample_scene
 from instdrive_core.errors import InstDriveError
+
+if TYPE_CHECKING:
+    from instdrive_app.shell.window_layout import WindowOptions
 
 MIN_SCALE, MAX_SCALE = 0.5, 4.0
 
@@ -36,18 +41,35 @@ def edit(
     """
     if scale and not MIN_SCALE <= scale <= MAX_SCALE:
         raise ScaleError(f"--scale {scale:g}: must be 0 or between {MIN_SCALE:g} and {MAX_SCALE:g}")
-    path = scene if scene is not None else sample_scene()
-    if not path.exists():
-        raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
     from instdrive_app.log_file import start_logging
-    from instdrive_app.session.editor_session import EditorSession
-    from instdrive_app.shell.window import EditorWindow, require_display
     from instdrive_app.shell.window_layout import WindowOptions
 
-    require_display()
+    path = find_scene(scene)
     start_logging()
+    run_editor(path, WindowOptions(size, report, remember_layout, scale))
+
+
+def find_scene(path: Path | None) -> Path:
+    """The path, or that of the sample scene where there is none. Raises NoSceneError where nothing is there."""
+    path = path if path is not None else find_sample_scene()
+    if not path.exists():
+        raise NoSceneError(f"{path}: there is no such file or folder. Check the path")
+    return path
+
+
+def run_editor(path: Path, options: WindowOptions | None = None, left_out: Sequence[Path] = ()) -> None:
+    """Open a scene or project in the window, and return when it closes; the user is told which paths are `left_out`.
+
+    Raises DisplayError where no window can be opened.
+    """
+    from instdrive_app.session.editor_session import EditorSession
+    from instdrive_app.shell.window import EditorWindow, require_display
+
+    require_display()
     session = EditorSession()
-    window = EditorWindow(session, WindowOptions(size, report, remember_layout, scale))
+    window = EditorWindow(session, options)
     session.files.open(path)
-    session.offer_recovery()
+    if left_out:
+        session.messages.info(f"One scene is open at a time: {path.name}. Left out: {join_names(left_out)}")
+    session.files.offer_recovery()
     window.run()

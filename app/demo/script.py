@@ -14,12 +14,12 @@ from numpy import ndarray
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
-from instdrive_app.demo.showpiece import best_view, ranked_things
+from instdrive_app.demo.showpiece import choose_showpiece_view, rank_objects
 from instdrive_app.pointer import Click
 from instdrive_app.render.frame_renderer import FrameRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.shell.display import has_display
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import ViewMode, resolve
@@ -47,7 +47,7 @@ def run_scripted_session(scene_path: str | Path, out_dir: str | Path, size: tupl
     out = Path(out_dir)
     out.mkdir(parents=True, exist_ok=True)
     session = EditorSession()
-    with nullcontext() if has_display() else virtual_display(size):
+    with nullcontext() if has_display() else open_virtual_display(size):
         window = EditorWindow(session, WindowOptions(size, remember_layout=False))
         session.files.open(Path(scene_path))
         window.run(lambda running: ScriptedSession(running, out).play())
@@ -64,69 +64,69 @@ class ScriptedSession:
 
     def play(self) -> Iterator[None]:
         """From the opened scene to the exported one."""
-        yield from self._opened()
-        yield from self._view_chosen()
+        yield from self._wait_until_open()
+        yield from self._choose_view()
         self._save("color.png")
-        ids = self._id_map()
-        first, second = self._targets(ids)
-        yield from self._pointed_at(first)
-        yield from self._window_saved("hover.png")
-        yield from self._clicked(first, "picked")
+        ids = self._save_id_map()
+        first, second = self._find_targets(ids)
+        yield from self._point_at(first)
+        yield from self._save_window("hover.png")
+        yield from self._click(first, "picked")
         self._save("selected.png", outlines=True)
-        yield from self._window_saved("editor.png")
-        self._session.recolor(self._session.selected, "tint", FIRST_COLOR)
-        yield from self._drawn()
+        yield from self._save_window("editor.png")
+        self._session.colors.recolor(self._session.selection.ids, "tint", FIRST_COLOR)
+        yield from self._wait_until_drawn()
         self._save("tinted.png")
         self._run("edit.undo")
         self._run("edit.delete")
-        yield from self._drawn()
+        yield from self._wait_until_drawn()
         self._save("deleted.png")
-        yield from self._cleaned()
+        yield from self._clean_up()
         self._save("cleaned.png")
-        yield from self._pointed_at(second)
-        yield from self._clicked(second, "recolored")
-        self._session.recolor_mode, self._session.recolor_color = "tint", SECOND_COLOR
+        yield from self._point_at(second)
+        yield from self._click(second, "recolored")
+        self._session.colors.mode, self._session.colors.color = "tint", SECOND_COLOR
         self._run("edit.recolor")
-        yield from self._drawn()
+        yield from self._wait_until_drawn()
         self._save("recolored.png")
-        yield from self._exported()
+        yield from self._export()
         content = json.dumps(self._protocol, indent=2) + "\n"
         write_bytes(self._out / "session.json", content.encode())
 
     # ------------------------------------------------------------------ steps
 
-    def _opened(self) -> Iterator[None]:
+    def _wait_until_open(self) -> Iterator[None]:
         while self._session.document is None:
             if self._session.jobs.current is None:
                 raise ScriptError(self._session.messages.log[-1].text)
             yield
-        yield from self._drawn()
+        yield from self._wait_until_drawn()
 
-    def _view_chosen(self) -> Iterator[None]:
+    def _choose_view(self) -> Iterator[None]:
         document = self._session.document
         assert document is not None
         if document.scene.views:
-            index = best_view(self._renderer, self._session)
+            index = choose_showpiece_view(self._renderer, self._session)
             self._session.navigation.look_through(index)
             view = document.scene.views[index]
             self._protocol["view"] = {"camera": view.name, "index": view.index, "time": view.time}
-        yield from self._drawn()
+        yield from self._wait_until_drawn()
 
-    def _targets(self, ids: UInt32[ndarray, "h w"]) -> tuple[int, int]:
+    def _find_targets(self, ids: UInt32[ndarray, "h w"]) -> tuple[int, int]:
         assert self._session.document is not None
-        things = ranked_things(self._session.document.scene, ids)
+        things = rank_objects(self._session.document.scene, ids)
         if len(things) < 2:
             raise ScriptError("fewer than two objects are visible from the chosen camera; train the scene for longer")
         return things[0], things[1]
 
-    def _pointed_at(self, instance: int) -> Iterator[None]:
+    def _point_at(self, instance: int) -> Iterator[None]:
         """Hold the pointer over the middle of what is seen of an instance."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
-        self._window.ui.script_pointer = middle_of(self._renderer.instance_ids(snapshot) == instance)
-        yield from self._drawn()
+        self._window.ui.script_pointer = find_inner_pixel(self._renderer.read_instance_ids(snapshot) == instance)
+        yield from self._wait_until_drawn()
 
-    def _clicked(self, instance: int, name: str) -> Iterator[None]:
+    def _click(self, instance: int, name: str) -> Iterator[None]:
         ui = self._window.ui
         pointer, snapshot = ui.script_pointer, ui.view.snapshot
         assert pointer is not None
@@ -137,39 +137,39 @@ class ScriptedSession:
         assert self._session.document is not None
         self._protocol[f"{name}_id"] = picked
         self._protocol[f"{name}_name"] = self._session.document.scene.table[picked].name
-        self._protocol[f"{name}_pixel"] = self._picture_pixel(pointer)
-        yield from self._drawn()
+        self._protocol[f"{name}_pixel"] = self._find_picture_pixel(pointer)
+        yield from self._wait_until_drawn()
 
-    def _cleaned(self) -> Iterator[None]:
+    def _clean_up(self) -> Iterator[None]:
         """Take away the strays of what was deleted, and fill the ground that nothing ever showed."""
-        aftermath = self._session.aftermath
-        yield from self._idle()
-        found = aftermath.finding
+        review = self._session.deletion.review
+        yield from self._wait_for_jobs()
+        found = review.findings
         self._protocol["residue"] = found.residue_count if found else 0
         self._protocol["hole"] = round(found.report.hole_area, 2) if found else 0.0
-        aftermath.absorb()
-        aftermath.fill()
-        yield from self._idle()
-        yield from self._drawn()
+        review.absorb()
+        review.fill()
+        yield from self._wait_for_jobs()
+        yield from self._wait_until_drawn()
 
-    def _idle(self) -> Iterator[None]:
+    def _wait_for_jobs(self) -> Iterator[None]:
         """Until no work is under way."""
         while self._session.jobs.current is not None:
             yield
 
-    def _exported(self) -> Iterator[None]:
+    def _export(self) -> Iterator[None]:
         target = self._out / "edited.ply"
-        self._session.export(target)
-        yield from self._idle()
+        self._session.export.write(target)
+        yield from self._wait_for_jobs()
         if self._session.files.last_export != target:
             raise ScriptError(self._session.messages.log[-1].text)
         self._protocol["exported"] = target.name
 
     def _run(self, command: str) -> None:
-        if not self._session.commands.run(command):
+        if not self._session.actions.run(command):
             raise ScriptError(f"the command {command} is not available")
 
-    def _drawn(self) -> Iterator[None]:
+    def _wait_until_drawn(self) -> Iterator[None]:
         """Some frames, until the picture is sharp."""
         for frame in range(PATIENCE_FRAMES):
             yield
@@ -187,27 +187,27 @@ class ScriptedSession:
         lens = self._session.state.viewpoint.lens
         return PICTURE_WIDTH, round(PICTURE_WIDTH * lens.height / lens.width)
 
-    def _picture(self, mode: ViewMode, outlines: bool) -> UInt8[ndarray, "h w 3"]:
+    def _render_picture(self, mode: ViewMode, outlines: bool) -> UInt8[ndarray, "h w 3"]:
         state = replace(self._session.state, view_mode=mode, show_outlines=outlines, hovered=0)
         self._renderer.render(resolve(state, *self._picture_size))
         return self._renderer.read_picture()
 
     def _save(self, name: str, outlines: bool = False) -> None:
-        self._write(name, self._picture(ViewMode.COLOR, outlines))
+        self._write(name, self._render_picture(ViewMode.COLOR, outlines))
 
-    def _id_map(self) -> UInt32[ndarray, "h w"]:
-        self._write("id_map.png", self._picture(ViewMode.INSTANCE, outlines=False))
-        return self._renderer.instance_ids(resolve(self._session.state, *self._picture_size))
+    def _save_id_map(self) -> UInt32[ndarray, "h w"]:
+        self._write("id_map.png", self._render_picture(ViewMode.INSTANCE, outlines=False))
+        return self._renderer.read_instance_ids(resolve(self._session.state, *self._picture_size))
 
-    def _picture_pixel(self, pointer: tuple[float, float]) -> list[int]:
+    def _find_picture_pixel(self, pointer: tuple[float, float]) -> list[int]:
         """A position in the viewport as column and row of the saved pictures."""
         snapshot = self._window.ui.view.snapshot
         assert snapshot is not None
-        left, top, right, _ = self._session.state.viewpoint.film_in(snapshot.camera.width, snapshot.camera.height)
+        left, top, right, _ = self._session.state.viewpoint.fit_film(snapshot.camera.width, snapshot.camera.height)
         scale = self._picture_size[0] / (right - left)
         return [int((pointer[0] - left) * scale), int((pointer[1] - top) * scale)]
 
-    def _window_saved(self, name: str) -> Iterator[None]:
+    def _save_window(self, name: str) -> Iterator[None]:
         self._session.messages.dismiss()
         yield from self._window.screenshot()
         self._write(name, self._window.last_screenshot)
@@ -217,7 +217,7 @@ class ScriptedSession:
         self._pictures.append(name)
 
 
-def middle_of(mask: ndarray) -> tuple[float, float]:
+def find_inner_pixel(mask: ndarray) -> tuple[float, float]:
     """x, y of the pixel centre farthest from the mask's border. Raises ScriptError for an empty mask."""
     if not mask.any():
         raise ScriptError("the object to point at is not visible")

@@ -21,7 +21,7 @@ MAX_SHARE = 0.35
 TRIED_VIEWS, TRIED_WIDTH = 24, 320
 
 
-def best_view(renderer: FrameRenderer, session: EditorSession) -> int:
+def choose_showpiece_view(renderer: FrameRenderer, session: EditorSession) -> int:
     """Index of the dataset view whose two largest objects are largest, among evenly spread ones."""
     assert session.document is not None
     scene, before = session.document.scene, session.state
@@ -29,15 +29,15 @@ def best_view(renderer: FrameRenderer, session: EditorSession) -> int:
     scores = {}
     for index in tried.tolist():
         view = scene.views[index]
-        before.time, before.viewpoint = view.time, camera.through(view)
+        before.time, before.viewpoint = view.time, camera.view_from_camera(view)
         height = max(1, round(TRIED_WIDTH * view.camera.height / view.camera.width))
-        ids = renderer.instance_ids(resolve(before, TRIED_WIDTH, height))
-        areas = [int((ids == thing).sum()) for thing in ranked_things(scene, ids)[:2]]
+        ids = renderer.read_instance_ids(resolve(before, TRIED_WIDTH, height))
+        areas = [int((ids == thing).sum()) for thing in rank_objects(scene, ids)[:2]]
         scores[index] = (len(areas), float(np.prod(areas)), len(np.unique(ids)))
     return max(scores, key=lambda index: scores[index])
 
 
-def ranked_things(scene: Scene, ids: UInt32[ndarray, "h w"]) -> list[int]:
+def rank_objects(scene: Scene, ids: UInt32[ndarray, "h w"]) -> list[int]:
     """Visible instances that can be objects: cars before others, then by area in the picture."""
     present, areas = np.unique(ids[ids > 0], return_counts=True)
     share = dict(zip(present.tolist(), (areas / ids.size).tolist(), strict=True))

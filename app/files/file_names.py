@@ -6,41 +6,41 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 NAMED = 3
 """Files that are told by name; of more, the number of the others."""
 
 
-def is_text(path: Path) -> bool:
+def is_displayable(path: Path) -> bool:
     """Whether the path can be shown: on Linux names are bytes, of any encoding."""
-    return str(path) == shown(path)
+    return str(path) == format_path(path)
 
 
-def shown(path: Path | str) -> str:
+def format_path(path: Path | str) -> str:
     """The path with U+FFFD for what is no text."""
     return os.fsencode(path).decode("utf-8", "replace")
 
 
-def name_problem(path: Path) -> str:
+def find_name_problem(path: Path) -> str:
     """What hinders a path from being shown, in recents, titles and messages; empty where nothing does."""
-    if is_text(path):
+    if is_displayable(path):
         return ""
-    return f"{shown(path.name or path)} cannot be opened: its path is not UTF-8 text. Rename it, then try again"
+    return f"{format_path(path.name or path)} cannot be opened: its path is not UTF-8 text. Rename it, then try again"
 
 
-def working_folder() -> Path:
+def find_working_folder() -> Path:
     """Where the program was started, or the user's home where that is gone or cannot be shown."""
     try:
         folder = Path.cwd()
     except OSError:
         return Path.home()
-    return folder if is_text(folder) else Path.home()
+    return folder if is_displayable(folder) else Path.home()
 
 
-def enumerated(paths: Sequence[Path]) -> str:
+def join_names(paths: Sequence[Path]) -> str:
     """``a.ply``, ``a.ply and b.ply``, ``a.ply, b.ply, c.ply and 4 others``."""
     names = [path.name for path in paths]
     if len(names) > NAMED + 1:
-        names = [*names[:NAMED], counted(len(names) - NAMED, "other")]
+        names = [*names[:NAMED], format_count(len(names) - NAMED, "other")]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

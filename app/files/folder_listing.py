@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from instdrive_app.files.file_names import is_text
+from instdrive_app.files.file_names import is_displayable
 
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 
 
 @dataclass(frozen=True)
-class Entry:
+class FolderEntry:
     """A file or folder."""
 
     path: Path
@@ -40,7 +40,7 @@ class Entry:
         return datetime.fromtimestamp(self.changed).strftime("%Y-%m-%d %H:%M")
 
 
-def listing(folder: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> list[Entry]:
+def list_folder(folder: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> list[FolderEntry]:
     """Folders, then files with one of the endings (lower case), each by name.
 
     Left out is what is hidden, and what has a name that cannot be shown because it is no UTF-8 text.
@@ -48,20 +48,20 @@ def listing(folder: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path
     Nothing where the folder cannot be read. `holds_scene` tells folders that are scenes from those to go into.
     """
     try:
-        found = [path for path in folder.iterdir() if not path.name.startswith(".") and is_text(path)]
+        found = [path for path in folder.iterdir() if not path.name.startswith(".") and is_displayable(path)]
     except OSError:
         return []
-    entries = [entry for path in found if (entry := _entry(path, suffixes, holds_scene)) is not None]
+    entries = [entry for path in found if (entry := _create_entry(path, suffixes, holds_scene)) is not None]
     return sorted(entries, key=lambda entry: (entry.size is not None, entry.path.name.lower()))
 
 
-def _entry(path: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> Entry | None:
+def _create_entry(path: Path, suffixes: tuple[str, ...], holds_scene: Callable[[Path], bool]) -> FolderEntry | None:
     try:
         status = path.stat()
         if path.is_dir():
-            return Entry(path, holds_scene(path), None, status.st_mtime)
+            return FolderEntry(path, holds_scene(path), None, status.st_mtime)
     except OSError:  # gone meanwhile, or a link to nowhere
         return None
     if not path.name.lower().endswith(suffixes):
         return None
-    return Entry(path, True, status.st_size, status.st_mtime)
+    return FolderEntry(path, True, status.st_size, status.st_mtime)

@@ -16,12 +16,12 @@ class NoSceneError(InstDriveError):
 
 def has_sample_scene() -> bool:
     """Whether this installation has it."""
-    return _path().exists()
+    return _find_path().exists()
 
 
-def sample_scene() -> Path:
+def find_sample_scene() -> Path:
     """Where it is. Raises NoSceneError where it was left out."""
-    path = _path()
+    path = _find_path()
     if not path.exists():
         raise NoSceneError(
             f"this installation has no sample scene ({path} is missing); "
@@ -30,5 +30,5 @@ def sample_scene() -> Path:
     return path
 
 
-def _path() -> Path:
+def _find_path() -> Path:
     return Path(str(resources.files("instdrive_app.assets").joinpath(SAMPLE)))

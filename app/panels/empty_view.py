@@ -1,4 +1,4 @@
-"""What the viewport shows while no scene is open: ways to open one."""
+"""The viewport while no scene is open: ways to open one."""
 
 from __future__ import annotations
 
@@ -8,82 +8,82 @@ from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.jobs import Job
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, dim_text, fitted_text, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
 
 WIDTH = 340.0
-"""Of everything, in pixels at scale 1."""
+"""Width of the column, in pixels at scale 1."""
 RECENTS = 6
 
 
 class EmptyView:
-    """Two buttons, the files used last, and a hint; while the first scene is being opened, how far that is."""
+    """Shows two buttons, recent files and a hint; while the first scene is being opened, the progress."""
 
     def __init__(self) -> None:
         self._height = 0.0
-        """What was drawn in the last frame took so much room."""
+        """Height, in pixels, of what the last frame drew."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
-        width = min(scaled(WIDTH), place.width - scaled(20))
+        """Draw one frame."""
+        width = min(scale_pixels(WIDTH), place.width - scale_pixels(20))
         left = place.x + (place.width - width) / 2
-        top = place.y + max((place.height - self._height) / 2, scaled(8))
+        top = place.y + max((place.height - self._height) / 2, scale_pixels(8))
         imgui.set_cursor_screen_pos(ImVec2(left, top))
         imgui.begin_group()
         job = ui.session.jobs.current
         if job is not None and job.modal:
-            _opening(ui, job, width)
+            _draw_opening(ui, job, width)
         else:
-            self._ways(ui, left, width, place.y + place.height)
+            self._draw_ways(ui, left, width, place.y + place.height)
         imgui.end_group()
         self._height = imgui.get_item_rect_size().y
 
-    def _ways(self, ui: Ui, left: float, width: float, bottom: float) -> None:
-        commands, tall = ui.session.commands, scaled(34)
+    def _draw_ways(self, ui: Ui, left: float, width: float, bottom: float) -> None:
+        commands, tall = ui.session.actions, scale_pixels(34)
         imgui.push_font(ui.fonts.bold, imgui.get_style().font_size_base * 1.5)
-        _centered("Open a drive", left, width, TEXT)
+        _draw_centered("Open a drive", left, width, TEXT)
         imgui.pop_font()
         imgui.spacing()
         imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.92))
         imgui.push_style_color(imgui.Col_.button_hovered, rgba(ACCENT))
         imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND))
-        if imgui.button(f"{icon('ICON_FA_FOLDER_OPEN')}   Open…", ImVec2(width, tall)):
+        if imgui.button(f"{get_icon('ICON_FA_FOLDER_OPEN')}   Open…", ImVec2(width, tall)):
             commands.run("file.open")
         imgui.pop_style_color(3)
         ui.mark("empty.open")
         imgui.begin_disabled(not commands["file.sample"].enabled())
-        if imgui.button(f"{icon('ICON_FA_CITY')}   Open the sample scene", ImVec2(width, tall)):
+        if imgui.button(f"{get_icon('ICON_FA_CITY')}   Open the sample scene", ImVec2(width, tall)):
             commands.run("file.sample")
         imgui.end_disabled()
         ui.mark("empty.sample")
-        _centered("or drop a file or run folder here", left, width, DIM)
+        _draw_centered("or drop a file or run folder here", left, width, DIM)
         line = imgui.get_text_line_height_with_spacing()
         room = int((bottom - imgui.get_cursor_screen_pos().y - 3 * line) / line)
         recents = ui.session.files.recents.paths[: max(min(RECENTS, room), 0)]
         if recents:
-            imgui.dummy(scaled_size(1, 6))
-            dim_text("Recent")
+            imgui.dummy(scale_size(1, 6))
+            draw_dim_text("Recent")
         for number, path in enumerate(recents):
-            self._recent(ui, number, path, width)
+            self._draw_recent(ui, number, path, width)
 
-    def _recent(self, ui: Ui, number: int, path: Path, width: float) -> None:
-        """A line: the name, and dimmed where it is."""
+    def _draw_recent(self, ui: Ui, number: int, path: Path, width: float) -> None:
+        """Draw one line: the file's name, and its folder dimmed."""
         session, at, draw = ui.session, imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
         if imgui.selectable(f"##recent {number}", False, 0, ImVec2(width, 0))[0]:
-            session.leave(lambda: session.files.open(path))
+            session.files.leave(lambda: session.files.open(path))
         ui.mark(f"empty.recent.{number}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(str(path))
-        name = fitted_text(path.name, 0.6 * width)
-        begun = imgui.calc_text_size(name).x + scaled(12)
+        name = fit_text(path.name, 0.6 * width)
+        begun = imgui.calc_text_size(name).x + scale_pixels(12)
         draw.add_text(at, imgui.get_color_u32(rgba(TEXT)), name)
-        folder = fitted_text(str(path.parent), width - begun)
+        folder = fit_text(str(path.parent), width - begun)
         draw.add_text(ImVec2(at.x + begun, at.y), imgui.get_color_u32(rgba(DIM)), folder)
 
 
-def _opening(ui: Ui, job: Job, width: float) -> None:
-    imgui.text(fitted_text("Stopping…" if job.stop.is_set() else f"{job.title}…", width))
+def _draw_opening(ui: Ui, job: Job, width: float) -> None:
+    imgui.text(fit_text("Stopping…" if job.stop.is_set() else f"{job.title}…", width))
     known = job.share is not None
-    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), ImVec2(width, scaled(6)), "")
+    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), ImVec2(width, scale_pixels(6)), "")
     imgui.begin_disabled(not known or job.stop.is_set())
     if imgui.button("Cancel", ImVec2(width, 0)):
         ui.session.jobs.cancel()
@@ -91,7 +91,7 @@ def _opening(ui: Ui, job: Job, width: float) -> None:
     ui.mark("progress.cancel")
 
 
-def _centered(text: str, left: float, width: float, color: tuple[float, float, float]) -> None:
+def _draw_centered(text: str, left: float, width: float, color: tuple[float, float, float]) -> None:
     imgui.set_cursor_screen_pos(
         ImVec2(left + (width - imgui.calc_text_size(text).x) / 2, imgui.get_cursor_screen_pos().y)
     )

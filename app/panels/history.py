@@ -1,65 +1,28 @@
-"""The steps done so far; a click goes to a step."""
+"""The list of editing steps; a click goes to a step."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, packed, rgba
-from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Ui, fit_text, get_icon, scale_pixels
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.wording import counted
-
-OTHER_ICON = "ICON_FA_PEN"
-ICONS = {
-    "absorb_floaters": "ICON_FA_BROOM",
-    "adjust_instances": "ICON_FA_SLIDERS",
-    "compound": "ICON_FA_LAYER_GROUP",
-    "delete_instances": "ICON_FA_TRASH",
-    "delete_rows": "ICON_FA_TRASH",
-    "delete_selected": "ICON_FA_TRASH",
-    "duplicate_instances": "ICON_FA_CLONE",
-    "fill_hole": "ICON_FA_FILL_DRIP",
-    "grow_selection": "ICON_FA_UP_RIGHT_AND_DOWN_LEFT_FROM_CENTER",
-    "hide_instances": "ICON_FA_EYE_SLASH",
-    "insert_scene": "ICON_FA_FILE_IMPORT",
-    "invert_selection": "ICON_FA_CIRCLE_HALF_STROKE",
-    "lock_instances": "ICON_FA_LOCK",
-    "merge_instances": "ICON_FA_OBJECT_GROUP",
-    "move_instances": "ICON_FA_ARROWS_UP_DOWN_LEFT_RIGHT",
-    "reassign_selected": "ICON_FA_RIGHT_LEFT",
-    "recolor_instances": "ICON_FA_PAINTBRUSH",
-    "rename_instance": "ICON_FA_PEN",
-    "reset_colors": "ICON_FA_ARROW_ROTATE_LEFT",
-    "reset_moves": "ICON_FA_ARROW_ROTATE_LEFT",
-    "select_all": "ICON_FA_ARROW_POINTER",
-    "select_class": "ICON_FA_ARROW_POINTER",
-    "select_codeword": "ICON_FA_ARROW_POINTER",
-    "select_instances": "ICON_FA_ARROW_POINTER",
-    "select_none": "ICON_FA_ARROW_POINTER",
-    "select_rows": "ICON_FA_ARROW_POINTER",
-    "set_adjustment": "ICON_FA_SLIDERS",
-    "set_class": "ICON_FA_TAG",
-    "set_instance_class": "ICON_FA_TAG",
-    "show_all": "ICON_FA_EYE",
-    "shrink_selection": "ICON_FA_DOWN_LEFT_AND_UP_RIGHT_TO_CENTER",
-    "solo_instances": "ICON_FA_BULLSEYE",
-    "split_instance": "ICON_FA_OBJECT_UNGROUP",
-}
-"""By the kind of an edit."""
+from instdrive_core.edits.registry import EDIT_KINDS
+from instdrive_core.wording import format_count
 
 
 class HistoryPanel:
-    """Done steps in full, undone ones dimmed, the present one marked by a bar at the left."""
+    """Lists done steps, undone ones dimmed; a bar at the left marks the present step."""
 
     def __init__(self) -> None:
         self._seen = -1
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("The steps of editing appear here.")
+            imgui.text_disabled("Your editing steps appear here.")
             imgui.pop_text_wrap_pos()
             return
         history, target = document.history, None
@@ -70,7 +33,7 @@ class HistoryPanel:
             clipper.include_item_by_index(history.cursor)
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
-                if _step(ui, number, edits[number - 1] if number else None, history.cursor):
+                if _draw_step(ui, number, edits[number - 1] if number else None, history.cursor):
                     target = number
                 if moved and number == history.cursor:
                     imgui.set_scroll_here_y(0.7)
@@ -78,14 +41,14 @@ class HistoryPanel:
         if not edits:
             imgui.spacing()
             imgui.push_text_wrap_pos(0)
-            imgui.text_disabled("Nothing has been edited yet. A click on a step goes back to it.")
+            imgui.text_disabled("Nothing has been edited yet. Click a step to go back to it.")
             imgui.pop_text_wrap_pos()
         if target is not None:
-            ui.session.jump(target)
+            ui.session.history.jump(target)
 
 
-def _step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
-    """One line; returns whether it was clicked. No edit = the state that was opened."""
+def _draw_step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
+    """Draw one line and return whether it was clicked; without an edit, the line of the state that was opened."""
     present, undone = number == cursor, number > cursor
     title = edit.title if edit is not None else "Opened"
     at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.7
@@ -97,17 +60,19 @@ def _step(ui: Ui, number: int, edit: Edit | None, cursor: int) -> bool:
     ui.mark(f"history.{number}")
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         count = abs(cursor - number)
-        way = f"{'Redo' if undone else 'Undo'} {counted(count, 'step')}"
-        imgui.set_tooltip(f"{title}\n{'Where you are now' if present else way}")
-    fitted = fitted_text(title, imgui.get_content_region_avail().x - width)
+        way = f"{'Redo' if undone else 'Undo'} {format_count(count, 'step')}"
+        imgui.set_tooltip(f"{title}\n{'The present step' if present else way}")
+    fitted = fit_text(title, imgui.get_content_region_avail().x - width)
     draw, height = imgui.get_window_draw_list(), imgui.get_text_line_height()
     if present:
         draw.add_rect_filled(
-            ImVec2(at.x - scaled(6), at.y - 1), ImVec2(at.x - scaled(3), at.y + height + 1), packed(ACCENT)
+            ImVec2(at.x - scale_pixels(6), at.y - 1),
+            ImVec2(at.x - scale_pixels(3), at.y + height + 1),
+            pack_color(ACCENT),
         )
-    glyph = icon(ICONS.get(edit.kind, OTHER_ICON) if edit is not None else "ICON_FA_FOLDER_OPEN")
+    glyph = get_icon(EDIT_KINDS[edit.kind].icon if edit is not None else "ICON_FA_FOLDER_OPEN")
     tone = imgui.get_color_u32(rgba(ACCENT) if present else rgba(DIM, 0.5 if undone else 1.0))
-    draw.add_text(ImVec2(at.x + (width - scaled(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
+    draw.add_text(ImVec2(at.x + (width - scale_pixels(6) - imgui.calc_text_size(glyph).x) / 2, at.y), tone, glyph)
     draw.add_text(ImVec2(at.x + width, at.y), imgui.get_color_u32(color), fitted)
     imgui.pop_style_color()
     return clicked

@@ -1,4 +1,4 @@
-"""Everything that was told to the user, newest last."""
+"""The log of all messages to the user, newest last."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from imgui_bundle import imgui
 
 from instdrive_app.messages import Level
 from instdrive_app.panels.widgets.theme import ERROR, rgba
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 
 
 class LogPanel:
-    """Lines with their time of day; scrolls to what is new."""
+    """Lists messages with their time of day, and scrolls to new ones."""
 
     def __init__(self) -> None:
         self._seen = 0
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         log = ui.session.messages.log
         for message in log:
-            dim_text(time.strftime("%H:%M:%S", time.localtime(message.when)))
+            draw_dim_text(time.strftime("%H:%M:%S", time.localtime(message.when)))
             imgui.same_line()
             if message.level is Level.ERROR:
                 imgui.push_style_color(imgui.Col_.text, rgba(ERROR))

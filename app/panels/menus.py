@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.commands import Command, shortcut_title
-from instdrive_app.panels.widgets.ui import Ui, icon_menu_item, icon_submenu
+from instdrive_app.action import Action, format_shortcut
+from instdrive_app.panels.widgets.ui import Ui, begin_icon_submenu, draw_icon_menu_item
 
 _MODIFIERS = {"Ctrl": imgui.Key.mod_ctrl, "Shift": imgui.Key.mod_shift, "Alt": imgui.Key.mod_alt}
 _NAMED = {
@@ -18,30 +18,30 @@ _NAMED = {
 
 def draw_menus(ui: Ui) -> None:
     """Fill the menu bar."""
-    for menu in ui.session.commands.menus:
+    for menu in ui.session.actions.menus:
         opened = imgui.begin_menu(menu)
         ui.mark(f"menu {menu}")
         if opened:
-            for command in ui.session.commands.in_menu(menu):
+            for command in ui.session.actions.in_menu(menu):
                 if command.separator:
                     imgui.separator()
-                _menu_item(ui, command)
+                _draw_menu_item(ui, command)
             imgui.end_menu()
 
 
-def _menu_item(ui: Ui, command: Command) -> None:
-    shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
+def _draw_menu_item(ui: Ui, command: Action) -> None:
+    shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
     checked = command.checked() if command.checked else False
     if command.items is not None:
-        _submenu(ui, command)
-    elif icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
-        ui.session.commands.run(command.id)
+        _draw_submenu(ui, command)
+    elif draw_icon_menu_item(command.icon, command.title, shortcut, checked, command.enabled()):
+        ui.session.actions.run(command.id)
     ui.mark(f"menu {command.id}")
 
 
-def _submenu(ui: Ui, command: Command) -> None:
+def _draw_submenu(ui: Ui, command: Action) -> None:
     assert command.items is not None
-    opened = icon_submenu(command.icon, command.title, command.enabled())
+    opened = begin_icon_submenu(command.icon, command.title, command.enabled())
     ui.mark(f"menu {command.id}")
     if not opened:
         return
@@ -53,28 +53,34 @@ def _submenu(ui: Ui, command: Command) -> None:
 
 
 def run_shortcuts(ui: Ui) -> None:
-    """Run the commands whose keys were pressed in this frame; never while text is typed, a dialog is open or a region
-    or a handle is dragged, nor by keys that the panel with the keyboard has a use for."""
+    """Run the actions whose keys were pressed in this frame.
+
+    None runs while text is typed, a dialog is open, or a region or handle is dragged, nor by a key that the focused
+    panel uses itself.
+    """
     _close_by_escape()
     claimed, ui.claimed_shortcuts = ui.claimed_shortcuts, frozenset()
-    io, dragged = imgui.get_io(), ui.tool.outline or ui.session.moving.drag is not None
+    io, dragged = imgui.get_io(), ui.tool.outline or ui.session.movement.drag is not None
     if io.want_text_input or dragged or ui.popup_open or imgui.is_popup_open("", imgui.PopupFlags_.any_popup):
         return
-    for command in ui.session.commands:
+    for command in ui.session.actions:
         shortcuts = (shortcut for shortcut in command.shortcuts if shortcut not in claimed)
-        if any(imgui.is_key_chord_pressed(key_chord(shortcut)) for shortcut in shortcuts):
-            ui.session.commands.run(command.id)
+        if any(imgui.is_key_chord_pressed(parse_shortcut(shortcut)) for shortcut in shortcuts):
+            ui.session.actions.run(command.id)
 
 
 def _close_by_escape() -> None:
-    """Menus and other popups go at Escape; modal dialogs see to that themselves, and to what is open in them."""
+    """Close menus and other popups at Escape; modal dialogs take care of themselves and of lists open in them."""
     opened = imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
     if opened and imgui.is_key_pressed(imgui.Key.escape, False) and not imgui.internal.get_top_most_popup_modal():
         imgui.internal.close_popup_to_level(0, True)
 
 
-def key_chord(shortcut: str) -> int:
-    """``Ctrl+Shift+Z`` as ImGui's number. Raises KeyError or AttributeError for a name that does not exist."""
+def parse_shortcut(shortcut: str) -> int:
+    """Convert a shortcut such as ``Ctrl+Shift+Z`` to ImGui's key chord.
+
+    Raises KeyError or AttributeError for a key that does not exist.
+    """
     *modifiers, key = shortcut.split("+")
     name = _NAMED.get(key, key.lower())
     chord = int(getattr(imgui.Key, f"_{name}" if name.isdigit() else name))
@@ -83,6 +89,6 @@ def key_chord(shortcut: str) -> int:
     return chord
 
 
-def full_title(command: Command) -> str:
+def format_action_title(command: Action) -> str:
     """The title, and where what the command does cannot be undone, that it cannot."""
-    return f"{command.title}  (not undoable)" if command.undoable is False else command.title
+    return f"{command.title}  (cannot be undone)" if command.undoable is False else command.title

@@ -1,107 +1,51 @@
-"""Every panel and every dialog, made for one window: a new one is a file and a line here."""
+"""Every docked panel: a new one is a file and a line here."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
-from instdrive_app.panels.dialogs import DialogHost
-from instdrive_app.panels.dialogs.about import AboutDialog
-from instdrive_app.panels.dialogs.changed_scene import ChangedSceneDialog
-from instdrive_app.panels.dialogs.dropped import DroppedDialog
-from instdrive_app.panels.dialogs.file_browser import FileBrowser
-from instdrive_app.panels.dialogs.findings import FindingsDialog
-from instdrive_app.panels.dialogs.other_save import OtherSaveDialog
-from instdrive_app.panels.dialogs.palette import CommandPalette
-from instdrive_app.panels.dialogs.reassign import ReassignDialog
-from instdrive_app.panels.dialogs.recovery import RecoveryDialog
-from instdrive_app.panels.dialogs.rename import RenameDialog
-from instdrive_app.panels.dialogs.set_class import ClassDialog
-from instdrive_app.panels.dialogs.shortcuts import ShortcutSheet
-from instdrive_app.panels.dialogs.split import SplitDialog
-from instdrive_app.panels.dialogs.too_large import TooLargeDialog
-from instdrive_app.panels.dialogs.turn_upright import TurnUprightDialog
-from instdrive_app.panels.dialogs.unsaved import UnsavedDialog
 from instdrive_app.panels.history import HistoryPanel
 from instdrive_app.panels.inspector.panel import InspectorPanel
 from instdrive_app.panels.instances.panel import InstancesPanel
 from instdrive_app.panels.log import LogPanel
-from instdrive_app.panels.overlays.camera_tag import CameraTag
-from instdrive_app.panels.overlays.deletion import DeletionOverlay
-from instdrive_app.panels.overlays.depth_legend import DepthLegend
-from instdrive_app.panels.overlays.first_picture import FirstPicture
-from instdrive_app.panels.overlays.gizmo import Gizmo
-from instdrive_app.panels.overlays.hover_label import HoverLabel
-from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
-from instdrive_app.panels.overlays.region_outline import RegionOutline
-from instdrive_app.panels.overlays.view_switch import ViewSwitch
 from instdrive_app.panels.timeline import TimelinePanel
-from instdrive_app.panels.toolbar import Toolbar
 from instdrive_app.panels.viewport import ViewportPanel
 from instdrive_app.panels.widgets.ui import Ui
 
 
+@runtime_checkable
 class Panel(Protocol):
-    """What fills a docked window."""
+    """The content of a docked window."""
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
 
 
-class DockedPanel(NamedTuple):
-    """A panel and where it is until the user moves it."""
+@dataclass(frozen=True)
+class PanelRecord:
+    """One docked panel, and where it is until the user moves it."""
 
-    name: str
-    """On its tab."""
+    title: str
+    """Title on its tab and in the Window menu."""
+    icon: str
+    """Name of an icon constant of Font Awesome 6."""
     place: str
-    """A dock space of `window_layout`."""
-    panel: Panel
+    """Dock space of `shell/window_layout.py`."""
+    create: Callable[[], Panel]
+    shown: bool = True
+    """Whether it is open until the user decides otherwise."""
+    fills_window: bool = False
+    """Whether it is drawn without padding, and is always there: then the Window menu does not list it."""
 
 
-VIEW = "View"
-"""The panel with the picture."""
-
-
-def created_panels() -> tuple[DockedPanel, ...]:
-    """The panels, in the order of their tabs."""
-    beneath = (FirstPicture(), DeletionOverlay())
-    above = (
-        ViewSwitch(),
-        Toolbar(),
-        CameraTag(),
-        DepthLegend(),
-        OpacitySlider(),
-        HoverLabel(),
-        RegionOutline(),
-    )
-    return (
-        DockedPanel(VIEW, "MainDockSpace", ViewportPanel(beneath, Gizmo(), above)),
-        DockedPanel("Instances", "Right", InstancesPanel()),
-        DockedPanel("Inspector", "RightBottom", InspectorPanel()),
-        DockedPanel("History", "RightBottom", HistoryPanel()),
-        DockedPanel("Timeline", "Bottom", TimelinePanel()),
-        DockedPanel("Log", "Bottom", LogPanel()),
-    )
-
-
-def created_dialogs() -> DialogHost:
-    """The dialogs, none of them open."""
-    return DialogHost(
-        (
-            FileBrowser(),
-            RenameDialog(),
-            ClassDialog(),
-            SplitDialog(),
-            ReassignDialog(),
-            ShortcutSheet(),
-            AboutDialog(),
-            CommandPalette(),
-            UnsavedDialog(),
-            RecoveryDialog(),
-            DroppedDialog(),
-            ChangedSceneDialog(),
-            OtherSaveDialog(),
-            TooLargeDialog(),
-            FindingsDialog(),
-            TurnUprightDialog(),
-        )
-    )
+PANELS = (
+    PanelRecord("View", "ICON_FA_IMAGE", "MainDockSpace", ViewportPanel, fills_window=True),
+    PanelRecord("Instances", "ICON_FA_LIST", "Right", InstancesPanel),
+    PanelRecord("Inspector", "ICON_FA_SLIDERS", "RightBottom", InspectorPanel),
+    PanelRecord("History", "ICON_FA_CLOCK_ROTATE_LEFT", "RightBottom", HistoryPanel),
+    PanelRecord("Timeline", "ICON_FA_FILM", "Bottom", TimelinePanel),
+    PanelRecord("Log", "ICON_FA_RECEIPT", "Bottom", LogPanel),
+)
+"""The panels, in the order of their tabs."""

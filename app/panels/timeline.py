@@ -1,68 +1,76 @@
-"""The moments of the drive and the cameras that saw them."""
+"""The time steps of the drive, and the cameras that recorded it."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.widgets.ui import Ui, bounded_slider, command_button, dim_text, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import (
+    Ui,
+    draw_action_button,
+    draw_bounded_slider,
+    draw_dim_text,
+    get_icon,
+    scale_pixels,
+    scale_size,
+)
 from instdrive_app.state import Reference
 
 
 class TimelinePanel:
-    """Step, play, scrub; choose a dataset camera."""
+    """Steps, plays and scrubs through the drive, and chooses a dataset camera."""
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         session = ui.session
         document, timeline = session.document, session.navigation.timeline
         if document is None or not timeline.steps:
             imgui.text_disabled("The scene has no cameras and no moving objects." if document else "No scene is open.")
             return
         for name in ("time.previous", "time.play", "time.next"):
-            command_button(ui, session.commands[name], scaled_size(30, 0))
+            draw_action_button(ui, session.actions[name], scale_size(30, 0))
             imgui.same_line()
         if timeline.camera_names:
-            self._cameras(ui)
+            self._draw_cameras(ui)
             imgui.same_line()
-        step, last = timeline.step_of(session.state.time), max(len(timeline.steps) - 1, 1)
+        step, last = timeline.find_step(session.state.time), max(len(timeline.steps) - 1, 1)
         label = f"{session.state.time:.2f} s   {step + 1} / {len(timeline.steps)}"
-        imgui.set_next_item_width(-imgui.calc_text_size(label).x - scaled(12))
+        imgui.set_next_item_width(-imgui.calc_text_size(label).x - scale_pixels(12))
         changed, chosen = imgui.slider_int("##time", step, 0, last, "", imgui.SliderFlags_.no_input)
         ui.mark("timeline.slider")
         imgui.same_line()
-        dim_text(label)
+        draw_dim_text(label)
         if changed:
             session.navigation.set_time(timeline.steps[min(chosen, len(timeline.steps) - 1)])
         if timeline.camera_names:
-            self._reference(ui)
+            self._draw_reference(ui)
 
-    def _reference(self, ui: Ui) -> None:
-        """What the cameras saw, over the splats or beside them."""
+    def _draw_reference(self, ui: Ui) -> None:
+        """Draw the switches that show photos or masks over the splats or beside them."""
         session, state = ui.session, ui.session.state
         for name in ("view.photo", "view.masks", "view.beside"):
-            command_button(ui, session.commands[name], scaled_size(30, 0))
+            draw_action_button(ui, session.actions[name], scale_size(30, 0))
             imgui.same_line()
         if state.dataset_view is None:
-            dim_text("Choose a camera to compare the splats with its photos")
+            draw_dim_text("Choose a camera to compare the splats with its photos")
         elif state.reference is Reference.NONE:
-            dim_text("Compare with the photo or its masks")
+            draw_dim_text("Compare with the photo or its masks")
         elif state.reference_beside:
-            dim_text(f"{state.reference.value} beside the splats")
+            draw_dim_text(f"{state.reference.value} beside the splats")
         else:
             imgui.set_next_item_width(imgui.get_font_size() * 12)
             form = f"{state.reference.value} %.0f %%"
-            changed, percent = bounded_slider("##reference", 100 * state.reference_opacity, 0, 100, form)
+            changed, percent = draw_bounded_slider("##reference", 100 * state.reference_opacity, 0, 100, form)
             if changed:
                 state.reference_opacity = percent / 100
             ui.mark("timeline.reference_opacity")
 
-    def _cameras(self, ui: Ui) -> None:
+    def _draw_cameras(self, ui: Ui) -> None:
         session = ui.session
         assert session.document is not None
         current = session.state.dataset_view
         name = session.document.scene.views[current].name if current is not None else "Free camera"
         imgui.set_next_item_width(imgui.get_font_size() * 12)
-        if imgui.begin_combo("##camera", f"{icon('ICON_FA_VIDEO')}  {name.replace('_', ' ')}"):
+        if imgui.begin_combo("##camera", f"{get_icon('ICON_FA_VIDEO')}  {name.replace('_', ' ')}"):
             for camera in session.navigation.timeline.camera_names:
                 if imgui.selectable(camera.replace("_", " "), current is not None and camera == name)[0]:
                     session.navigation.choose_camera(camera)

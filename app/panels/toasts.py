@@ -1,4 +1,4 @@
-"""Messages over the window for some seconds, and the progress of modal work."""
+"""Messages that appear over the window for some seconds, and the progress of modal jobs."""
 
 from __future__ import annotations
 
@@ -7,35 +7,35 @@ from imgui_bundle import ImVec2, imgui
 from instdrive_app.jobs import Job
 from instdrive_app.messages import Level, Message
 from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH
-from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, ERROR, GOOD, packed, rgba
-from instdrive_app.panels.widgets.ui import Ui, dim_text, fitted_text, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, ERROR, GOOD, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels, scale_size
 
 WIDTH = 380.0
-"""Of a toast, in pixels at scale 1."""
+"""Width of a toast, in pixels at scale 1."""
 MARGIN = 12.0
 LONGEST = 400
-"""Characters of a message that are shown; the log has all."""
-PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "aftermath")
-"""Marks of what stands at the viewport's lower left, and is not to be covered."""
+"""Characters of a message that are shown; the log has the whole message."""
+PLACES_TAKEN = ("viewport.legend", "viewport.opacity", "deletion review")
+"""Marks of what stands at the viewport's lower left and must not be covered."""
 
 
 def draw_toasts(ui: Ui) -> None:
-    """Stack the present messages above the viewport's lower right corner; a click takes one away."""
+    """Stack the present messages above the viewport's lower right corner; a click dismisses one."""
     if "viewport" not in ui.marks:
         return
     left, top, right, bottom = ui.marks["viewport"]
-    margin = scaled(MARGIN)
-    width = min(scaled(WIDTH), right - left - 2 * margin)
+    margin = scale_pixels(MARGIN)
+    width = min(scale_pixels(WIDTH), right - left - 2 * margin)
     taken = [ui.marks[name] for name in PLACES_TAKEN if name in ui.marks]
     bottom = min([bottom, *(place[1] for place in taken if place[2] > right - width - margin)]) - margin
     for number, message in enumerate(reversed(ui.session.messages.toasts)):
-        if bottom < top + scaled(60):  # what has no room is in the log
+        if bottom < top + scale_pixels(60):  # what has no room is in the log
             break
-        bottom -= _toast(ui, number, message, ImVec2(right - margin, bottom), width) + scaled(8)
+        bottom -= _draw_toast(ui, number, message, ImVec2(right - margin, bottom), width) + scale_pixels(8)
 
 
-def _toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: float) -> float:
-    """One message, its lower right corner at `corner`; returns its height."""
+def _draw_toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: float) -> float:
+    """Draw one message with its lower right corner at `corner`; returns its height in pixels."""
     error = message.level is Level.ERROR
     tone, flags = ERROR if error else GOOD, imgui.WindowFlags_
     imgui.set_next_window_pos(corner, imgui.Cond_.always, ImVec2(1, 1))
@@ -44,18 +44,20 @@ def _toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: float) 
     passive = flags.no_decoration | flags.no_saved_settings | flags.no_docking | flags.no_focus_on_appearing
     imgui.begin(f"##toast{number}", None, passive | flags.no_nav | flags.no_move)
     at, size = imgui.get_window_pos(), imgui.get_window_size()
-    bar, draw = ImVec2(at.x + scaled(3), at.y + size.y), imgui.get_window_draw_list()
-    draw.add_rect_filled(at, bar, packed(tone), scaled(2))
-    imgui.text_colored(rgba(tone), icon("ICON_FA_TRIANGLE_EXCLAMATION" if error else "ICON_FA_CIRCLE_CHECK"))
-    imgui.same_line(scaled(34))
+    bar, draw = ImVec2(at.x + scale_pixels(3), at.y + size.y), imgui.get_window_draw_list()
+    draw.add_rect_filled(at, bar, pack_color(tone), scale_pixels(2))
+    imgui.text_colored(rgba(tone), get_icon("ICON_FA_TRIANGLE_EXCLAMATION" if error else "ICON_FA_CIRCLE_CHECK"))
+    imgui.same_line(scale_pixels(34))
     cross = imgui.get_font_size()
-    imgui.push_text_wrap_pos(width - scaled(10) - cross)
-    imgui.text(message.text if len(message.text) <= LONGEST else message.text[:LONGEST] + "… (all of it is in the log)")
+    imgui.push_text_wrap_pos(width - scale_pixels(10) - cross)
+    imgui.text(
+        message.text if len(message.text) <= LONGEST else message.text[:LONGEST] + "… (see the log for the rest)"
+    )
     imgui.pop_text_wrap_pos()
     if imgui.is_window_hovered():
         imgui.set_mouse_cursor(imgui.MouseCursor_.hand)
-        place = ImVec2(at.x + size.x - scaled(8) - cross, at.y + imgui.get_style().window_padding.y)
-        draw.add_text(place, packed(DIM), icon("ICON_FA_XMARK"))
+        place = ImVec2(at.x + size.x - scale_pixels(8) - cross, at.y + imgui.get_style().window_padding.y)
+        draw.add_text(place, pack_color(DIM), get_icon("ICON_FA_XMARK"))
         if imgui.is_mouse_released(0):
             ui.session.messages.dismiss(message)
     ui.marks[f"toast.{number}"] = (at.x, at.y, at.x + size.x, at.y + size.y)
@@ -64,36 +66,36 @@ def _toast(ui: Ui, number: int, message: Message, corner: ImVec2, width: float) 
     return size.y
 
 
-def _progress(ui: Ui, job: Job) -> None:
-    room = imgui.get_content_region_avail().x - imgui.calc_text_size("100 %").x - scaled(12)
-    imgui.text(fitted_text(f"{job.title}…", room) if not job.stop.is_set() else "Stopping…")
+def _draw_job(ui: Ui, job: Job) -> None:
+    room = imgui.get_content_region_avail().x - imgui.calc_text_size("100 %").x - scale_pixels(12)
+    imgui.text(fit_text(f"{job.title}…", room) if not job.stop.is_set() else "Stopping…")
     known = job.share is not None
     if known:
         percent = f"{100 * (job.share or 0):.0f} %"
         imgui.same_line(imgui.get_window_width() - imgui.calc_text_size(percent).x - imgui.get_style().window_padding.x)
-        dim_text(percent)
-    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), scaled_size(-1, 6), "")
-    imgui.set_cursor_pos_x((imgui.get_window_width() - scaled(BUTTON_WIDTH)) / 2)
+        draw_dim_text(percent)
+    imgui.progress_bar((job.share or 0.0) if known else -1.0 * imgui.get_time(), scale_size(-1, 6), "")
+    imgui.set_cursor_pos_x((imgui.get_window_width() - scale_pixels(BUTTON_WIDTH)) / 2)
     imgui.begin_disabled(not known or job.stop.is_set())
-    if imgui.button("Cancel", scaled_size(BUTTON_WIDTH, 0)):
+    if imgui.button("Cancel", scale_size(BUTTON_WIDTH, 0)):
         ui.session.jobs.cancel()
     imgui.end_disabled()
     ui.mark("progress.cancel")
 
 
 def draw_progress(ui: Ui) -> None:
-    """A box in the middle while modal work is under way."""
+    """Draw a box in the middle of the window while a modal job runs."""
     job = ui.session.jobs.current
     name = "##progress"
     if job is not None and job.modal and ui.session.document is not None:
         imgui.open_popup(name)
     center = imgui.get_main_viewport().get_center()
     imgui.set_next_window_pos(center, imgui.Cond_.always, ImVec2(0.5, 0.5))
-    imgui.set_next_window_size(scaled_size(320, 0))
+    imgui.set_next_window_size(scale_size(320, 0))
     flags = imgui.WindowFlags_
     if imgui.begin_popup_modal(name, None, flags.no_decoration | flags.no_saved_settings | flags.no_move)[0]:
         if job is None or not job.modal:
             imgui.close_current_popup()
         else:
-            _progress(ui, job)
+            _draw_job(ui, job)
         imgui.end_popup()

@@ -1,28 +1,27 @@
-"""The picture in the middle: navigation, pointing, and what is drawn over the splats."""
+"""The viewport: the picture of the scene, camera navigation, pointing, and overlays."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app import camera
 from instdrive_app.panels.empty_view import EmptyView
-from instdrive_app.panels.instances.menu import instance_menu
-from instdrive_app.panels.overlays import Handles, Overlay
-from instdrive_app.panels.overlays.reference import ReferenceOverlay, parted
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.instances.menu import draw_instance_menu
+from instdrive_app.panels.overlays.reference import draw_reference_beside, split_viewport
+from instdrive_app.panels.overlays.registry import ABOVE_HANDLES, BELOW_HANDLES, HANDLES
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.pointer import Click, Point
 from instdrive_app.state import Viewpoint
 
 PICTURE = "##picture"
-"""The item that the picture is to the mouse."""
+"""ID of the picture as an ImGui item."""
 DRAG_PIXELS = 4.0
-"""A press that moves further is a drag, not a click; at scale 1, as is the next."""
+"""A press that moves farther than this is a drag, not a click; pixels at scale 1."""
 TURN_PER_PIXEL = 0.005
+"""Radians per pixel at scale 1."""
 FLY_SPEED = 6.0
-"""Metres per second; four times that with Shift."""
+"""Metres per second; four times as fast with Shift."""
 FLY_KEYS = {
     imgui.Key.w: (0.0, 0.0, 1.0),
     imgui.Key.s: (0.0, 0.0, -1.0),
@@ -33,13 +32,13 @@ LIFT_KEYS = {imgui.Key.e: 1.0, imgui.Key.q: -1.0}
 
 
 class ViewportPanel:
-    """Shows the document, moves the camera, and hands clicks to the tool."""
+    """Shows the document, moves the camera, and passes clicks and drags to the current tool."""
 
-    def __init__(self, beneath: Sequence[Overlay], handles: Handles, above: Sequence[Overlay]) -> None:
-        """What is drawn over the picture: all in this order, though the mouse is offered to the handles first."""
-        self._reference, self._handles = ReferenceOverlay(), handles
-        self._beneath: tuple[Overlay, ...] = (self._reference, *beneath)
-        self._above = tuple(above)
+    def __init__(self) -> None:
+        self._below, self._above = (
+            tuple(record.create() for record in records) for records in (BELOW_HANDLES, ABOVE_HANDLES)
+        )
+        self._handles = HANDLES.create()
         self._drags = False
         """Whether the present press, or the one just released, was a drag."""
         self._tool_drags = False
@@ -49,16 +48,16 @@ class ViewportPanel:
         self._empty = EmptyView()
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         area, at = imgui.get_content_region_avail(), imgui.get_cursor_screen_pos()
         place = Rectangle(at.x, at.y, max(int(area.x), 16), max(int(area.y), 16))
         ui.marks["viewport"] = (place.x, place.y, place.x + place.width, place.y + place.height)
         if ui.session.document is None:
             self._empty.draw(ui, place)
             return
-        place, beside = parted(ui, place)
+        place, beside = split_viewport(ui, place)
         if beside is not None:
-            self._reference.draw_beside(ui, beside)
+            draw_reference_beside(ui, beside)
             at = ImVec2(place.x, place.y)
             imgui.set_cursor_screen_pos(at)
         ui.marks["picture"] = (place.x, place.y, place.x + place.width, place.y + place.height)
@@ -70,19 +69,22 @@ class ViewportPanel:
         layers.channels_set_current(1)
         self._offer_handles(ui, place)
         layers.channels_set_current(0)
-        hovered, active = self._picture_button(place)
+        hovered, active = self._add_picture_button(place)
         self._navigate(ui, place, hovered, active)
-        self._point(ui, place, hovered)
-        self._context_menu(ui)
-        for overlay in self._beneath:
+        self._update_pointer(ui, place, hovered)
+        self._draw_context_menu(ui)
+        for overlay in self._below:
             overlay.draw(ui, place)
         layers.channels_merge()
         for overlay in self._above:
             overlay.draw(ui, place)
 
     def _offer_handles(self, ui: Ui, place: Rectangle) -> None:
-        """Draw the handles. They take no press where the mouse was over an item in the frame before: the picture behind
-        them is none, and what was elsewhere does not count where mouse and press come in one frame."""
+        """Draw the handles before the picture's own item, so that they get the mouse first.
+
+        Handles ignore a press if the mouse was over an item in the frame before. The picture must not count as such an
+        item, and neither must whatever was under the mouse before it moved here in this frame.
+        """
         context, moved = imgui.get_current_context(), imgui.get_io().mouse_delta
         hovered_before = context.hovered_id_previous_frame
         if hovered_before == imgui.get_id(PICTURE) or moved.x or moved.y:
@@ -90,8 +92,8 @@ class ViewportPanel:
         self._handles.draw(ui, place)
         context.hovered_id_previous_frame = hovered_before
 
-    def _picture_button(self, place: Rectangle) -> tuple[bool, bool]:
-        """The picture as one thing to point at and press, where the handles leave it the mouse: hovered, and active."""
+    def _add_picture_button(self, place: Rectangle) -> tuple[bool, bool]:
+        """Make the picture an ImGui item, unless the handles have the mouse; returns whether hovered and active."""
         imgui.set_next_item_allow_overlap()
         if self._handles.holds_mouse:
             imgui.dummy(ImVec2(place.width, place.height))
@@ -106,21 +108,21 @@ class ViewportPanel:
         viewpoint = state.viewpoint
         if any(imgui.is_mouse_clicked(button) for button in range(3)):
             self._drags = self._tool_stopped = False
-        moved = self._dragged_view(ui, place) if active else viewpoint
+        moved = self._drag_view(ui, place) if active else viewpoint
         if hovered and io.mouse_wheel:
             moved = camera.dolly(moved, 0.88**io.mouse_wheel)
         if (hovered or active) and not io.want_text_input and not io.key_ctrl:
-            moved = _flown(moved, io.delta_time, io.key_shift)
+            moved = _fly(moved, io.delta_time, io.key_shift)
         if moved is not viewpoint:
             ui.session.navigation.look_from(moved)
 
-    def _dragged_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
+    def _drag_view(self, ui: Ui, place: Rectangle) -> Viewpoint:
         """The viewpoint after this frame's drag: left orbits, right looks around, middle or Shift + left pans.
 
-        Where the left button is the tool's, the right one orbits.
+        With a tool that uses the left button, the right button orbits.
         """
         viewpoint, io = ui.session.state.viewpoint, imgui.get_io()
-        button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scaled(DRAG_PIXELS))), None)
+        button = next((b for b in range(3) if imgui.is_mouse_dragging(b, scale_pixels(DRAG_PIXELS))), None)
         if button is None:
             return viewpoint
         path = imgui.get_mouse_drag_delta(button)
@@ -130,16 +132,16 @@ class ViewportPanel:
             self._drag_tool(ui, start, (io.mouse_pos.x - place.x, io.mouse_pos.y - place.y))
             return viewpoint
         if first:
-            depth = ui.view.depth_at(*start)
+            depth = ui.view.measure_depth_at(*start)
             if depth:
-                viewpoint = camera.with_pivot(viewpoint, depth)
+                viewpoint = camera.set_pivot_distance(viewpoint, depth)
         dx, dy = io.mouse_delta.x, io.mouse_delta.y
         if not dx and not dy:
             return viewpoint
         if button == 2 or (button == 0 and io.key_shift):
-            return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fitted(place.width, place.height).fx)
+            return camera.pan_pixels(viewpoint, dx, dy, viewpoint.fit_camera(place.width, place.height).fx)
         turn = camera.look if button == 1 and not ui.tool.drags else camera.orbit
-        return turn(viewpoint, -dx * TURN_PER_PIXEL / scaled(1), -dy * TURN_PER_PIXEL / scaled(1))
+        return turn(viewpoint, -dx * TURN_PER_PIXEL / scale_pixels(1), -dy * TURN_PER_PIXEL / scale_pixels(1))
 
     def _drag_tool(self, ui: Ui, start: Point, to: Point) -> None:
         if imgui.is_key_pressed(imgui.Key.escape):
@@ -149,7 +151,7 @@ class ViewportPanel:
             self._tool_drags = True
             ui.tool.drag(start, to)
 
-    def _point(self, ui: Ui, place: Rectangle, hovered: bool) -> None:
+    def _update_pointer(self, ui: Ui, place: Rectangle, hovered: bool) -> None:
         io, snapshot = imgui.get_io(), ui.view.snapshot
         x, y = io.mouse_pos.x - place.x, io.mouse_pos.y - place.y
         if ui.script_pointer is not None:
@@ -175,13 +177,13 @@ class ViewportPanel:
             self._menu_instance = ui.session.state.hovered
             imgui.open_popup("##picture menu")
 
-    def _context_menu(self, ui: Ui) -> None:
+    def _draw_context_menu(self, ui: Ui) -> None:
         if imgui.begin_popup("##picture menu"):
-            instance_menu(ui, self._menu_instance)
+            draw_instance_menu(ui, self._menu_instance)
             imgui.end_popup()
 
 
-def _flown(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:
+def _fly(viewpoint: Viewpoint, seconds: float, fast: bool) -> Viewpoint:
     step, up = np.zeros(3), 0.0
     for key, direction in FLY_KEYS.items():
         if imgui.is_key_down(key):

@@ -1,1 +1,1 @@
-"""The editor's OpenGL passes."""
+"""Drawing and picking: a renderer on OpenGL, one on the CPU, and the view that uses either."""

@@ -1,4 +1,4 @@
-"""The order in which splats are blended, sorted when asked or on a thread of its own."""
+"""The order in which splats are blended, sorted at once or on another thread."""
 
 from __future__ import annotations
 
@@ -10,29 +10,32 @@ import numpy as np
 from jaxtyping import Float32, UInt32
 from numpy import ndarray
 
-from instdrive_core.maths.sorting import back_to_front
+from instdrive_core.maths.sorting import sort_back_to_front
 
 
 @dataclass(frozen=True)
 class DepthOrder:
-    """Rows in blending order, as of one viewing direction and one state of the scene."""
+    """Rows in blending order for one viewing direction and one state of the scene."""
 
     key: Hashable
-    """Names viewing direction and state."""
+    """Identifies viewing direction and state."""
     rows: UInt32[ndarray, " n"]
-    """Those in front of the camera, farthest first; then those behind it, which a camera that has turned since may
-    have in front."""
+    """Rows in front of the camera, farthest first; then those behind it, which a camera that has turned since may
+    see."""
     in_front: int
+    """Number of rows in front of the camera."""
     depth_range: tuple[float, float]
     """Depths (metres) that hold the middle 94 % of the splats in front of the camera."""
 
 
-def depth_order(key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float) -> DepthOrder:
-    """Sort by depth = axis · (x, y, z, 1), metres; what is nearer than `near` counts as behind the camera."""
+def sort_by_depth(
+    key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
+) -> DepthOrder:
+    """Sort by depth = axis · (x, y, z, 1), metres; splats nearer than `near` count as behind the camera."""
     depths = means @ axis[:3] + axis[3]
-    front = back_to_front(depths, near)
+    front = sort_back_to_front(depths, near)
     behind = np.flatnonzero(depths <= near).astype(np.uint32)
-    return DepthOrder(key, np.concatenate([front, behind]), len(front), _middle(depths, front))
+    return DepthOrder(key, np.concatenate([front, behind]), len(front), _find_depth_range(depths, front))
 
 
 NOTHING_SORTED = DepthOrder(None, np.zeros(0, np.uint32), 0, (1.0, 100.0))
@@ -40,38 +43,38 @@ NOTHING_SORTED = DepthOrder(None, np.zeros(0, np.uint32), 0, (1.0, 100.0))
 
 
 class OrderSorter:
-    """Keeps the last order, and gets newer ones either now or soon."""
+    """Keeps the last order, and computes newer ones at once or in the background."""
 
     def __init__(self) -> None:
         self._thread: ThreadPoolExecutor | None = None
         self._running: tuple[Hashable, Future[DepthOrder]] | None = None
         self._latest = NOTHING_SORTED
 
-    def now(
+    def sort_now(
         self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
     ) -> DepthOrder:
-        """The order for `key`, however long it takes."""
+        """Return the order for `key`, however long it takes."""
         running = self._running
         if running is not None and running[0] == key:
             self._latest, self._running = running[1].result(), None
         if self._latest.key != key:
-            self._latest = depth_order(key, means, axis, near)
+            self._latest = sort_by_depth(key, means, axis, near)
         return self._latest
 
-    def soon(
+    def sort_soon(
         self, key: Hashable, means: Float32[ndarray, "n 3"], axis: Float32[ndarray, "4"], near: float
     ) -> DepthOrder:
-        """The newest order there is, at once; the one for `key` is sorted meanwhile. Ask again until it is there.
+        """Return the newest order there is, at once, and start sorting the one for `key`; call again until it is there.
 
-        At most one sort runs: a camera that never stops gets each order that is done in time for it. Raises what a sort
-        raised. Rows that move while they are sorted spoil an order that is then out of date anyway.
+        At most one sort runs at a time, so a moving camera gets orders as fast as they are sorted. Raises what a sort
+        raised. Rows that move during a sort spoil its order, which is then out of date anyway.
         """
         if self._running is not None and self._running[1].done():
             self._latest, self._running = self._running[1].result(), None
         if self._running is None and self._latest.key != key:
             if self._thread is None:
                 self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="splat-order")
-            self._running = key, self._thread.submit(depth_order, key, means, axis, near)
+            self._running = key, self._thread.submit(sort_by_depth, key, means, axis, near)
         return self._latest
 
     def release(self) -> None:
@@ -81,7 +84,7 @@ class OrderSorter:
         self._thread, self._running, self._latest = None, None, NOTHING_SORTED
 
 
-def _middle(depths: Float32[ndarray, " n"], front: UInt32[ndarray, " m"]) -> tuple[float, float]:
+def _find_depth_range(depths: Float32[ndarray, " n"], front: UInt32[ndarray, " m"]) -> tuple[float, float]:
     count = len(front)
     if not count:
         return 1.0, 100.0

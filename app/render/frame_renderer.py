@@ -1,10 +1,10 @@
-"""What draws a document for the viewport, and which of the renderers does."""
+"""The contract of renderers, and the choice between the one on OpenGL and the one on the CPU."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import moderngl
 from jaxtyping import UInt8, UInt32
@@ -15,16 +15,17 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import OptionError
 
 CHOICE = "INSTDRIVE_RENDERER"
-"""Environment variable: `gl` or `cpu` instead of what the driver's name suggests."""
+"""Environment variable that overrides the choice by the driver's name: `gl` or `cpu`."""
 SOFTWARE_DRIVERS = ("llvmpipe", "softpipe", "swr", "software", "swiftshader", "gdi generic")
-"""Parts of the names of OpenGL drivers that draw on the CPU: there the CPU rasterizer is many times faster."""
+"""Parts of the names of OpenGL drivers that draw on the CPU, where the CPU rasterizer is many times faster."""
 
 
+@runtime_checkable
 class FrameRenderer(Protocol):
-    """Draws one document as snapshots ask for. Everything is called on the thread that owns the GL context."""
+    """Draws one document as snapshots ask. All methods run on the thread that owns the GL context."""
 
     frame_seconds: float
-    """How long the last frame that had to be blended took."""
+    """Seconds that the last frame took which had to be blended."""
 
     @property
     def picture(self) -> moderngl.Texture:
@@ -33,12 +34,12 @@ class FrameRenderer(Protocol):
 
     @property
     def shown(self) -> FrameSnapshot | None:
-        """The snapshot that `picture` was drawn for, a `ShownFrame` where pixels are known; None before the first."""
+        """The snapshot that `picture` was drawn for (a `ShownFrame` if its pixels are known); None before the first."""
         ...
 
     @property
     def settled(self) -> bool:
-        """Whether `picture` is all that was asked for last."""
+        """Whether `picture` shows completely what was asked for last."""
         ...
 
     @property
@@ -47,18 +48,18 @@ class FrameRenderer(Protocol):
         ...
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
-        """Bring `picture` up to date; without `wait` as far as it can be at once: ask again until it is `settled`."""
+        """Bring `picture` up to date; without `wait`, only as far as possible at once: repeat until it is `settled`."""
         ...
 
-    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
         ...
 
-    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """The instance that the ID view shows at every pixel; 0 = none."""
         ...
 
-    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+    def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
         ...
 
@@ -67,7 +68,7 @@ class FrameRenderer(Protocol):
         ...
 
     def free_retired(self) -> None:
-        """Free pictures of sizes no longer drawn. Call between window frames."""
+        """Free pictures of sizes that are no longer drawn. Call it between window frames."""
         ...
 
     def release(self) -> None:
@@ -75,10 +76,10 @@ class FrameRenderer(Protocol):
         ...
 
 
-def chosen_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Literal["gl", "cpu"]:
-    """Which renderer serves a driver best, by its name (GL_RENDERER); the environment may say otherwise.
+def choose_renderer_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Literal["gl", "cpu"]:
+    """Choose the renderer that suits a driver, by its name (GL_RENDERER), unless the environment says otherwise.
 
-    Raises OptionError where it says neither `gl` nor `cpu`.
+    Raises OptionError if the environment says neither `gl` nor `cpu`.
     """
     choice = environment.get(CHOICE, "").strip().lower()
     if choice not in ("", "gl", "cpu"):
@@ -88,12 +89,12 @@ def chosen_kind(driver: str, environment: Mapping[str, str] = os.environ) -> Lit
     return "cpu" if any(name in driver.lower() for name in SOFTWARE_DRIVERS) else "gl"
 
 
-def renderer_of(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
-    """A renderer of the document. `wake` is called from another thread when one that draws aside has a frame."""
-    if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
+def create_renderer(ctx: moderngl.Context, document: Document, wake: Callable[[], None]) -> FrameRenderer:
+    """Create a renderer of the document; one that draws on another thread calls `wake` from there for each frame."""
+    if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
         from instdrive_app.render.software.renderer import SoftwareRenderer
 
         return SoftwareRenderer(ctx, document, wake)
-    from instdrive_app.render.gl.renderer import Renderer
+    from instdrive_app.render.gl.renderer import GlRenderer
 
-    return Renderer(ctx, document)
+    return GlRenderer(ctx, document)

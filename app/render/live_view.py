@@ -1,4 +1,4 @@
-"""The viewport's picture of whatever document is open, and what the cursor is on."""
+"""The viewport's picture of the open document, and the depth under the cursor."""
 
 from __future__ import annotations
 
@@ -8,67 +8,67 @@ from collections.abc import Callable
 import moderngl
 import numpy as np
 
-from instdrive_app.render.frame_renderer import FrameRenderer, chosen_kind, renderer_of
+from instdrive_app.render.frame_renderer import FrameRenderer, choose_renderer_kind, create_renderer
 from instdrive_app.render.shown_frame import ShownFrame
-from instdrive_app.render.software.warm_up import warm_up_beside
+from instdrive_app.render.software.warm_up import start_warm_up
 from instdrive_app.state import EditorState, FrameSnapshot, resolve
 from instdrive_core.edits.document.document import Document
 
 SMOOTH_SECONDS = 1 / 16
-"""Frames that take longer than this are drawn coarsely while the camera moves or the drive plays."""
+"""Frames that take longer are drawn coarsely while the camera moves or the drive plays."""
 SETTLE_SECONDS = 0.15
-"""A view that has stood still for so long is not moving."""
+"""Time without movement after which a view counts as still."""
 
 
 class LiveView:
     """Owns the renderer of the present document."""
 
     def __init__(self, ctx: moderngl.Context, wake: Callable[[], None] = lambda: None) -> None:
-        """`wake` is called, from another thread, when `show` has something newer to show."""
+        """`wake` is called from another thread when `show` has a newer picture to show."""
         self._ctx, self._wake = ctx, wake
-        if chosen_kind(ctx.info["GL_RENDERER"]) == "cpu":
-            warm_up_beside()
+        if choose_renderer_kind(ctx.info["GL_RENDERER"]) == "cpu":
+            start_warm_up()
         self._renderer: FrameRenderer | None = None
         self._document: Document | None = None
         self._sharp_seconds = 0.0
         self._moved_at = 0.0
         self._last_look: tuple[bytes, float] | None = None
         self.snapshot: FrameSnapshot | None = None
-        """The frame that is shown: a frame asked for may still be under way. None while there is none of this size."""
+        """The frame on screen, which may be older than the one asked for; None while there is none of this size."""
 
     @property
     def backend(self) -> str:
-        """The graphics driver's name for the device, or that the CPU draws."""
+        """The graphics driver's name for the device, or ``CPU`` if the CPU draws."""
         driver = self._ctx.info["GL_RENDERER"]
-        return "CPU" if chosen_kind(driver) == "cpu" else driver.split("(")[0].strip()
+        return "CPU" if choose_renderer_kind(driver) == "cpu" else driver.split("(")[0].strip()
 
     @property
     def gl_error(self) -> str | None:
-        """What the driver complains of since it was asked last; None where all is well."""
+        """The driver's error since the last call; None if there is none."""
         fault = self._ctx.error
         return None if fault == "GL_NO_ERROR" else fault
 
     @property
     def renderer(self) -> FrameRenderer:
-        """The renderer of the document shown last."""
+        """The renderer of the document that was shown last."""
         assert self._renderer is not None, "nothing was shown yet"
         return self._renderer
 
     @property
     def frame_seconds(self) -> float:
-        """How long the last frame that had to be drawn took."""
+        """Seconds that the last frame took which had to be drawn."""
         return self._renderer.frame_seconds if self._renderer is not None else 0.0
 
     @property
     def settled(self) -> bool:
-        """Whether the picture is sharp and current: nothing is left to be drawn."""
+        """Whether the picture is sharp and current, so that nothing is left to be drawn."""
         return self.snapshot is not None and not self.snapshot.draft and self.renderer.settled
 
     def show(self, document: Document, state: EditorState, width: int, height: int) -> moderngl.Texture:
-        """The picture of a viewport of this size; drawn only where something has changed, waited for never."""
+        """Return the picture for a viewport of this size (pixels); draws only if something has changed, never waits."""
         if document is not self._document:
             self.release()
-            self._renderer, self._document = renderer_of(self._ctx, document, self._wake), document
+            self._renderer, self._document = create_renderer(self._ctx, document, self._wake), document
         renderer = self.renderer
         renderer.free_retired()
         wanted = resolve(state, width, height, draft=self._is_draft(state))
@@ -80,23 +80,23 @@ class LiveView:
             self._sharp_seconds = renderer.frame_seconds
         return renderer.picture
 
-    def depth_at(self, x: float, y: float) -> float | None:
-        """Depth (metres along the viewing axis) of the splat that the ID view shows at a pixel; None where none is."""
+    def measure_depth_at(self, x: float, y: float) -> float | None:
+        """Measure the depth (metres along the viewing axis) of the splat that the ID view shows at a pixel, if any."""
         document, snapshot = self._document, self.snapshot
         if document is None or snapshot is None or snapshot.draft:
             return None
-        row = snapshot.row_at(x, y) if isinstance(snapshot, ShownFrame) else None
-        row = self.renderer.row_at(snapshot, int(x), int(y)) if row is None else row
+        row = snapshot.read_row_at(x, y) if isinstance(snapshot, ShownFrame) else None
+        row = self.renderer.read_row_at(snapshot, int(x), int(y)) if row is None else row
         if row is None or row < 0:
             return None
-        poses, _ = document.scene.at(snapshot.time)
+        poses, _ = document.scene.find_node_poses(snapshot.time)
         pose = poses[document.scene.nodes[row]]
-        place = pose[:3, :3] @ document.means_of(np.array([row]))[0] + pose[:3, 3]
+        place = pose[:3, :3] @ document.compute_means(np.array([row]))[0] + pose[:3, 3]
         axis = snapshot.camera.camera_from_world[2]
         return float(place @ axis[:3] + axis[3])
 
     def release(self) -> None:
-        """Free everything on the GPU, and end what draws aside."""
+        """Free everything on the GPU, and end the thread that draws."""
         if self._renderer is not None:
             self._renderer.release()
         self._renderer = self._document = self.snapshot = None

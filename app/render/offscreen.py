@@ -1,4 +1,4 @@
-"""OpenGL without a window, and one picture drawn with it against the CPU rasterizer."""
+"""OpenGL without a window: a context, facts about its driver, and one picture drawn with it."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_app.render.gl.gl_state import GraphicsError
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
 
-__all__ = ["GraphicsError", "drawn_blend", "driver_facts", "offscreen_context"]
+__all__ = ["GraphicsError", "describe_driver", "draw_blended", "open_offscreen_context"]
 
 
 @contextmanager
-def offscreen_context() -> Iterator[moderngl.Context]:
-    """An OpenGL 3.3 context of its own, released at the end; on Linux through EGL, which needs no display.
+def open_offscreen_context() -> Iterator[moderngl.Context]:
+    """Open an OpenGL 3.3 context and release it at the end; on Linux through EGL, which needs no display.
 
-    Raises GraphicsError with the driver's words where there is none.
+    Raises GraphicsError with the driver's words if there is none.
     """
     options: dict[str, Any] = {"backend": "egl"} if sys.platform.startswith("linux") else {}
     try:
@@ -40,16 +40,16 @@ def offscreen_context() -> Iterator[moderngl.Context]:
         context.release()
 
 
-def driver_facts(context: moderngl.Context) -> str:
-    """Version, renderer, vendor and the largest picture."""
+def describe_driver(context: moderngl.Context) -> str:
+    """Describe the driver: version, renderer, vendor and largest picture."""
     info = context.info
     side = info["GL_MAX_TEXTURE_SIZE"]
     return f"{info['GL_VERSION']}; {info['GL_RENDERER']}; {info['GL_VENDOR']}; pictures up to {side} px"
 
 
-def drawn_blend(context: moderngl.Context, document: Document, snapshot: FrameSnapshot) -> Float32[ndarray, "h w 4"]:
-    """One colour frame: premultiplied over the sky; alpha is coverage. Raises ShaderError or GraphicsError."""
-    renderer = Renderer(context, document)
+def draw_blended(context: moderngl.Context, document: Document, snapshot: FrameSnapshot) -> Float32[ndarray, "h w 4"]:
+    """Draw one colour frame, premultiplied over the sky; alpha is coverage. Raises ShaderError or GraphicsError."""
+    renderer = GlRenderer(context, document)
     try:
         renderer.render(snapshot)
         blended = renderer.read_blended()

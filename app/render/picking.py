@@ -1,9 +1,9 @@
-"""Which instances are under a pixel of the frame shown, decided as `rasterize.preview` decides its winners."""
+"""Which instances are under a pixel of the frame on screen, by the pick rule of `rasterize.preview`."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, UInt32
@@ -12,40 +12,45 @@ from numpy import ndarray
 from instdrive_app.render.pickable_splats import PickableSplats
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot
 from instdrive_core.edits.document.document import Document
-from instdrive_core.rasterize.kernels.settings import settings_for
-from instdrive_core.rasterize.pixel import Contributors, fragments_among, rows_near, winner_of
+from instdrive_core.rasterize.kernels.settings import choose_raster_settings
+from instdrive_core.rasterize.pixel_contributors import (
+    Contributors,
+    find_fragments_among,
+    find_rows_near_pixel,
+    pick_winner,
+)
 from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE
 
 
-class Below(NamedTuple):
-    """Instances at a place of a picture, front to back."""
+class PickedInstances(NamedTuple):
+    """Instances at one place of a picture, front to back."""
 
     seen: tuple[int, ...]
-    """The one that the pixel stands for, then those that light still comes from."""
+    """The instance that the pixel stands for, then those that contribute light to it."""
     hidden: tuple[int, ...]
-    """Those behind: what is in front lets nothing of them through."""
+    """Instances behind them that contribute nothing to the pixel."""
 
 
-_NOTHING = Below((), ())
+_NOTHING = PickedInstances((), ())
 
 
 class Picker:
-    """Keeps what clicks need of the last document, and the last answer."""
+    """Finds instances under pixels; it keeps the splats of the last document, and the last answer."""
 
     def __init__(self) -> None:
         self._splats: PickableSplats | None = None
-        self._answer: tuple[tuple, Below] | None = None
+        self._answer: tuple[tuple[Any, ...], PickedInstances] | None = None
 
-    def instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
-        """Instances at a position of the picture: the one that the pixel stands for, then all behind it.
+    def find_instances_at(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> tuple[int, ...]:
+        """Find the instances at a position of the picture (pixels): the one the pixel stands for, then those behind.
 
-        Empty outside the picture, and where the pixel stands for nothing or for a splat without an instance.
+        The answer is empty outside the picture, and where the pixel stands for nothing or a splat without an instance.
         """
-        below = self.below(document, snapshot, x, y)
+        below = self.find_below(document, snapshot, x, y)
         return below.seen + below.hidden
 
-    def below(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> Below:
-        """The same, parted into what is seen there and what is hidden."""
+    def find_below(self, document: Document, snapshot: FrameSnapshot, x: float, y: float) -> PickedInstances:
+        """Find the instances at a position of the picture (pixels), separated into seen and hidden ones."""
         camera, column, row = snapshot.camera, int(np.floor(x)), int(np.floor(y))
         if not (0 <= column < camera.width and 0 <= row < camera.height):
             return _NOTHING
@@ -53,40 +58,35 @@ class Picker:
             self._splats, self._answer = PickableSplats(document), None
         pose = camera.world_from_camera.tobytes()
         lens = (camera.fx, camera.fy, camera.cx, camera.cy)
-        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, _versions(document))
+        key = (column, row, pose, lens, snapshot.time, snapshot.id_opacity, document.versions)
         if self._answer is None or self._answer[0] != key:
             self._splats.update(snapshot.time)
-            self._answer = (key, _found(self._splats, snapshot, column, row))
+            self._answer = (key, _pick_instances(self._splats, snapshot, column, row))
         return self._answer[1]
 
 
-def _versions(document: Document) -> tuple:
-    looks = (document.state.version, document.colors.version)
-    return (*looks, document.geometry_version, document.rows_version, document.table_version)
-
-
-def _found(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> Below:
+def _pick_instances(splats: PickableSplats, snapshot: FrameSnapshot, column: int, row: int) -> PickedInstances:
     camera, opacities, ids = snapshot.camera, splats.opacities, splats.document.scene.instance_ids
-    settings = settings_for(splats.document.scene)
-    near = rows_near(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
-    shape = splats.means[near], *splats.shapes(near), opacities[near]
-    fragments = fragments_among(near, *shape, camera, column, row, settings)
+    settings = choose_raster_settings(splats.document.scene)
+    near = find_rows_near_pixel(splats.means, splats.log_sizes, opacities, camera, column, row, settings)
+    shape = splats.means[near], *splats.compute_shapes(near), opacities[near]
+    fragments = find_fragments_among(near, *shape, camera, column, row, settings)
     rule = replace(DEFAULT_PICK_RULE, min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
-    winner = winner_of(fragments.blended, rule)
+    winner = pick_winner(fragments.blended, rule)
     first = int(ids[winner]) if winner >= 0 else 0
     if first == 0:
         return _NOTHING
-    behind = _solid_behind(fragments, winner, snapshot.id_opacity)
-    seen = _each_once(first, ids[fragments.rows[behind & (fragments.weights > 0)]])
-    return Below(seen, tuple(i for i in _each_once(first, ids[fragments.rows[behind]]) if i not in seen))
+    behind = _find_solid_behind(fragments, winner, snapshot.id_opacity)
+    seen = _list_unique(first, ids[fragments.rows[behind & (fragments.weights > 0)]])
+    return PickedInstances(seen, tuple(i for i in _list_unique(first, ids[fragments.rows[behind]]) if i not in seen))
 
 
-def _solid_behind(fragments: Contributors, winner: int, min_opacity: float) -> Bool[ndarray, " k"]:
-    """Which fragments, from the winner's depth on, the ID view would draw."""
+def _find_solid_behind(fragments: Contributors, winner: int, min_opacity: float) -> Bool[ndarray, " k"]:
+    """Find the fragments that the ID view would draw from the winner's depth on."""
     solid = (fragments.opacities >= min_opacity) & (fragments.alphas >= ID_ALPHA_CUT)
     solid[: int(np.argmax(fragments.rows == winner))] = False
     return solid
 
 
-def _each_once(first: int, ids: UInt32[ndarray, " k"]) -> tuple[int, ...]:
+def _list_unique(first: int, ids: UInt32[ndarray, " k"]) -> tuple[int, ...]:
     return tuple(dict.fromkeys([first, *(i for i in ids.tolist() if i)]))

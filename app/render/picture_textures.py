@@ -1,4 +1,4 @@
-"""Pictures that panels show besides the splats: photos and masks."""
+"""Textures for pictures other than splats: photos and masks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy import ndarray
 
 
 class PictureTextures:
-    """One texture per place of use, uploaded when another picture is shown there."""
+    """Keeps one texture per place of use and uploads a picture when the place shows another one."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
@@ -16,7 +16,7 @@ class PictureTextures:
         self._retired: list[moderngl.Texture] = []
 
     def show(self, place: str, picture: UInt8[ndarray, "h w 4"]) -> int:
-        """The GL name of a texture that holds `picture` (RGBA, row 0 at the top)."""
+        """Return the GL name of a texture that holds `picture` (RGBA, row 0 at the top)."""
         before = self._shown.get(place)
         if before is not None and before[0] is picture:
             return before[1].glo
@@ -33,7 +33,7 @@ class PictureTextures:
         return texture.glo
 
     def free_retired(self) -> None:
-        """Call between window frames: a frame's draw list names its textures by number, and numbers are given again."""
+        """Free textures no longer shown. Call it between window frames: draw lists name textures by reused numbers."""
         for texture in self._retired:
             texture.release()
         self._retired.clear()

@@ -1,4 +1,4 @@
-"""The frame on the screen, which knows what its pixels stand for: pointing at it asks nothing of the splats."""
+"""The frame on screen, which knows what its pixels stand for, so that pointing needs no look at the splats."""
 
 from __future__ import annotations
 
@@ -15,36 +15,40 @@ from instdrive_core.scene.selection import Flag
 
 @dataclass(frozen=True)
 class ShownFrame(FrameSnapshot):
-    """A snapshot that was drawn together with the winners of its pixels."""
+    """A snapshot together with the winners of its pixels."""
 
     winner: Int32[ndarray, "h w"] = field(repr=False, compare=False)
-    """Row of the splat that a click on a pixel means, -1 for none; of a draft, smaller than the picture."""
+    """Row of the splat that a click on a pixel means, -1 for none; a draft's array is smaller than the picture."""
     document: Document = field(repr=False, compare=False)
     rows_version: int = field(compare=False)
-    """The document's when the frame was drawn."""
+    """The document's `versions.rows` when the frame was drawn."""
 
-    def row_at(self, x: float, y: float) -> int | None:
-        """The splat that a pixel stands for, -1 for none; None where the frame cannot tell: it is a draft, its rows
-        are other ones by now, or the pixel is outside."""
+    def read_row_at(self, x: float, y: float) -> int | None:
+        """Row of the splat that a pixel stands for, -1 for none.
+
+        None if the frame cannot tell: it is a draft, the document's rows have changed, or the pixel is outside.
+        """
         column, row = int(np.floor(x)), int(np.floor(y))
         height, width = self.winner.shape
         inside = 0 <= column < width and 0 <= row < height
-        if self.draft or not inside or self.rows_version != self.document.rows_version:
+        if self.draft or not inside or self.rows_version != self.document.versions.rows:
             return None
         return int(self.winner[row, column])
 
 
-def asked_of(snapshot: FrameSnapshot) -> FrameSnapshot:
-    """What was asked for, where it may be a frame shown: that holds its picture's winners."""
+def drop_winners(snapshot: FrameSnapshot) -> FrameSnapshot:
+    """Make a plain snapshot of one that may be a `ShownFrame`, which holds its picture's winners."""
     return FrameSnapshot(**{entry.name: getattr(snapshot, entry.name) for entry in fields(FrameSnapshot)})
 
 
-def instance_shown_at(document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
-    """The instance that a click at a place of a frame means, 0 for none, by what the frame shows there. None where it
-    cannot tell, also because what it shows has been hidden or deleted since."""
+def find_shown_instance(document: Document, snapshot: FrameSnapshot, x: float, y: float) -> int | None:
+    """Find the instance that a frame shows at a position (pixels), 0 for none.
+
+    None if the frame cannot tell, also because what it shows has been hidden or deleted since.
+    """
     if not isinstance(snapshot, ShownFrame) or snapshot.document is not document:
         return None
-    row = snapshot.row_at(x, y)
+    row = snapshot.read_row_at(x, y)
     if row is None or row < 0:
         return None if row is None else 0
     if document.state.flags[row] & (Flag.HIDDEN | Flag.DELETED):

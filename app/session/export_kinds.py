@@ -1,4 +1,4 @@
-"""What can be exported of an edited scene, and how each of it is written. A new kind is an entry of `KINDS`."""
+"""What can be exported of an edited scene, and how it is written. A new kind is an entry of `KINDS`."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 
 from instdrive_app.state import EditorState, ViewMode, Viewpoint
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.parts import actors_with_splats, selected_actors, selected_rows
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.scene_parts import find_remaining_actors, find_selected_actors, find_selected_rows
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.objects.writers import SUFFIXES, write_objects
 from instdrive_core.formats.registry import FORMATS
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
-from instdrive_core.masks.export.id_maps import MAX_SIDE, chosen_views, id_maps
+from instdrive_core.masks.export.id_maps import MAX_SIDE, choose_views, render_id_maps
 from instdrive_core.masks.export.id_pictures import save_png, write_id_pictures
-from instdrive_core.progress import part_of_work, report
+from instdrive_core.progress import report, report_span
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances, export_scene
-from instdrive_core.rasterize.pictures import Mode, picture
+from instdrive_core.rasterize.pictures import Mode, colorize_preview
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 What = Literal["scene", "selection", "instances", "actors", "objects", "masks", "cameras", "view"]
 WRITTEN = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
@@ -42,29 +42,29 @@ _MODES: dict[ViewMode, Mode] = {
 
 @dataclass(frozen=True)
 class ExportChoice:
-    """What the user chose beside the path."""
+    """Everything the user chose besides the path."""
 
     what: What = "scene"
     suffix: str = ".ply"
     """Ending of the files in a folder of instances or actors."""
     sibr: bool = False
-    """Whether a .ply is written for SIBR viewers."""
+    """Whether a .ply is written in the layout of SIBR viewers."""
     keep_tracks: bool = True
-    """Whether actors keep their tracks in a scene folder; else they stand where they are at the time shown."""
+    """Whether actors keep their tracks in a scene folder; else they stand where they are at the shown time."""
     hulls: bool = False
-    """Convex hulls instead of boxes."""
+    """Whether convex hulls are written instead of boxes."""
     coco: bool = False
-    """Masks in COCO's panoptic format instead of plain pictures."""
+    """Whether masks are written in COCO's panoptic format instead of plain pictures."""
     scale: float = 1.0
-    """Size of pictures, relative to the cameras' films."""
+    """Size of pictures relative to the cameras' films."""
 
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """All that writing needs; taken on the UI's thread, written beside it."""
+    """Everything that writing needs; made on the UI's thread, written on another."""
 
     document: Document
-    """Not edited meanwhile."""
+    """Must not be edited while it is written."""
     path: Path
     choice: ExportChoice
     time: float
@@ -73,8 +73,8 @@ class ExportRequest:
     show_sky: bool
 
     @classmethod
-    def of(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
-        """What is shown now."""
+    def capture(cls, document: Document, path: Path, choice: ExportChoice, state: EditorState) -> ExportRequest:
+        """Capture the time and view shown now."""
         return cls(document, path, choice, state.time, state.viewpoint, state.view_mode, state.show_sky)
 
 
@@ -84,17 +84,17 @@ class ExportKind:
 
     title: str
     write: Callable[[ExportRequest], str]
-    """Writes it, and says what was written."""
+    """Writes it, and returns what was written, for the user."""
     endings: tuple[str, ...] = ()
-    """Endings of the file; empty where a folder is filled."""
+    """Endings of the file; empty for a folder of files."""
     scene_folder: bool = False
-    """Whether the path can be that of a scene folder, too."""
+    """Whether the path can also be that of a scene folder."""
     suggestion: str = ""
-    """End of the name that is proposed, after the scene's own."""
+    """End of the proposed name, after the scene's own."""
     amount: Callable[[Document], str] = lambda _: ""
-    """How much that is; empty where there is nothing."""
+    """Says how much there is to export; empty for nothing."""
     missing: str = ""
-    """What is said where there is nothing."""
+    """What the user reads where there is nothing to export."""
 
     @property
     def takes_folder(self) -> bool:
@@ -102,175 +102,189 @@ class ExportKind:
         return self.scene_folder or not self.endings
 
 
-def exported_instances(document: Document) -> tuple[int, ...]:
-    """The selected instances, or all that are left."""
-    counts = document.counts()
-    return document.selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
+def choose_instances(document: Document) -> tuple[int, ...]:
+    """Choose the selected instances, or all that are left."""
+    counts = document.count_states()
+    return document.find_selected_instances() or tuple(counts.ids[counts.count > counts.deleted].tolist())
 
 
-def exported_actors(document: Document) -> tuple[int, ...]:
-    """Nodes of the actors with anything selected, or of all that are left."""
-    return selected_actors(document) or actors_with_splats(document)
+def choose_actors(document: Document) -> tuple[int, ...]:
+    """Choose the nodes of the actors with anything selected, or of all that are left."""
+    return find_selected_actors(document) or find_remaining_actors(document)
 
 
-def _scene(request: ExportRequest) -> str:
-    return _scene_or_part(request, None)
+def _write_scene(request: ExportRequest) -> str:
+    return _write_scene_or_part(request, None)
 
 
-def _selection(request: ExportRequest) -> str:
-    return _scene_or_part(request, selected_rows(request.document))
+def _write_selection(request: ExportRequest) -> str:
+    return _write_scene_or_part(request, find_selected_rows(request.document))
 
 
-def _scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
+def _write_scene_or_part(request: ExportRequest, rows: np.ndarray | None) -> str:
     path, choice = request.path, request.choice
     is_folder = not path.suffix or path.is_dir()
     time = None if is_folder and choice.keep_tracks else request.time
     sibr = choice.sibr and path.name.lower().endswith(".ply")
     count = export_scene(request.document, path, time, rows, sibr=sibr)
-    return f"Exported {counted(count, 'splat')} to {path}, read back and compared"
+    return f"Exported {format_count(count, 'splat')} to {path}, read back and compared"
 
 
-def _instances(request: ExportRequest) -> str:
-    choice, ids = request.choice, exported_instances(request.document)
+def _write_instances(request: ExportRequest) -> str:
+    choice, ids = request.choice, choose_instances(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_instances(request.document, request.path, ids, request.time, choice.suffix, sibr=sibr)
-    skipped = f"; {counted(written.skipped, 'instance')} not there at {request.time:g} s" if written.skipped else ""
-    return f"{_parts(written, 'instance', request.path)}{skipped}"
+    skipped = (
+        f"; {format_count(written.skipped, 'instance')} not present at {request.time:g} s" if written.skipped else ""
+    )
+    return f"{_describe_parts(written, 'instance', request.path)}{skipped}"
 
 
-def _actors(request: ExportRequest) -> str:
-    choice, nodes = request.choice, exported_actors(request.document)
+def _write_actors(request: ExportRequest) -> str:
+    choice, nodes = request.choice, choose_actors(request.document)
     sibr = choice.sibr and choice.suffix == ".ply"
     written = export_actors(request.document, request.path, nodes, choice.suffix, sibr=sibr)
-    return f"{_parts(written, 'actor', request.path)}; their poses are in .poses.json"
+    return f"{_describe_parts(written, 'actor', request.path)}; their poses are in .poses.json"
 
 
-def _objects(request: ExportRequest) -> str:
-    with part_of_work(0.0, _BAKING):
-        scene = baked(request.document, to_read=True)
+def _write_objects(request: ExportRequest) -> str:
+    with report_span(0.0, _BAKING):
+        scene = bake_document(request.document, to_read=True)
     hulls = request.choice.hulls
     written = write_objects(request.path, scene, request.time, "hull" if hulls else "box")
     shapes = "hulls" if hulls else "boxes"
-    return f"Exported the {shapes} of {counted(len(written), 'instance')} to {request.path}"
+    return f"Exported the {shapes} of {format_count(len(written), 'instance')} to {request.path}"
 
 
-def _masks(request: ExportRequest) -> str:
-    with part_of_work(0.0, _BAKING):
-        scene = baked(request.document, to_read=True)
-    views = chosen_views(scene)
+def _write_masks(request: ExportRequest) -> str:
+    with report_span(0.0, _BAKING):
+        scene = bake_document(request.document, to_read=True)
+    views = choose_views(scene)
     write = write_coco_panoptic if request.choice.coco else write_id_pictures
-    with part_of_work(_BAKING, 1.0):
-        maps = id_maps(scene, views, request.choice.scale)
+    with report_span(_BAKING, 1.0):
+        maps = render_id_maps(scene, views, request.choice.scale)
         count = write(request.path, scene, maps, lambda done: report(done / len(views)))
-    return f"Exported the masks of {counted(count, 'photo')} to {request.path}"
+    return f"Exported the masks of {format_count(count, 'photo')} to {request.path}"
 
 
-def _cameras(request: ExportRequest) -> str:
-    scene = _shown_scene(request)
-    views = chosen_views(scene)
-    with part_of_work(_BAKING, 1.0):
+def _write_cameras(request: ExportRequest) -> str:
+    scene = _bake_shown_scene(request)
+    views = choose_views(scene)
+    with report_span(_BAKING, 1.0):
         for number, view in enumerate(views):
             report(number / len(views))
             path = request.path / view.name / f"{view.index:02d}.png"
             _save_picture(path, scene, view.camera, view.time, request)
-    return f"Exported {counted(len(views), 'picture')} to {request.path}"
+    return f"Exported {format_count(len(views), 'picture')} to {request.path}"
 
 
-def _view(request: ExportRequest) -> str:
-    scene, lens = _shown_scene(request), request.viewpoint.lens
+def _write_view(request: ExportRequest) -> str:
+    scene, lens = _bake_shown_scene(request), request.viewpoint.lens
     pose = request.viewpoint.world_from_camera
     camera = Camera(lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height, pose)
-    with part_of_work(_BAKING, 1.0):
+    with report_span(_BAKING, 1.0):
         _save_picture(request.path, scene, camera, request.time, request)
     return f"Exported the picture to {request.path}"
 
 
-def _shown_scene(request: ExportRequest) -> Scene:
-    """What is drawn: without what is hidden, and with the tracks."""
+def _bake_shown_scene(request: ExportRequest) -> Scene:
+    """Bake what is drawn: nothing hidden, tracks kept."""
     document = request.document
-    with part_of_work(0.0, _BAKING):
-        scene = baked(document, None, np.flatnonzero(document.state.drawn))
+    with report_span(0.0, _BAKING):
+        scene = bake_document(document, None, np.flatnonzero(document.state.drawn))
     return scene if request.show_sky else replace(scene, sky=None)
 
 
 def _save_picture(path: Path, scene: Scene, camera: Camera, time: float, request: ExportRequest) -> None:
-    camera = camera.scaled(request.choice.scale)
+    camera = camera.scale(request.choice.scale)
     if max(camera.width, camera.height) > MAX_SIDE:
         raise OptionError(f"a picture of {camera.width} × {camera.height} pixels is too large; choose a smaller size")
-    save_png(path, picture(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
+    save_png(path, colorize_preview(scene, view_scene(scene, camera, time), _MODES[request.view_mode]))
 
 
-def _parts(written: ExportedParts, noun: str, folder: Path) -> str:
-    files, splats = counted(len(written.files), noun), counted(written.splats, "splat")
+def _describe_parts(written: ExportedParts, noun: str, folder: Path) -> str:
+    files, splats = format_count(len(written.files), noun), format_count(written.splats, "splat")
     return f"Exported {files} of {splats} to {folder}, read back and compared"
 
 
-def _splats(document: Document) -> str:
-    left = len(document.state) - len(document.state.rows_with(Flag.DELETED))
-    return counted(left, "splat") if left else ""
+def _count_splats(document: Document) -> str:
+    left = len(document.state) - len(document.state.find_rows(Flag.DELETED))
+    return format_count(left, "splat") if left else ""
 
 
-def _selected_splats(document: Document) -> str:
-    count, instances = len(document.state.rows_with(Flag.SELECTED)), len(document.selected_instances())
-    return f"{counted(count, 'splat')} of {counted(instances, 'instance')}" if count else ""
+def _count_selected_splats(document: Document) -> str:
+    count, instances = len(document.state.find_rows(Flag.SELECTED)), len(document.find_selected_instances())
+    return f"{format_count(count, 'splat')} of {format_count(instances, 'instance')}" if count else ""
 
 
-def _all_instances(document: Document) -> str:
-    count = len(exported_instances(document))
-    selected = "selected " if document.selected_instances() else ""
-    return counted(count, f"{selected}instance") if count else ""
+def _count_chosen_instances(document: Document) -> str:
+    count = len(choose_instances(document))
+    selected = "selected " if document.find_selected_instances() else ""
+    return format_count(count, f"{selected}instance") if count else ""
 
 
-def _every_instance(document: Document) -> str:
-    counts = document.counts()
+def _count_instances(document: Document) -> str:
+    counts = document.count_states()
     left = int((counts.count > counts.deleted).sum())
-    return counted(left, "instance") if left else ""
+    return format_count(left, "instance") if left else ""
 
 
-def _all_actors(document: Document) -> str:
-    count = len(exported_actors(document))
-    selected = "selected " if selected_actors(document) else ""
-    return counted(count, f"{selected}actor") if count else ""
+def _count_actors(document: Document) -> str:
+    count = len(choose_actors(document))
+    selected = "selected " if find_selected_actors(document) else ""
+    return format_count(count, f"{selected}actor") if count else ""
 
 
-def _photos(document: Document) -> str:
+def _count_photos(document: Document) -> str:
     views = document.scene.views
-    return counted(len(views), "photo") if views else ""
+    return format_count(len(views), "photo") if views else ""
 
 
 _NO_INSTANCES, _NO_CAMERAS = "The scene has no instances", "The scene has no photo cameras"
 
 KINDS: dict[What, ExportKind] = {
-    "scene": ExportKind("Whole scene", _scene, WRITTEN, True, "_edited.ply", _splats, "No splats are left"),
+    "scene": ExportKind("Whole scene", _write_scene, WRITTEN, True, "_edited.ply", _count_splats, "No splats are left"),
     "selection": ExportKind(
-        "Selection only", _selection, WRITTEN, True, "_selection.ply", _selected_splats, "Nothing is selected"
+        "Selection only",
+        _write_selection,
+        WRITTEN,
+        True,
+        "_selection.ply",
+        _count_selected_splats,
+        "Nothing is selected",
     ),
     "instances": ExportKind(
         "One file per instance",
-        _instances,
+        _write_instances,
         suggestion="_instances",
-        amount=_all_instances,
+        amount=_count_chosen_instances,
         missing=_NO_INSTANCES,
     ),
     "actors": ExportKind(
         "Actors in their own frames",
-        _actors,
+        _write_actors,
         suggestion="_actors",
-        amount=_all_actors,
+        amount=_count_actors,
         missing="The scene has no moving actors",
     ),
     "objects": ExportKind(
         "Boxes of instances",
-        _objects,
+        _write_objects,
         SUFFIXES,
         suggestion="_objects.json",
-        amount=_every_instance,
+        amount=_count_instances,
         missing=_NO_INSTANCES,
     ),
-    "masks": ExportKind("Masks of the photos", _masks, suggestion="_masks", amount=_photos, missing=_NO_CAMERAS),
-    "cameras": ExportKind(
-        "Pictures from the photos' cameras", _cameras, suggestion="_pictures", amount=_photos, missing=_NO_CAMERAS
+    "masks": ExportKind(
+        "Masks of the photos", _write_masks, suggestion="_masks", amount=_count_photos, missing=_NO_CAMERAS
     ),
-    "view": ExportKind("Picture of this view", _view, (".png",), suggestion="_view.png", amount=_splats),
+    "cameras": ExportKind(
+        "Pictures from the photos' cameras",
+        _write_cameras,
+        suggestion="_pictures",
+        amount=_count_photos,
+        missing=_NO_CAMERAS,
+    ),
+    "view": ExportKind("Picture of this view", _write_view, (".png",), suggestion="_view.png", amount=_count_splats),
 }
-"""In the order of the dialog."""
+"""Kinds in the order of the dialog."""

@@ -1,4 +1,4 @@
-"""What is read when a scene or project is opened: all in one go, beside the window."""
+"""Opening scenes, projects and recovered work; runs on a background thread."""
 
 from __future__ import annotations
 
@@ -7,59 +7,59 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.errors import ordinal
-from instdrive_core.progress import part_of_work, report
+from instdrive_core.errors import format_ordinal
+from instdrive_core.progress import report, report_span
 from instdrive_core.project.open import open_document, open_project
-from instdrive_core.project.recoverable import RecoverableSession, Restored, restore
+from instdrive_core.project.recoverable import RecoverableSession, RestoredSession, restore_session
 from instdrive_core.project.save import is_project
-from instdrive_core.scene.lint import Finding, linted
+from instdrive_core.scene.lint import Defect, find_defects
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedDocument:
     """A document, ready to be shown."""
 
     document: Document
     path: Path
     view: dict[str, Any] | None = None
-    """How the user looked at it when the project was saved."""
+    """The user's view when the project was saved."""
     notes: tuple[str, ...] = ()
     """What the user should know about the project."""
-    findings: tuple[Finding, ...] = ()
-    """What is odd about the scene's splats."""
-    restored: Restored | None = None
-    """Where the document was recovered from a dead editor."""
+    defects: tuple[Defect, ...] = ()
+    """What is wrong with the scene's splats."""
+    restored: RestoredSession | None = None
+    """The recovered work, where the document comes from an editor that ended without saving."""
 
 
-def opened(path: Path, accept_changed: bool = False, keep_every: int = 1) -> Opened:
-    """Open a scene file, a run folder or a project, and look for odd splats.
+def open_for_editing(path: Path, accept_changed: bool = False, keep_every: int = 1) -> OpenedDocument:
+    """Open a scene file, a run folder or a project, and look for defective splats.
 
     `accept_changed` opens a project also where its scene is no longer the one that was edited, `keep_every` = k every
     k-th splat of a scene. Raises DataError; SceneChangedError where the scene of a project has changed,
     SceneTooLargeError where it does not fit into memory.
     """
     notes: tuple[str, ...] = ()
-    with part_of_work(0.0, 0.9):
+    with report_span(0.0, 0.9):
         if is_project(path):
             project = open_project(path, accept_changed)
             document, view, notes = project.document, project.view, project.notes
         else:
             document, view = open_document(path, keep_every=keep_every)
             if keep_every > 1:
-                notes = (
-                    f"Every {ordinal(keep_every)} splat was opened, each made larger: {len(document.scene):,} in all",
-                )
-    document.counts()  # builds the index of instances here, so that the first click finds it built
+                every = f"Every {format_ordinal(keep_every)} splat"
+                notes = (f"{every} was opened and made larger: {len(document.scene):,} in all",)
+    document.count_states()  # builds the index of instances here, so that the first click finds it built
     report(0.95)
-    findings = tuple(finding for finding in linted(document.scene) if len(finding.rows))
-    return Opened(document, path, view, notes, findings)
+    defects = tuple(defect for defect in find_defects(document.scene) if len(defect.rows))
+    return OpenedDocument(document, path, view, notes, defects)
 
 
-def recovered(session: RecoverableSession, accept_changed: bool = False) -> Opened:
-    """Open a scene and do the edits again that a dead editor has left; `accept_changed` as for `opened`.
+def recover_for_editing(session: RecoverableSession, accept_changed: bool = False) -> OpenedDocument:
+    """Open a scene and replay the edits of an editor that ended without saving.
 
-    Raises DataError, SceneChangedError where the scene has changed.
+    `accept_changed` opens it also where the scene is no longer the one that was edited; else SceneChangedError is
+    raised. Raises DataError.
     """
-    found = restore(session, accept_changed)
-    found.document.counts()
-    return Opened(found.document, found.path, notes=found.notes, restored=found)
+    found = restore_session(session, accept_changed)
+    found.document.count_states()
+    return OpenedDocument(found.document, found.path, notes=found.notes, restored=found)

@@ -12,7 +12,7 @@ class DisplayError(InstDriveError):
     """No window can be opened here."""
 
 
-def display_name() -> str:
+def find_display_name() -> str:
     """As the environment tells it; empty where none is named."""
     if not sys.platform.startswith("linux"):
         return "the desktop"
@@ -21,7 +21,7 @@ def display_name() -> str:
 
 def has_display() -> bool:
     """Whether a desktop is named to open windows on."""
-    return bool(display_name())
+    return bool(find_display_name())
 
 
 def check_display() -> None:
@@ -34,5 +34,5 @@ def check_display() -> None:
     reasons: list[str] = []
     glfw.set_error_callback(lambda _, reason: reasons.append(str(reason, "utf-8", "replace")))  # type: ignore[arg-type]
     if not glfw.init():
-        raise DisplayError(f"{display_name()} does not open ({'; '.join(reasons) or 'no reason given'})")
+        raise DisplayError(f"{find_display_name()} does not open ({'; '.join(reasons) or 'no reason given'})")
     glfw.terminate()

@@ -18,7 +18,7 @@ def accept_drops(window: object, take: Callable[[tuple[Path, ...]], None]) -> ob
     """
     from glfw.library import glfw as loaded  # not before imgui_bundle, which tells it to use the same library
 
-    def dropped(_: int, count: int, names: ctypes._Pointer[ctypes.c_char_p]) -> None:
+    def dropped(_: int, count: int, names: ctypes._Pointer[ctypes.c_char_p]) -> None:  # pyright: ignore[reportPrivateUsage]
         take(tuple(Path(os.fsdecode(names[number] or b"")) for number in range(count)))
 
     assert loaded is not None, "GLFW has opened a window"

@@ -22,7 +22,7 @@ class Reporter:
 
     def write(self, ui: Ui) -> None:
         """Called at the end of every frame."""
-        line = json.dumps(window_state(ui))
+        line = json.dumps(describe_window(ui))
         if line != self._last:
             self._file.write(line + "\n")
             self._file.flush()
@@ -34,7 +34,7 @@ class Reporter:
         self._file.close()
 
 
-def window_state(ui: Ui) -> dict[str, Any]:
+def describe_window(ui: Ui) -> dict[str, Any]:
     """Everything reported: state, selection, history, camera, messages, and where widgets are (window pixels)."""
     session, document = ui.session, ui.session.document
     state: dict[str, Any] = {
@@ -57,12 +57,12 @@ def window_state(ui: Ui) -> dict[str, Any]:
         },
         "hovered": session.state.hovered,
         "tool": session.state.tool,
-        "selected": list(session.selected),
-        "selected_splats": int(np.count_nonzero(document.state.mask(Flag.SELECTED))),
-        "visible": list(document.visible_instances()),
+        "selected": list(session.selection.ids),
+        "selected_splats": int(np.count_nonzero(document.state.find_mask(Flag.SELECTED))),
+        "visible": list(document.find_visible_instances()),
         "history": [edit.title for edit in document.history.edits],
         "cursor": document.history.cursor,
-        "unsaved": session.is_unsaved,
+        "unsaved": session.files.is_unsaved,
         "camera": camera
         and {
             "fx": camera.fx,

@@ -14,7 +14,7 @@ START_SECONDS = 20
 
 
 @contextmanager
-def virtual_display(size: tuple[int, int] = (1280, 720)) -> Iterator[str]:
+def open_virtual_display(size: tuple[int, int] = (1280, 720)) -> Iterator[str]:
     """Run Xvfb while the block runs; yields its name, e.g. ``:99``, which DISPLAY holds meanwhile.
 
     Raises DisplayError where Xvfb is missing or does not start.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,22 +14,28 @@ from imgui_bundle import ImVec2, glfw_utils, hello_imgui, imgui
 from jaxtyping import UInt8
 from numpy import ndarray
 
-from instdrive_app.actions import register_commands
+from instdrive_app.actions import register_actions
+from instdrive_app.panels.dialogs import DialogHost
+from instdrive_app.panels.dialogs.registry import DIALOGS
 from instdrive_app.panels.menus import draw_menus, run_shortcuts
-from instdrive_app.panels.registry import VIEW, DockedPanel, created_dialogs, created_panels
+from instdrive_app.panels.registry import PANELS, PanelRecord
 from instdrive_app.panels.status import StatusBar
 from instdrive_app.panels.toasts import draw_progress, draw_toasts
 from instdrive_app.panels.widgets.theme import apply_style, load_fonts
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.panels.window_menu import list_panel_actions
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
 from instdrive_app.render.warm_up import warm_up
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ReceiveDrop, Request, ShowPanel, do_nothing
 from instdrive_app.shell.display import DisplayError, has_display
 from instdrive_app.shell.file_drops import accept_drops
 from instdrive_app.shell.report import Reporter
-from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, runner_parameters
-from instdrive_app.tools.registry import created_tools
+from instdrive_app.shell.window_layout import IDLE_FPS, WAITING_FPS, WindowOptions, build_runner_parameters
+from instdrive_app.tools.registry import create_tools
+
+_log = logging.getLogger(__name__)
 
 
 class EditorWindow:
@@ -43,9 +50,9 @@ class EditorWindow:
         self._failure: BaseException | None = None
         self._screenshot: UInt8[ndarray, "h w 3"] | None = None
         self._wants_screenshot = False
-        self._dialogs, self._panels = created_dialogs(), created_panels()
+        self._dialogs = DialogHost(DIALOGS)
         self._status, self._title = StatusBar(), ""
-        register_commands(session)
+        register_actions(session, list_panel_actions)
 
     @property
     def ui(self) -> Ui:
@@ -59,9 +66,9 @@ class EditorWindow:
         return self._session
 
     @property
-    def dialogs(self) -> frozenset[str]:
-        """Names of the dialogs that can be asked for."""
-        return self._dialogs.names
+    def answers(self) -> frozenset[type[Request]]:
+        """Types of the requests that the window and its dialogs answer."""
+        return self._dialogs.answers | {ShowPanel}
 
     def run(self, script: Callable[[EditorWindow], Iterator[None]] | None = None) -> None:
         """Open the window and return when it closes. A `script` is advanced by one step a frame; its end closes it.
@@ -71,13 +78,13 @@ class EditorWindow:
         """
         self._script = script
         try:
-            hello_imgui.run(self._parameters())
+            hello_imgui.run(self._build_parameters())
         except RuntimeError as error:  # also where a first frame was cut short: then the failure kept is the cause
-            self._failure = self._failure or self._explained(error)
+            self._failure = self._failure or self._explain(error)
         if self._failure is not None:
             raise self._failure
 
-    def _explained(self, error: RuntimeError) -> BaseException:
+    def _explain(self, error: RuntimeError) -> BaseException:
         if self._ui is not None:
             return error
         display = os.environ.get("DISPLAY", "not set")
@@ -100,36 +107,38 @@ class EditorWindow:
 
     # ------------------------------------------------------------------ set-up
 
-    def _parameters(self) -> hello_imgui.RunnerParams:
-        windows = [self._dockable(docked) for docked in self._panels]
-        parameters = runner_parameters(self._options, windows)
+    def _build_parameters(self) -> hello_imgui.RunnerParams:
+        windows = [self._create_dockable(record) for record in PANELS]
+        parameters = build_runner_parameters(self._options, windows)
         calls = parameters.callbacks
         calls.default_icon_font = hello_imgui.DefaultIconFont.font_awesome6
-        calls.load_additional_fonts = self._guarded(self._create_ui)
+        calls.load_additional_fonts = self._guard(self._create_ui)
         calls.setup_imgui_style = apply_style
-        calls.setup_imgui_config = _configure
-        calls.post_init = self._guarded(self._create_context)
-        calls.pre_new_frame = self._guarded(self._before_frame)
-        calls.show_menus = self._guarded(lambda: draw_menus(self.ui))
-        calls.show_status = self._guarded(lambda: self._status.draw(self.ui))
-        calls.show_gui = self._guarded(self._before_panels)
-        calls.post_render_dockable_windows = self._guarded(self._after_panels)
-        calls.before_swap = self._guarded(self._before_swap)
-        calls.before_exit = self._guarded(self._stop)
+        calls.setup_imgui_config = _configure_imgui
+        calls.post_init = self._guard(self._create_context)
+        calls.pre_new_frame = self._guard(self._before_frame)
+        calls.show_menus = self._guard(lambda: draw_menus(self.ui))
+        calls.show_status = self._guard(lambda: self._status.draw(self.ui))
+        calls.show_gui = self._guard(self._before_panels)
+        calls.post_render_dockable_windows = self._guard(self._after_panels)
+        calls.before_swap = self._guard(self._before_swap)
+        calls.before_exit = self._guard(self._stop)
         return parameters
 
-    def _dockable(self, docked: DockedPanel) -> hello_imgui.DockableWindow:
-        def draw() -> None:
-            docked.panel.draw(self.ui)
+    def _create_dockable(self, record: PanelRecord) -> hello_imgui.DockableWindow:
+        panel = record.create()
 
-        window = hello_imgui.DockableWindow(docked.name, docked.place, self._guarded(draw))
-        window.can_be_closed = False
-        if docked.name == VIEW:
+        def draw() -> None:
+            panel.draw(self.ui)
+
+        window = hello_imgui.DockableWindow(record.title, record.place, self._guard(draw), record.shown)
+        window.can_be_closed = not record.shown
+        if record.fills_window:
             window.call_begin_end = False
-            window.gui_function = self._guarded(lambda: _to_the_edges(VIEW, draw))
+            window.gui_function = self._guard(lambda: _draw_without_padding(record.title, draw))
         return window
 
-    def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
+    def _guard(self, call: Callable[[], None]) -> Callable[[], None]:
         """ImGui's frame cannot be left by an exception: keep the first one, draw nothing more, and close the window."""
 
         def guarded() -> None:
@@ -151,8 +160,8 @@ class EditorWindow:
     def _create_ui(self) -> None:
         """Called once, after the context, when fonts can be loaded."""
         view = LiveView(self._context, self._wake)
-        self._session.wake = self._wake
-        tools = created_tools(self._session, lambda snapshot: view.renderer.rows(snapshot))
+        self._session.wake_window = self._wake
+        tools = create_tools(self._session, lambda snapshot: view.renderer.read_rows(snapshot))
         self._ui = Ui(self._session, view, tools, load_fonts(), PictureTextures(self._context))
         self._drops = accept_drops(glfw_utils.glfw_window_hello_imgui(), self._take_drop)
         Thread(target=warm_up, name="warm-up", daemon=True).start()
@@ -167,7 +176,7 @@ class EditorWindow:
         glfw.post_empty_event()
 
     def _take_drop(self, paths: tuple[Path, ...]) -> None:
-        self._session.dropped += paths
+        self._session.requests.put(ReceiveDrop(paths))
 
     def _before_frame(self) -> None:
         self.ui.forget_marks()
@@ -180,7 +189,7 @@ class EditorWindow:
 
     def _show_title(self) -> None:
         """What is open, and a dot where it is unsaved, for the desktop's list of windows."""
-        title = title_of(self._session)
+        title = format_window_title(self._session)
         if title != self._title:
             import glfw  # see above
 
@@ -190,14 +199,13 @@ class EditorWindow:
     def _is_waiting(self) -> bool:
         """Whether something is to be seen soon without an event: progress, another moment, a sharper picture."""
         session = self._session
-        busy = session.jobs.current is not None or session.navigation.playing or session.references.reading
-        busy = busy or session.jumping.under_way
+        busy = session.jobs.current is not None or session.navigation.playing or session.references.is_reading
+        busy = busy or session.history.is_jumping
         return busy or not self.ui.view.settled
 
     def _after_panels(self) -> None:
-        if self._session.panel is not None:
-            hello_imgui.get_runner_params().docking_params.focus_dockable_window(self._session.panel)
-            self._session.panel = None
+        while (request := self._session.requests.take(ShowPanel)) is not None:
+            self._show_panel(request.panel)
         self._dialogs.draw(self.ui)
         draw_progress(self.ui)
         draw_toasts(self.ui)
@@ -207,13 +215,22 @@ class EditorWindow:
         if self._steps is None and self._script is not None:
             self._steps = self._script(self)
         if self._steps is not None and next(self._steps, _FINISHED) is _FINISHED:
-            self._session.quitting = True
+            self._session.is_quitting = True
         parameters = hello_imgui.get_runner_params()
-        if parameters.app_shall_exit and not self._session.quitting:  # the window's own cross
-            self._session.leave(self._session.quit)
-        parameters.app_shall_exit = self._session.quitting
+        if parameters.app_shall_exit and not self._session.is_quitting:  # the window's own cross
+            self._session.files.leave(self._session.quit)
+        parameters.app_shall_exit = self._session.is_quitting
         parameters.fps_idling.enable_idling = self._steps is None
         parameters.fps_idling.fps_idle = WAITING_FPS if self._is_waiting() else IDLE_FPS
+
+    def _show_panel(self, name: str) -> None:
+        docking = hello_imgui.get_runner_params().docking_params
+        window = docking.dockable_window_of_name(name)
+        if window is None:
+            _log.error("there is no panel %r to show", name)
+            return
+        window.is_visible = True
+        docking.focus_dockable_window(name)
 
     def _before_swap(self) -> None:
         if self._wants_screenshot:
@@ -224,7 +241,7 @@ class EditorWindow:
             self._wants_screenshot = False
 
     def _stop(self) -> None:
-        self._session.wake = lambda: None
+        self._session.wake_window = do_nothing
         if self._ui is not None:
             self._ui.view.release()
             self._ui.textures.release()
@@ -236,12 +253,12 @@ class EditorWindow:
 _FINISHED = object()
 
 
-def title_of(session: EditorSession) -> str:
+def format_window_title(session: EditorSession) -> str:
     """``street.instdrive • InstDrive``: the dot stands for unsaved changes."""
     path = session.files.path
     if session.document is None or path is None:
         return "InstDrive"
-    return f"{path.name} {'•' if session.is_unsaved else '–'} InstDrive"
+    return f"{path.name} {'•' if session.files.is_unsaved else '–'} InstDrive"
 
 
 def require_display() -> None:
@@ -253,13 +270,13 @@ def require_display() -> None:
         )
 
 
-def _configure() -> None:
+def _configure_imgui() -> None:
     io = imgui.get_io()
     io.config_flags |= imgui.ConfigFlags_.docking_enable
     io.config_windows_move_from_title_bar_only = True
 
 
-def _to_the_edges(name: str, draw: Callable[[], None]) -> None:
+def _draw_without_padding(name: str, draw: Callable[[], None]) -> None:
     """A window of its own without padding: the picture fills it."""
     flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
     imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(0, 0))

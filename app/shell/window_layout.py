@@ -30,7 +30,7 @@ class WindowOptions:
     """How large text and widgets are drawn; 0 = as the monitor says."""
 
 
-def runner_parameters(
+def build_runner_parameters(
     options: WindowOptions, windows: Sequence[hello_imgui.DockableWindow]
 ) -> hello_imgui.RunnerParams:
     """All that is fixed before the window opens; its callbacks are still to be set."""
@@ -46,17 +46,17 @@ def runner_parameters(
     shown.show_menu_bar, shown.show_menu_app, shown.show_menu_view = True, False, False
     shown.show_status_bar, shown.show_status_fps, shown.remember_status_bar_settings = True, False, False
     shown.remember_theme = False
-    parameters.docking_params = _docking(options.size, windows)
+    parameters.docking_params = _build_docking(options.size, windows)
     parameters.fps_idling.fps_idle = IDLE_FPS
     parameters.fps_idling.time_active_after_last_event = 0.5
-    parameters.renderer_backend_options.open_gl_options = _open_gl_options()
+    parameters.renderer_backend_options.open_gl_options = _build_open_gl_options()
     parameters.ini_folder_type = hello_imgui.IniFolderType.app_user_config_folder
     parameters.ini_filename = "instdrive/window.ini"
     parameters.ini_disable = not options.remember_layout
     return parameters
 
 
-def _docking(size: tuple[int, int], windows: Sequence[hello_imgui.DockableWindow]) -> hello_imgui.DockingParams:
+def _build_docking(size: tuple[int, int], windows: Sequence[hello_imgui.DockableWindow]) -> hello_imgui.DockingParams:
     split, direction = hello_imgui.DockingSplit, imgui.Dir
     docking, (width, height) = hello_imgui.DockingParams(), size
     docking.docking_splits = [
@@ -70,7 +70,7 @@ def _docking(size: tuple[int, int], windows: Sequence[hello_imgui.DockableWindow
     return docking
 
 
-def _open_gl_options() -> hello_imgui.OpenGlOptions:
+def _build_open_gl_options() -> hello_imgui.OpenGlOptions:
     options = hello_imgui.OpenGlOptions()
     options.major_version, options.minor_version = 3, 3
     options.use_core_profile = options.use_forward_compat = True

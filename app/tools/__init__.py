@@ -1,1 +1,1 @@
-"""Mouse tools: one file each."""
+"""Mouse tools, one file each; `registry` lists them."""

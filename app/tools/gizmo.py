@@ -1,4 +1,4 @@
-"""Moving, turning and scaling by handles: the tool picks, and says what the handles at the selection are for."""
+"""The tools that move, rotate and scale by handles: they pick, and say what the handles at the selection do."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ OPTIONS: dict[Operation, tuple[str, ...]] = {
     "rotate": ("move.yaw_only", "move.on_ground"),
     "scale": ("move.on_ground",),
 }
-"""Commands that bind what the handles do."""
+"""IDs of the actions that constrain each operation."""
 
 
 class GizmoTool(PickTool):
-    """Picks like the pick tool; while it is in hand, the selection has handles (`panels/overlays/gizmo.py`)."""
+    """Picks like the pick tool; while it is current, the selection has handles (`panels/overlays/gizmo.py`)."""
 
     def __init__(self, session: EditorSession, operation: Operation, picker: Picker | None = None) -> None:
         super().__init__(session, picker)

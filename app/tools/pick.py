@@ -1,20 +1,23 @@
-"""Pointing at instances: what is under the cursor is hovered, a click selects it."""
+"""The tool that picks instances: the one under the cursor is hovered, and a click selects it."""
 
 from __future__ import annotations
 
 from instdrive_app.pointer import Click, Operation, Point
 from instdrive_app.render.picking import Picker
-from instdrive_app.render.shown_frame import instance_shown_at
+from instdrive_app.render.shown_frame import find_shown_instance
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
 
 SAME_PLACE = 4.0
-"""Pixels within which a second click means the same place."""
+"""Distance, in pixels, within which a second click means the same place."""
 
 
 class PickTool:
-    """Whole instances: click selects, again takes the next behind, Shift adds, Ctrl removes, Alt takes the codeword."""
+    """Picks whole instances.
+
+    A click selects, a second one takes the next instance behind; Shift adds, Ctrl removes, Alt takes the codeword.
+    """
 
     drags: bool = False
     options: tuple[str, ...] = ()
@@ -22,70 +25,70 @@ class PickTool:
     operation: Operation | None = None
 
     def __init__(self, session: EditorSession, picker: Picker | None = None) -> None:
-        """Tools that share a `picker` share what it keeps per splat."""
+        """Tools can share a `picker`, which keeps a few numbers per splat."""
         self._session = session
         self._picker = picker or Picker()
         self._last: tuple[float, float, bytes] | None = None
         self._depth = 0
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
-        """The cursor is at this place of the frame `snapshot`; while the camera moves nothing is hovered."""
-        self._session.state.hovered = 0 if snapshot.draft else self._first(x, y, snapshot)
+        """Hover what is at this position (pixels) of the frame `snapshot`; nothing while the camera moves."""
+        self._session.state.hovered = 0 if snapshot.draft else self._find_first(x, y, snapshot)
 
     def leave(self) -> None:
-        """The cursor is elsewhere."""
+        """Hover nothing: the cursor is elsewhere."""
         self._session.state.hovered = 0
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """Select by a click on the frame `snapshot`; returns the instance, 0 where none is."""
-        instance = self._first(click.x, click.y, snapshot)
-        turn = self._turn(click, snapshot) if instance else 0
+        """Select by a click on the frame `snapshot`; returns the instance, 0 for none."""
+        instance = self._find_first(click.x, click.y, snapshot)
+        turn = self._count_turns(click, snapshot) if instance else 0
         if turn:
-            below = self._below(click.x, click.y, snapshot)
+            below = self._find_all(click.x, click.y, snapshot)
             instance = below[turn % len(below)] if below else instance
         self._select(instance, click)
         return instance
 
     def drag(self, start: Point, to: Point) -> None:
-        """Drags are the camera's."""
+        """Do nothing: drags move the camera."""
 
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
-        """Drags are the camera's."""
+        """Do nothing: drags move the camera."""
 
     def cancel(self) -> None:
-        """Nothing is ever under way."""
+        """Do nothing: no drag is ever under way."""
 
-    def _first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
-        """The instance that a place of a frame stands for, 0 for none; the frame itself knows where it was drawn so.
+    def _find_first(self, x: float, y: float, snapshot: FrameSnapshot) -> int:
+        """Find the instance that a position of a frame stands for, 0 for none; frames that know their winners answer.
 
-        What is locked is looked through, as far as light comes through it: nothing unseen is taken by a first click.
+        Locked instances are skipped as far as others can be seen through them: a first click takes nothing unseen.
         """
         document = self._session.document
         if document is None:
             return 0
-        shown = instance_shown_at(document, snapshot, x, y)
-        if shown is not None and not (shown and document.instance_flags(shown).is_locked):
+        shown = find_shown_instance(document, snapshot, x, y)
+        if shown is not None and not (shown and document.summarize_instance(shown).is_locked):
             return shown
-        return next(iter(self._unlocked(document, self._picker.below(document, snapshot, x, y).seen)), 0)
+        return next(iter(self._drop_locked(document, self._picker.find_below(document, snapshot, x, y).seen)), 0)
 
-    def _below(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
-        """What clicks at one place take in turn, what is behind solid things included."""
+    def _find_all(self, x: float, y: float, snapshot: FrameSnapshot) -> tuple[int, ...]:
+        """Find the instances that clicks at one position take in turn, including those behind solid things."""
         document = self._session.document
         if document is None:
             return ()
-        return self._unlocked(document, self._picker.instances_at(document, snapshot, x, y))
+        return self._drop_locked(document, self._picker.find_instances_at(document, snapshot, x, y))
 
     @staticmethod
-    def _unlocked(document: Document, ids: tuple[int, ...]) -> tuple[int, ...]:
-        return tuple(instance for instance in ids if not document.instance_flags(instance).is_locked)
+    def _drop_locked(document: Document, ids: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(instance for instance in ids if not document.summarize_instance(instance).is_locked)
 
-    def _turn(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """How often this place was clicked before, plainly and from the same viewpoint."""
+    def _count_turns(self, click: Click, snapshot: FrameSnapshot) -> int:
+        """Count how often this place was clicked before, without modifier keys and from the same viewpoint."""
         pose = snapshot.camera.world_from_camera.tobytes()
         modified = click.shift or click.ctrl or click.alt
         last = self._last
         same = last is not None and last[2] == pose and abs(last[0] - click.x) + abs(last[1] - click.y) <= SAME_PLACE
-        self._depth = self._depth + 1 if same and not modified and self._session.selected else 0
+        self._depth = self._depth + 1 if same and not modified and self._session.selection.ids else 0
         self._last = None if modified else (click.x, click.y, pose)
         return self._depth
 
@@ -93,10 +96,10 @@ class PickTool:
         session = self._session
         if instance == 0:
             if not (click.shift or click.ctrl or click.alt):
-                session.clear_selection()
-        elif click.alt and session.has_codewords:
-            session.select_codeword_of(instance)
+                session.selection.clear()
+        elif click.alt and session.selection.has_codewords:
+            session.selection.select_codeword(instance)
         elif click.ctrl:
-            session.select((instance,), "remove")
+            session.selection.select((instance,), "remove")
         else:
-            session.select((instance,), "add" if click.shift else "replace")
+            session.selection.select((instance,), "add" if click.shift else "replace")

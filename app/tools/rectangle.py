@@ -1,4 +1,4 @@
-"""Selecting by a rectangle."""
+"""The tool that selects by a rectangle."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from instdrive_app.tools.region import RegionTool
 
 
 class RectangleTool(RegionTool):
-    """The region has the drag's ends at two opposite corners."""
+    """Selects inside the rectangle between the drag's ends."""
 
     def drag(self, start: Point, to: Point) -> None:
         """Span the rectangle."""

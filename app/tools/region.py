@@ -1,4 +1,4 @@
-"""What rectangle and lasso share: a closed line is dragged, and what lies in it is selected."""
+"""The base of rectangle and lasso: the user drags a closed line, and what lies inside is selected."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import FrameSnapshot
 from instdrive_app.tools.pick import PickTool
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.region import instances_in_region, rows_in_region
-from instdrive_core.scene.screen_region import polygon_mask
+from instdrive_core.edits.queries.region import find_instances_in_region, find_rows_in_region
+from instdrive_core.scene.screen_region import rasterize_polygon
 
-Winners = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
-"""Row + 1 of the splat that each pixel of a frame stands for; 0 = none."""
+WinnerReader = Callable[[FrameSnapshot], UInt32[ndarray, "h w"]]
+"""Returns row + 1 of the splat that each pixel of a frame stands for, 0 for none."""
 
 
 class RegionTool(ABC):
-    """Selects in a dragged region, with the keys held at its end: Shift adds, Ctrl removes, both keep what is inside.
+    """Selects what is inside a dragged region; modifier keys count when the drag ends.
 
-    A click without a drag picks, as with the pick tool.
+    Shift adds, Ctrl removes, both keep only what is inside. A click without a drag picks like the pick tool.
     """
 
     drags: bool = True
     operation: Operation | None = None
     options: tuple[str, ...] = ("tool.whole_instances", "tool.single_splats", "tool.visible_only")
 
-    def __init__(self, session: EditorSession, winners: Winners, picker: Picker | None = None) -> None:
+    def __init__(self, session: EditorSession, winners: WinnerReader, picker: Picker | None = None) -> None:
         self._session, self._winners = session, winners
         self._pick = PickTool(session, picker)
         self.outline: tuple[Point, ...] = ()
@@ -43,22 +43,22 @@ class RegionTool(ABC):
         """Bring `outline` up to date."""
 
     def hover(self, x: float, y: float, snapshot: FrameSnapshot) -> None:
-        """As the pick tool's."""
+        """Hover what is at this position (pixels) of the frame."""
         self._pick.hover(x, y, snapshot)
 
     def leave(self) -> None:
-        """As the pick tool's."""
+        """Hover nothing: the cursor is elsewhere."""
         self._pick.leave()
 
     def click(self, click: Click, snapshot: FrameSnapshot) -> int:
-        """As the pick tool's."""
+        """Select by a click, like the pick tool; returns the instance, 0 for none."""
         return self._pick.click(click, snapshot)
 
     def release(self, click: Click, snapshot: FrameSnapshot) -> None:
-        """Select what lies in the outline, as the session's region options say."""
+        """Select what lies inside the outline, as the state's region options say."""
         if self.outline and self._session.document is not None:
             camera = snapshot.camera
-            region = polygon_mask(np.array(self.outline), camera.width, camera.height)
+            region = rasterize_polygon(np.array(self.outline), camera.width, camera.height)
             self._select(region, click, snapshot)
         self.cancel()
 
@@ -74,9 +74,9 @@ class RegionTool(ABC):
         # A draft may have fewer pixels than the picture shows.
         winners = self._winners(replace(snapshot, draft=False)) if options.region_visible_only else None
         if options.region_splats:
-            session.apply(SelectRows, rows_in_region(*place, winners), click.mode)
+            session.history.apply(SelectRows(find_rows_in_region(*place, winners), click.mode))
             return
-        ids = instances_in_region(*place, winners)
+        ids = find_instances_in_region(*place, winners)
         if not ids and click.mode == "intersect":
-            session.clear_selection()
-        session.select(ids, click.mode)
+            session.selection.clear()
+        session.selection.select(ids, click.mode)

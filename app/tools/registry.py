@@ -1,4 +1,4 @@
-"""The tools as records: toolbar, commands and keys derive from them. A new tool is its file and a line in `TOOLS`."""
+"""The tools as records, from which toolbar, menu and shortcuts derive. A new tool is its file and a line in `TOOLS`."""
 
 from __future__ import annotations
 
@@ -12,34 +12,35 @@ from instdrive_app.tools.gizmo import GizmoTool
 from instdrive_app.tools.lasso import LassoTool
 from instdrive_app.tools.pick import PickTool
 from instdrive_app.tools.rectangle import RectangleTool
-from instdrive_app.tools.region import Winners
+from instdrive_app.tools.region import WinnerReader
 
 
 @dataclass(frozen=True)
 class ToolParts:
-    """What tools are made of; they share it."""
+    """What all tools share."""
 
     session: EditorSession
-    winners: Winners
+    winners: WinnerReader
     picker: Picker
 
 
 @dataclass(frozen=True)
 class ToolRecord:
-    """One tool that the user can take."""
+    """One tool that the user can choose."""
 
     name: str
-    """What `EditorState.tool` is while it is in hand."""
+    """Value of `EditorState.tool` while the tool is current."""
     title: str
     icon: str
-    """As for `Command`."""
+    """Name of an icon constant of Font Awesome 6, e.g. ``ICON_FA_EXPAND``."""
     shortcut: str
+    """Key that chooses the tool."""
     create: Callable[[ToolParts], Tool]
     starts_group: bool = False
-    """Whether toolbar and menu part it from the tools before."""
+    """Whether toolbar and menu separate it from the tools before."""
 
 
-def _handles(operation: Operation) -> Callable[[ToolParts], Tool]:
+def _make_handles_tool(operation: Operation) -> Callable[[ToolParts], Tool]:
     return lambda parts: GizmoTool(parts.session, operation, parts.picker)
 
 
@@ -61,14 +62,14 @@ TOOLS = (
         "L",
         lambda parts: LassoTool(parts.session, parts.winners, parts.picker),
     ),
-    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _handles("move"), starts_group=True),
-    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _handles("rotate")),
-    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _handles("scale")),
+    ToolRecord("move", "Move", "ICON_FA_UP_DOWN_LEFT_RIGHT", "T", _make_handles_tool("move"), starts_group=True),
+    ToolRecord("rotate", "Rotate", "ICON_FA_ARROWS_ROTATE", "R", _make_handles_tool("rotate")),
+    ToolRecord("scale", "Scale", "ICON_FA_EXPAND", "Y", _make_handles_tool("scale")),
 )
 """In the toolbar's order."""
 
 
-def created_tools(session: EditorSession, winners: Winners) -> dict[str, Tool]:
-    """One of each, by name."""
+def create_tools(session: EditorSession, winners: WinnerReader) -> dict[str, Tool]:
+    """Create one tool of each record, by name."""
     parts = ToolParts(session, winners, Picker())
     return {record.name: record.create(parts) for record in TOOLS}

@@ -18,17 +18,15 @@ from scipy.spatial import KDTree
 from torch import Tensor
 from torch.nn.functional import cross_entropy, log_softmax
 
-from instdrive_core.baselines.iou_tracker import MaskTracks, TrackerConfig, tracked_masks
-from instdrive_core.baselines.learnable_features import CLASSIFIER, NO_MASKS, SAMPLED_ROWS, LearnableFeatures
+from instdrive_core.baselines.iou_tracker import MaskTracks, TrackerConfig, track_masks
+from instdrive_core.baselines.learnable_features import NO_MASKS, LearnableFeatures
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.feature_weights import CachedView, weighted_features
-from instdrive_core.training.instances.instance_stage import LearnedInstances, cached_views
+from instdrive_core.training.instances.feature_weights import CachedView, blend_features
+from instdrive_core.training.instances.instance_learner import LearnedInstances, cache_views
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.settings.schedule import step_rng, view_of_step
+from instdrive_core.training.settings.schedule import choose_view
 from instdrive_core.training.views.view_store import ViewStore
-
-_VIEWS = 20
-"""Stream of random numbers of the order of the views."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +42,9 @@ class GaussianGroupingConfig:
     classifier_lr: float = 5e-4
     """Adam's step for the linear layer that all pixels and Gaussians share."""
     init_std: float = 1.0
-    """Of the first encodings."""
+    """Standard deviation of the first encodings."""
     neighbor_weight: float = 2.0
-    """Of the 3D term."""
+    """Weight of the 3D term."""
     neighbor_every: int = 5
     """Steps between two 3D terms."""
     neighbor_samples: int = 1000
@@ -69,11 +67,11 @@ def learn_gaussian_grouping(
     settings: GaussianGroupingConfig = SHORT,
 ) -> LearnedInstances:
     """Track masks, learn encodings and classifier, and give each Gaussian its most probable class."""
-    cached = cached_views(model, store, config)
+    cached = cache_views(model, store, config)
     if not cached:
         on_note(NO_MASKS)
         return LearnedInstances(np.zeros(len(model), np.uint32), np.zeros((len(model), 1), np.float32), 0)
-    tracks = tracked_masks(model, store, cached, settings.tracker)
+    tracks = track_masks(model, store, cached, settings.tracker)
     masks = sum(view.segments.count for view in cached)
     on_note(f"IoU tracker: {masks:,} masks of {len(cached)} views are {tracks.count} things")
     learner = _Learner(model, cached, tracks, config.seed, settings)
@@ -101,18 +99,18 @@ class _Learner:
         self._optimizer = torch.optim.Adam(self.classifier, lr=settings.classifier_lr, fused=True)
         self._neighbors = _Neighbors(model.parameters["means"].detach().numpy(), model.nodes)
         self._targets = [
-            torch.from_numpy(track)[view.segments.segment] for view, track in zip(cached, tracks.of_masks, strict=True)
+            torch.from_numpy(track)[view.segments.segment] for view, track in zip(cached, tracks.by_view, strict=True)
         ]
         self._cached = cached
 
     def step(self, iteration: int) -> None:
         """One view's sampled pixels and, where it is due, the 3D term."""
-        number = view_of_step(self.seed, _VIEWS, iteration, len(self._cached))
+        number = choose_view(self.seed, Stream.GROUPING_VIEWS, iteration, len(self._cached))
         view, targets = self._cached[number], self._targets[number]
         seen = self.encodings.leaf(view.rows)
         parts, loss = [(view.rows, seen)], torch.zeros(())
         if bool((targets >= 0).any()):
-            logits = self.logits(weighted_features(seen, view))
+            logits = self.logits(blend_features(seen, view))
             loss = loss + cross_entropy(logits, targets, ignore_index=-1) / math.log(self.classes)
         if self.settings.neighbor_weight and iteration % self.settings.neighbor_every == 0:
             rows, leaf, divergence = self._neighbor_term(iteration)
@@ -133,7 +131,9 @@ class _Learner:
     def _neighbor_term(self, iteration: int) -> tuple[Int64[Tensor, " v"], Float[Tensor, "v d"], Float[Tensor, ""]]:
         """Mean KL(own ‖ neighbour's) of class probabilities over samples and their neighbours (eq. 4)."""
         chosen = self._neighbors.sample(
-            self.settings.neighbor_samples, self.settings.neighbors, step_rng(self.seed, SAMPLED_ROWS, iteration)
+            self.settings.neighbor_samples,
+            self.settings.neighbors,
+            make_generator(self.seed, Stream.GROUPING_NEIGHBORS, iteration),
         )
         rows, places = np.unique(chosen, return_inverse=True)
         leaf = self.encodings.leaf(torch.from_numpy(rows))
@@ -169,6 +169,6 @@ class _Neighbors:
 
 def _first_classifier(dim: int, classes: int, seed: int) -> list[Tensor]:
     """Weight (dim, classes) and bias, uniform within ±1/√dim."""
-    rng, bound = step_rng(seed, CLASSIFIER, 0), 1 / math.sqrt(dim)
+    rng, bound = make_generator(seed, Stream.BASELINE_CLASSIFIER), 1 / math.sqrt(dim)
     weight, bias = rng.uniform(-bound, bound, (dim, classes)), rng.uniform(-bound, bound, classes)
     return [torch.from_numpy(values.astype(np.float32)).requires_grad_(True) for values in (weight, bias)]

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float64, Int64
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
-from instdrive_core.baselines.surface_points import SurfacePoints, surface_points
+from instdrive_core.baselines.surface_points import SurfacePoints, find_surface_points
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.instances.feature_weights import CachedView
@@ -44,8 +44,8 @@ class TrackerConfig:
 class MaskTracks:
     """An ID for every mask of every view."""
 
-    of_masks: tuple[Int64[ndarray, " m"], ...]
-    """By cached view: track of each of its segments, -1 = none."""
+    by_view: tuple[Int64[ndarray, " m"], ...]
+    """Track of each segment of each cached view, -1 = none."""
     count: int
     """K: tracks are numbered 0 … K - 1."""
 
@@ -72,12 +72,12 @@ class _Tracks:
     """Every track's latest mask in each camera."""
 
     latest: list[dict[str, tuple[int, int]]] = field(default_factory=list)
-    """By track and camera: number of the view, segment."""
+    """Number of the view and segment of each track's last mask, by camera."""
     masks: list[int] = field(default_factory=list)
     """Masks of each track so far."""
 
     def candidates(self, views: dict[int, _SeenView], since: int) -> dict[int, list[tuple[int, int]]]:
-        """By view not older than the step `since`: pairs (track, segment)."""
+        """Pairs (track, segment) to compare with, by view not older than the step `since`."""
         found: dict[int, list[tuple[int, int]]] = {}
         for track, places in enumerate(self.latest):
             for view, segment in places.values():
@@ -86,7 +86,7 @@ class _Tracks:
         return found
 
     def add(self, track: int, camera: str, view: int, segment: int) -> None:
-        """A mask of the track, or of a new one where `track` is -1."""
+        """Add a mask to the track, or to a new one where `track` is -1."""
         if track < 0:
             self.latest.append({})
             self.masks.append(0)
@@ -94,28 +94,28 @@ class _Tracks:
         self.masks[track] += 1
 
 
-def tracked_masks(model: SceneModel, store: ViewStore, cached: list[CachedView], config: TrackerConfig) -> MaskTracks:
-    """IDs of all masks; the same input gives the same IDs."""
+def track_masks(model: SceneModel, store: ViewStore, cached: list[CachedView], config: TrackerConfig) -> MaskTracks:
+    """Track all masks; the same input gives the same IDs."""
     order = sorted(range(len(cached)), key=lambda i: (store.facts[cached[i].number].step, cached[i].number))
     tracks, views = _Tracks(), {}
     chosen: list[Int64[ndarray, " m"]] = [np.zeros(0, np.int64)] * len(cached)
     for number in order:
-        view = views[number] = _seen_view(model, store, cached[number])
+        view = views[number] = _observe_view(model, store, cached[number])
         views = {i: v for i, v in views.items() if v.step >= view.step - config.memory or _is_latest(i, tracks)}
-        scores = _scores(view, tracks, views, config)
-        chosen[number] = _assigned(scores, config.min_iou)
+        scores = _score_tracks(view, tracks, views, config)
+        chosen[number] = _assign_tracks(scores, config.min_iou)
         for segment, track in enumerate(chosen[number].tolist()):
             chosen[number][segment] = track if track >= 0 else len(tracks.latest)
             tracks.add(track, view.name, number, segment)
     store.release()
-    return _renumbered(chosen, np.array(tracks.masks, np.int64), config.min_views)
+    return _renumber_tracks(chosen, np.array(tracks.masks, np.int64), config.min_views)
 
 
 def _is_latest(number: int, tracks: _Tracks) -> bool:
     return any(view == number for places in tracks.latest for view, _ in places.values())
 
 
-def _seen_view(model: SceneModel, store: ViewStore, cached: CachedView) -> _SeenView:
+def _observe_view(model: SceneModel, store: ViewStore, cached: CachedView) -> _SeenView:
     view = store.get(cached.number)
     assert view.labels is not None
     labels, segment = view.labels.ravel(), cached.segments.segment.numpy()
@@ -128,37 +128,40 @@ def _seen_view(model: SceneModel, store: ViewStore, cached: CachedView) -> _Seen
         name=view.key.rsplit("/", 1)[0],
         world_from_node=poses.matrices,
         present=poses.present,
-        points=surface_points(model, cached, view.camera, view.time),
+        points=find_surface_points(model, cached, view.camera, view.time),
         segment=segment,
         count=cached.segments.count,
         mask_at=segment_of_label[labels].astype(np.int64),
     )
 
 
-def _scores(
+def _score_tracks(
     view: _SeenView, tracks: _Tracks, views: dict[int, _SeenView], config: TrackerConfig
 ) -> Float64[ndarray, "t m"]:
-    """The best IoU of each track's remembered masks with each mask of the view."""
+    """Compute the best IoU of each track's remembered masks with each mask of the view."""
     scores = np.zeros((len(tracks.latest), view.count))
     for number, pairs in tracks.candidates(views, view.step - config.memory).items():
         track, segment = np.array(pairs).T
-        overlap = carried_iou(views[number], view, config.min_overlap)[segment]
+        overlap = compute_carried_iou(views[number], view, config.min_overlap)[segment]
         scores[track] = np.maximum(scores[track], overlap)
     return scores
 
 
-def carried_iou(one: _SeenView, other: _SeenView, min_overlap: int) -> Float64[ndarray, "m k"]:
-    """IoU of each mask of one view, carried into the other, with each mask there; 0 where the views hardly overlap."""
-    forward, there = _landed(one, other)
-    backward, back = _landed(other, one)
+def compute_carried_iou(one: _SeenView, other: _SeenView, min_overlap: int) -> Float64[ndarray, "m k"]:
+    """Compute the IoU of each mask of one view, carried into another, with each mask there.
+
+    It is 0 where the views hardly overlap.
+    """
+    forward, there = _count_landed(one, other)
+    backward, back = _count_landed(other, one)
     known = (there >= min_overlap)[:, None] & (back >= min_overlap)[None]
     f = forward / np.maximum(there, 1)[:, None]
     b = (backward / np.maximum(back, 1)[:, None]).T
     return np.where(known, f * b / np.maximum(f + b - f * b, 1e-12), 0.0)
 
 
-def _landed(one: _SeenView, other: _SeenView) -> tuple[Float64[ndarray, "m k"], Float64[ndarray, " m"]]:
-    """Samples of each mask that fall into each mask of the other view, and into its image at all."""
+def _count_landed(one: _SeenView, other: _SeenView) -> tuple[Float64[ndarray, "m k"], Float64[ndarray, " m"]]:
+    """Count the samples of each mask that fall into each mask of the other view, and into its image at all."""
     pixels = one.points.pixels_in(other.camera, other.world_from_node, other.present)
     inside = pixels >= 0
     segment, found = one.segment[inside], other.mask_at[pixels[inside]]
@@ -168,8 +171,8 @@ def _landed(one: _SeenView, other: _SeenView) -> tuple[Float64[ndarray, "m k"], 
     return counts.reshape(one.count, other.count).astype(np.float64), within.astype(np.float64)
 
 
-def _assigned(scores: Float64[ndarray, "t m"], min_iou: float) -> Int64[ndarray, " m"]:
-    """The track of each mask by the best one-to-one assignment; -1 = a new one."""
+def _assign_tracks(scores: Float64[ndarray, "t m"], min_iou: float) -> Int64[ndarray, " m"]:
+    """Assign a track to each mask, one to one, as well as possible; -1 = a new one."""
     chosen = np.full(scores.shape[1], -1, np.int64)
     tracks, masks = linear_sum_assignment(np.where(scores >= min_iou, scores, 0), maximize=True)
     good = scores[tracks, masks] >= min_iou
@@ -177,8 +180,8 @@ def _assigned(scores: Float64[ndarray, "t m"], min_iou: float) -> Int64[ndarray,
     return chosen
 
 
-def _renumbered(chosen: list[Int64[ndarray, " m"]], masks: Int64[ndarray, " t"], min_views: int) -> MaskTracks:
-    """Tracks with enough masks as 0 … K - 1. Where a scene has none of them, all count."""
+def _renumber_tracks(chosen: list[Int64[ndarray, " m"]], masks: Int64[ndarray, " t"], min_views: int) -> MaskTracks:
+    """Number the tracks with enough masks 0 … K - 1. Where a scene has none of them, all count."""
     kept = masks >= min_views if (masks >= min_views).any() else masks > 0
     numbers = np.where(kept, np.cumsum(kept) - 1, -1)
     return MaskTracks(tuple(numbers[track] for track in chosen), int(kept.sum()))

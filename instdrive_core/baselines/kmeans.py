@@ -13,10 +13,10 @@ _CHUNK = 1 << 12
 """Points that one thread takes at a time."""
 
 
-def seeded_centers(
+def seed_centers(
     points: Float32[ndarray, "n d"], count: int, rng: np.random.Generator, sample: int = 20_000
 ) -> Float32[ndarray, "k d"]:
-    """k-means++ (Arthur & Vassilvitskii 2007) on a sample; fewer than `count` where there are fewer points."""
+    """Seed centres by k-means++ (Arthur & Vassilvitskii 2007) on a sample; fewer where there are fewer points."""
     chosen = points[np.sort(rng.choice(len(points), min(sample, len(points)), replace=False))].astype(np.float64)
     centers = [chosen[rng.integers(len(chosen))]]
     squared = ((chosen - centers[0]) ** 2).sum(axis=1)
@@ -26,40 +26,40 @@ def seeded_centers(
     return np.array(centers, np.float32)
 
 
-def nearest_centers(
+def find_nearest_centers(
     points: Float32[ndarray, "n d"],
     centers: Float32[ndarray, "k d"],
     starts: Int64[ndarray, " g+1"],
     groups: Int64[ndarray, " n"],
 ) -> Int64[ndarray, " n"]:
-    """The nearest (of equals the first) of the centres starts[g] … starts[g + 1] of each point's group g."""
+    """Find the nearest (of equals the first) of the centres starts[g] … starts[g + 1] of each point's group g."""
     found = np.empty(len(points), np.int64)
     _assign(np.ascontiguousarray(points), np.ascontiguousarray(centers), starts, groups, found)
     return found
 
 
-def moved_centers(
+def move_centers(
     points: Float32[ndarray, "n d"], owners: Int64[ndarray, " n"], centers: Float32[ndarray, "k d"]
 ) -> Float32[ndarray, "k d"]:
-    """The mean of each centre's points; a centre without any stays."""
+    """Move each centre to the mean of its points; a centre without any stays."""
     counts = np.bincount(owners, minlength=len(centers))
     columns = [np.bincount(owners, weights=column, minlength=len(centers)) for column in points.T]
     means = np.stack(columns, axis=1) / np.maximum(counts, 1)[:, None]
     return np.where(counts[:, None] > 0, means, centers).astype(np.float32)
 
 
-def lloyd(
+def run_lloyd(
     points: Float32[ndarray, "n d"],
     centers: Float32[ndarray, "k d"],
     starts: Int64[ndarray, " g+1"],
     groups: Int64[ndarray, " n"],
     rounds: int,
 ) -> tuple[Int64[ndarray, " n"], Float[ndarray, "k d"]]:
-    """At most `rounds` rounds: the centre of each point, and the centres, means of their points."""
-    owners = nearest_centers(points, centers, starts, groups)
+    """Run at most `rounds` rounds; returns the centre of each point, and the centres, means of their points."""
+    owners = find_nearest_centers(points, centers, starts, groups)
     for _ in range(rounds):
-        centers = moved_centers(points, owners, centers)
-        before, owners = owners, nearest_centers(points, centers, starts, groups)
+        centers = move_centers(points, owners, centers)
+        before, owners = owners, find_nearest_centers(points, centers, starts, groups)
         if np.array_equal(before, owners):
             break
     return owners, centers

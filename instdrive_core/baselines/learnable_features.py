@@ -7,13 +7,11 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.maths.streams import Stream, make_generator
+from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.visible_adam import VisibleAdam
-from instdrive_core.training.settings.schedule import step_rng
 
 NO_MASKS = "no view shows a mask on the scene: nothing to learn instances from"
-FIRST_VALUES, SAMPLED_ROWS, CLUSTERS, CLASSIFIER = 10, 11, 12, 13
-"""Streams of random numbers."""
 
 
 class LearnableFeatures:
@@ -28,20 +26,20 @@ class LearnableFeatures:
     """
 
     def __init__(self, count: int, dim: int, std: float, rate: float, seed: int) -> None:
-        first = step_rng(seed, FIRST_VALUES, 0).normal(0, std, (count, dim))
+        first = make_generator(seed, Stream.BASELINE_FEATURES).normal(0, std, (count, dim))
         self.values: Float[Tensor, "n d"] = torch.from_numpy(first.astype(np.float32))
         self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
 
     def restart(self, rate: float) -> None:
-        """Another stage: a new rate, moments from zero."""
+        """Begin another stage: a new rate, moments from zero."""
         self._optimizer = VisibleAdam({"features": self.values}, {"features": rate})
 
     def leaf(self, rows: Int64[Tensor, " v"]) -> Float[Tensor, "v d"]:
-        """A copy of some rows that a loss can be differentiated by."""
-        return gathered(self.values, rows).requires_grad_(True)
+        """Copy some rows so that a loss can be differentiated by them."""
+        return gather_rows(self.values, rows).requires_grad_(True)
 
     def descend(self, *parts: tuple[Int64[Tensor, " v"], Float[Tensor, "v d"]]) -> None:
-        """One step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""
+        """Take one step along the gradients of leaves, each with its (distinct) rows; parts may share rows."""
         parts = tuple((rows, leaf) for rows, leaf in parts if leaf.grad is not None)
         if not parts:
             return

@@ -1,4 +1,4 @@
-"""Which masks of different photos show the same thing: those that many photos put into one and the same mask."""
+"""Consensus of masks: masks of different photos show one thing where many photos put them into one mask."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class MaskGraphConfig:
 
 @dataclass(frozen=True)
 class MaskRelations:
-    """What each photo says of each mask of any photo, its own included."""
+    """Relation of each photo to each mask of any photo, its own included."""
 
     contained: csr_array
     """(m, m) float32 of ones: the mask of the row is contained in that of the column, at most one of each photo."""
     observed: Bool[ndarray, "m v"]
     view_of_mask: Int[ndarray, " m"]
 
-    def without(self, dropped: Bool[ndarray, " m"]) -> MaskRelations:
-        """As if there were no such masks: photos that put others into one of them say nothing about these."""
+    def exclude(self, dropped: Bool[ndarray, " m"]) -> MaskRelations:
+        """Copy without some masks: photos that put others into one of these say nothing about them."""
         inside = cast(csr_array, self.contained[:, np.flatnonzero(dropped)]).tocoo()
         observed = self.observed.copy()
         observed[inside.coords[0], self.view_of_mask[dropped][inside.coords[1]]] = False
@@ -62,8 +62,8 @@ class MaskRelations:
         return (support / (observers + 1)).astype(np.float32)
 
 
-def mask_relations(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
-    """Which photos observe which masks, and which masks contain them there."""
+def relate_masks(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
+    """Find which photos observe which masks, and which masks contain them there."""
     masks_by_gaussian = of.members.T.tocsr()
     sizes = np.asarray(of.members.sum(axis=0)).ravel()
     seen = (masks_by_gaussian @ of.seen).toarray()
@@ -77,32 +77,32 @@ def mask_relations(of: MaskMembers, config: MaskGraphConfig) -> MaskRelations:
     return MaskRelations(csr_array((ones, (mask, other)), shape=shared.shape), observed, of.view_of_mask)
 
 
-def dropped_masks(relations: MaskRelations, config: MaskGraphConfig) -> Bool[ndarray, " m"]:
-    """Masks that photos other than their own hardly confirm, and those that no Gaussian belongs to."""
+def find_dropped_masks(relations: MaskRelations, config: MaskGraphConfig) -> Bool[ndarray, " m"]:
+    """Find masks that photos other than their own hardly confirm, and masks that no Gaussian belongs to."""
     observers = relations.observed.sum(axis=1)
     uncontained = observers - np.asarray(relations.contained.sum(axis=1)).ravel()
     return (observers == 0) | (uncontained > config.uncontained_share * observers + _ROUNDING)
 
 
-def linked_masks(relations: MaskRelations, config: MaskGraphConfig) -> Int64[ndarray, " m"]:
-    """Average linkage: the group 0 … k - 1 of each mask, in the order of their first masks.
+def link_masks(relations: MaskRelations, config: MaskGraphConfig) -> Int64[ndarray, " m"]:
+    """Group masks by average linkage: the group 0 … k - 1 of each, in the order of their first masks.
 
     Two groups that are merged hold a pair that reaches the limit by itself, so nothing is ever merged across the
     components of the graph of such pairs: each is linked alone, with all of its pairs.
     """
-    components = _components(relations, config.linkage_stop)
+    components = _find_components(relations, config.linkage_stop)
     groups, found = np.empty(len(components), np.int64), 0
     order = np.argsort(components, kind="stable")
     for masks in np.split(order, np.cumsum(np.bincount(components))[:-1]):
-        local = average_linkage(relations.consensus(masks, masks), config.linkage_stop)
+        local = link_by_average(relations.consensus(masks, masks), config.linkage_stop)
         groups[masks] = found + local
         found += int(local.max(initial=-1)) + 1
     _, first, places = np.unique(groups, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first, kind="stable"), kind="stable")[places].astype(np.int64)
 
 
-def average_linkage(similarities: Float32[ndarray, "k k"], stop: float) -> Int64[ndarray, " k"]:
-    """Groups 0 … of things, merged as long as the mean similarity of two groups is at least `stop`."""
+def link_by_average(similarities: Float32[ndarray, "k k"], stop: float) -> Int64[ndarray, " k"]:
+    """Merge groups of things as long as the mean similarity of two groups is at least `stop`; returns groups 0 …"""
     if len(similarities) == 1:
         return np.zeros(1, np.int64)
     distances = 1 - similarities.astype(np.float64)
@@ -111,8 +111,8 @@ def average_linkage(similarities: Float32[ndarray, "k k"], stop: float) -> Int64
     return fcluster(tree, 1 - stop + _ROUNDING, "distance").astype(np.int64) - 1
 
 
-def _components(relations: MaskRelations, stop: float) -> Int64[ndarray, " m"]:
-    """Of the graph of the pairs whose consensus reaches `stop`."""
+def _find_components(relations: MaskRelations, stop: float) -> Int64[ndarray, " m"]:
+    """Find the components of the graph of the pairs whose consensus reaches `stop`."""
     count = len(relations.view_of_mask)
     everything = np.arange(count)
     sources, targets = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]

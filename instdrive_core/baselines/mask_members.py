@@ -1,4 +1,4 @@
-"""Which Gaussians make up each mask: those that contribute most to its pixels and to few others."""
+"""Members of each mask: the Gaussians that contribute most to its pixels and to few others."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from jaxtyping import Int, Int32, Int64
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.kernels.top_contributors import top_contributors
+from instdrive_core.rasterize.kernels.top_contributors import find_top_contributors
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.feature_weights import gaussians_in_view
+from instdrive_core.training.instances.feature_weights import place_gaussians_in_view
 from instdrive_core.training.views.view_store import ViewStore
 
 PIXELS_PER_VIEW = 150_000
@@ -37,8 +37,10 @@ class MaskMembers:
         return len(self.members.indptr) - 1
 
     @staticmethod
-    def of(photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float) -> MaskMembers:
-        """From the top contributor and the mask of each pixel.
+    def from_pixels(
+        photos: Iterable[tuple[Int[ndarray, " p"], Int[ndarray, " p"]]], count: int, share: float
+    ) -> MaskMembers:
+        """Count members from the top contributor and the mask of each pixel.
 
         Args:
             photos: Gaussians and masks, these counted from 0 in every photo; photos without pixels do not count.
@@ -56,33 +58,33 @@ class MaskMembers:
             view_of_mask += [view] * (int(masks.max()) + 1)
             view += 1
         return MaskMembers(
-            _ones(np.concatenate(members, axis=1), (count, len(view_of_mask))),
-            _ones(np.concatenate(seen, axis=1), (count, view)),
+            _build_ones(np.concatenate(members, axis=1), (count, len(view_of_mask))),
+            _build_ones(np.concatenate(seen, axis=1), (count, view)),
             np.array(view_of_mask, np.int32),
         )
 
 
-def mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
+def find_mask_members(model: SceneModel, store: ViewStore, min_alpha: float, share: float) -> MaskMembers:
     """Look at every view that has masks; pixels outside all masks or with less than `min_alpha` opacity say nothing.
 
-    The model is on the CPU; `share` as in `MaskMembers.of`. The same input gives the same bits, whatever the number
-    of threads.
+    The model is on the CPU; `share` as in `MaskMembers.from_pixels`. The same input gives the same bits,
+    whatever the number of threads.
     """
-    return MaskMembers.of(_shown(model, store, min_alpha), len(model), share)
+    return MaskMembers.from_pixels(_find_shown(model, store, min_alpha), len(model), share)
 
 
-def _shown(
+def _find_shown(
     model: SceneModel, store: ViewStore, min_alpha: float
 ) -> Iterator[tuple[Int64[ndarray, " p"], Int64[ndarray, " p"]]]:
-    """Top contributor and mask of each pixel of one view after the other."""
+    """Find the top contributor and the mask of each pixel, one view after the other."""
     for number in range(len(store)):
         store.prefetch([(ahead, False) for ahead in range(number + 1, min(number + 3, len(store)))])
         view = store.get(number)
         if view.labels is None or not view.labels.any():
             continue
         pixels = _grid_pixels(view.labels)
-        rows, gaussians = gaussians_in_view(model, view)
-        top = top_contributors(*gaussians, view.camera, pixels, min_alpha)
+        rows, gaussians = place_gaussians_in_view(model, view)
+        top = find_top_contributors(*gaussians, view.camera, pixels, min_alpha)
         pixels, top = pixels[top >= 0], top[top >= 0]
         yield rows[top], np.unique(view.labels.ravel()[pixels], return_inverse=True)[1]
     store.release()
@@ -107,8 +109,8 @@ def _grid_pixels(labels: Int[ndarray, "h w"]) -> Int64[ndarray, " p"]:
     return np.flatnonzero(shown)
 
 
-def _ones(pairs: Int64[ndarray, "2 k"], shape: tuple[int, int]) -> csr_array:
-    """Of distinct pairs of row and column; the columns of a row rise."""
+def _build_ones(pairs: Int64[ndarray, "2 k"], shape: tuple[int, int]) -> csr_array:
+    """Build a matrix of ones from distinct pairs of row and column; the columns of a row rise."""
     matrix = csr_array((np.ones(pairs.shape[1], np.float32), (pairs[0], pairs[1])), shape=shape)
     matrix.sort_indices()
     return matrix

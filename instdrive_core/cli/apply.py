@@ -12,19 +12,19 @@ from instdrive_core.cli.deletion_options import DeletionOptions
 from instdrive_core.cli.edit_options import EditOptions
 from instdrive_core.cli.part_options import PartOptions
 from instdrive_core.cli.turn_options import TurnOptions
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.color import RecolorInstances, RecolorMode
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.parts import baked_part
+from instdrive_core.edits.kinds.rename import RenameInstance
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.scene_parts import bake_part
 from instdrive_core.edits.serialize import edits_from_lines
 from instdrive_core.errors import DataError, EditError, OptionError
-from instdrive_core.formats.registry import format_to_write, save_scene
+from instdrive_core.formats.registry import find_format_to_write, save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.project.save import is_project, save_project
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 
 def apply(
@@ -76,16 +76,16 @@ def apply(
             raise OptionError("a project keeps the edits of a whole scene; give --only another --out, e.g. part.ply")
         parts.write(document, shown, "", sibr)
         save_project(out, document, view)
-        print(f"{out}: {counted(len(document.history.done), 'edit')} of {scene}")
+        print(f"{out}: {format_count(len(document.history.done), 'edit')} of {scene}")
         return
     if time is None and out.suffix and not out.is_dir() and document.scene.actors:
         time = default_time(document.scene)
         print(f"moving objects are placed where they are at {time:g} s (--time)")
-    result = baked(document, time) if rows is None else baked_part(document, rows, time)
+    result = bake_document(document, time) if rows is None else bake_part(document, rows, time)
     save_scene(out, result, sibr=sibr)
-    parts.write(document, shown, format_to_write(out)[0].suffix, sibr)
-    held = f"{counted(len(result), 'splat')}, {counted(len(result.table), 'instance')}"
-    print(f"{out}: {held} ({counted(len(document.history.done), 'edit')} applied)")
+    parts.write(document, shown, find_format_to_write(out)[0].suffix, sibr)
+    held = f"{format_count(len(result), 'splat')}, {format_count(len(result.table), 'instance')}"
+    print(f"{out}: {held} ({format_count(len(document.history.done), 'edit')} applied)")
 
 
 def _edits(

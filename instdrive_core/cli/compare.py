@@ -33,16 +33,16 @@ def compare(
 
     from instdrive_core.cli.eval_progress import eval_progress
     from instdrive_core.errors import OptionError
-    from instdrive_core.evaluation.comparison import differences, measured_runs
+    from instdrive_core.evaluation.comparison import find_differences, measure_runs
     from instdrive_core.evaluation.page.compare import write_comparison
 
     if not runs:
         raise OptionError("no run to compare. Give one or more folders that `train` wrote.")
     console = Console()
     with eval_progress(console) as show:
-        measured = measured_runs(runs, fresh, show)
+        measured = measure_runs(runs, fresh, show)
     console.print(comparison_table(measured))
-    for text in differences(measured):
+    for text in find_differences(measured):
         console.print(f"Note: {text}", markup=False, highlight=False, soft_wrap=True)
     if html is not None:
         write_comparison(html, measured)
@@ -55,14 +55,14 @@ def comparison_table(runs: Sequence[MeasuredRun]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from instdrive_core.evaluation.comparison import compared_rows
+    from instdrive_core.evaluation.comparison import compare_runs
 
     title = f"{BEST} best value; differences to the first run" if len(runs) > 1 else None
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     table.add_column("figure")
     for run in runs:
         table.add_column(Text(run.name), justify="right")
-    for figure, cells in compared_rows(runs):
+    for figure, cells in compare_runs(runs):
         texts = []
         for cell in cells:
             text = Text(f"{cell.text} {BEST if cell.best else ' '}" if len(runs) > 1 else cell.text)

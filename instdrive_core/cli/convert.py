@@ -7,10 +7,10 @@ from pathlib import Path
 import tyro
 
 from instdrive_core.cli.arguments import moment
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.project.open import open_edited
+from instdrive_core.project.open import open_edited_scene
 from instdrive_core.project.save import is_project
 from instdrive_core.scene.scene import Scene
 
@@ -35,7 +35,7 @@ def convert(
     if is_project(out):
         remedy = f"`instdrive apply {scene} -o {out}` makes a project of a scene"
         raise DataError(out, "a project keeps edits and no splats, so nothing can be converted into one", remedy)
-    opened = open_edited(scene, keep_every)
+    opened = open_edited_scene(scene, keep_every)
     in_one_file = bool(out.suffix) and not out.is_dir()
     if time is not None or (in_one_file and opened.actors):
         time = moment(opened, time)
@@ -43,7 +43,7 @@ def convert(
         print(f"moving objects are placed where they are at {time:g} s (--time)")
     if time is not None:
         everything = len(opened)
-        opened = frozen_at(opened, time)
+        opened = freeze_at_time(opened, time)
         if len(opened) < everything:
             print(f"{everything - len(opened):,} splats of objects that are not there at that time are left out")
     before = _contents(opened)

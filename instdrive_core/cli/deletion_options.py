@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from instdrive_core.edits.deletion_report import DeletionReport, deletion_report
+from instdrive_core.edits.deletion_report import DeletionReport, report_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.kinds.delete import DeleteInstances
@@ -31,11 +31,11 @@ class DeletionOptions:
         ids = {number for edit in edits if isinstance(edit, DeleteInstances) for number in edit.ids if number in table}
         if not ids:
             raise OptionError("nothing was deleted, so nothing can be left of it; name instances with --delete")
-        found = deletion_report(document, ids, time)
+        found = report_deletion(document, ids, time)
         if self.report:
             print("\n".join(_lines(found, document)))
-        cleanup = found.absorption() if self.absorb_residue else None
-        fill = found.filling() if self.fill_holes else None
+        cleanup = found.make_absorb_edit() if self.absorb_residue else None
+        fill = found.make_fill_edit() if self.fill_holes else None
         for edit in (cleanup, fill):
             if edit is not None:
                 document.apply(edit)

@@ -8,16 +8,16 @@ from pathlib import Path
 
 from instdrive_core.cli.arguments import known_ids, parsed_assignment
 from instdrive_core.edits.bases.adjustments import RANGES
-from instdrive_core.edits.bases.relabel import MergeInstances
-from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.edits.document.edit import Edit, describe_ids
+from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
-from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
 from instdrive_core.edits.kinds.select import InvertSelection, SelectClass, SelectInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.errors import OptionError
@@ -39,8 +39,11 @@ class EditOptions:
     set_class: tuple[str, ...] = ()
     """New classes as ID=CLASS."""
     adjust: tuple[str, ...] = ()
-    """Adjustments of colour as ID=WHAT:AMOUNT, e.g. 4=hue:30. Hue is in degrees, temperature from -1 (cool) to 1
-    (warm); brightness, contrast, saturation and opacity are factors."""
+    """Adjustments of colour as ID=WHAT:AMOUNT, e.g. 4=hue:30. The amount is absolute, where the editor's slider would
+    stand: it replaces an earlier one of the same kind and counts from the trained colour or the last recolour. Hue:
+    degrees from -180 to 180, 0 changes nothing. Temperature: -1 (cool) to 1 (warm), 0 changes nothing. Brightness,
+    contrast and saturation: factors from 0 to 4, 1 changes nothing. Opacity: a factor from 0 to 1. A recolour
+    in the same command comes later and replaces all but the opacity."""
     move: tuple[str, ...] = ()
     """Moves as ID=X,Y,Z in metres, or ID=X,Y,Z,YAW,SCALE with degrees about the vertical axis and a factor; moving
     objects are turned where they are at --time."""
@@ -72,7 +75,7 @@ class EditOptions:
         steps += [_deletion(SelectClass(name), name=f"Delete class {name}") for name in self.delete_class]
         if self.keep:
             kept = SelectInstances(known_ids(self.keep, table))
-            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {ids_in_words(kept.ids)} only"))
+            steps.append(_deletion(kept, InvertSelection(), name=f"Keep {describe_ids(kept.ids)} only"))
         return steps
 
     def _move(self, text: str, table: InstanceTable, time: float) -> MoveInstances:
@@ -116,14 +119,14 @@ def _merge(text: str, table: InstanceTable) -> MergeInstances:
     return MergeInstances(known_ids([int(part) for part in parts], table), known_ids([into], table)[0])
 
 
-def _adjustment(text: str, table: InstanceTable) -> AdjustInstances:
+def _adjustment(text: str, table: InstanceTable) -> SetAdjustment:
     example = "--adjust 4=hue:30"
     number, setting = parsed_assignment(text, example)
     what, _, amount = setting.partition(":")
     for kind in RANGES:
         if kind == what:
             try:
-                return AdjustInstances(known_ids([number], table), kind, float(amount))
+                return SetAdjustment(known_ids([number], table), kind, float(amount))
             except ValueError as error:
                 raise OptionError(f"{amount!r} in {text!r} is not a number; write e.g. {example}") from error
     raise OptionError(f"{what!r} in {text!r} is not one of {', '.join(RANGES)}; write e.g. {example}")

@@ -30,29 +30,29 @@ def evaluate(
 
     from instdrive_core.cli.eval_progress import eval_progress
     from instdrive_core.evaluation.page.report import write_report
-    from instdrive_core.evaluation.protocol import evaluation_of_run
-    from instdrive_core.evaluation.report import (
+    from instdrive_core.evaluation.protocol import evaluate_run
+    from instdrive_core.evaluation.tables import (
         IMAGES_ONLY,
-        instance_table,
-        point_table,
-        split_text,
-        summary_table,
+        build_map_table,
+        build_point_table,
+        build_summary_table,
+        describe_split,
         write_figures,
     )
 
     console = Console()
     with eval_progress(console) as show:
-        evaluation = evaluation_of_run(run, show)
+        evaluation = evaluate_run(run, show)
     if evaluation.has_truth:
-        console.print(instance_table(evaluation))
+        console.print(build_map_table(evaluation))
     else:
         clip = evaluation.figures["clip"]
         console.print(f"{clip}: {IMAGES_ONLY}", markup=False, highlight=False, soft_wrap=True)
-        console.print(split_text(evaluation), markup=False, highlight=False, soft_wrap=True)
-    points = point_table(evaluation)
+        console.print(describe_split(evaluation), markup=False, highlight=False, soft_wrap=True)
+    points = build_point_table(evaluation)
     if points is not None:
         console.print(points)
-    console.print(summary_table(evaluation))
+    console.print(build_summary_table(evaluation))
     if json is not None:
         write_figures(json, evaluation.figures)
         console.print(f"figures written to {json}", markup=False, highlight=False, soft_wrap=True)

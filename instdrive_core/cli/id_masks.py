@@ -9,9 +9,9 @@ import tyro
 
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.export.coco_panoptic import write_coco_panoptic
-from instdrive_core.masks.export.id_maps import chosen_views, id_maps
+from instdrive_core.masks.export.id_maps import choose_views, render_id_maps
 from instdrive_core.masks.export.id_pictures import write_id_pictures
-from instdrive_core.project.open import open_edited
+from instdrive_core.project.open import open_edited_scene
 
 WRITERS = {"png": write_id_pictures, "coco": write_coco_panoptic}
 
@@ -39,12 +39,12 @@ def id_masks(
 
     if out.exists() and not out.is_dir():
         raise OptionError(f"{out} is a file; name a folder")
-    opened = open_edited(scene)
-    views = chosen_views(opened, camera, every)
+    opened = open_edited_scene(scene)
+    views = choose_views(opened, camera, every)
     with Progress(*Progress.get_default_columns(), MofNCompleteColumn(), transient=True) as progress:
         task = progress.add_task("masks", total=len(views))
         count = WRITERS[format](
-            out, opened, id_maps(opened, views, scale), lambda done: progress.update(task, completed=done)
+            out, opened, render_id_maps(opened, views, scale), lambda done: progress.update(task, completed=done)
         )
     if not opened.instance_ids.any():
         print("the scene has no instances: all masks are empty")

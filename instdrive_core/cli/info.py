@@ -10,9 +10,9 @@ from PIL import Image
 
 from instdrive_core.cli.histogram_picture import histogram_picture
 from instdrive_core.errors import OptionError
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.project.open import open_edited
-from instdrive_core.scene.lint import Finding, linted
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.project.open import open_edited_scene
+from instdrive_core.scene.lint import Defect, find_defects
 from instdrive_core.scene.scene import Scene
 
 SHOWN_ROWS = 3
@@ -34,18 +34,18 @@ def info(
     """
     if histogram is not None and histogram.suffix.lower() != ".png":
         raise OptionError(f"--histogram {histogram} does not end in .png, the only format that is written")
-    opened = open_edited(scene, keep_every)
+    opened = open_edited_scene(scene, keep_every)
     for label, value in _facts(opened):
         print(f"{label + ':':<14}{value}")
-    _print_findings(linted(opened))
+    _print_findings(find_defects(opened))
     _print_instances(opened, instances)
     if histogram is not None:
-        with atomic_file(histogram) as file:
+        with open_atomically(histogram) as file:
             Image.fromarray(histogram_picture(opened.gaussians)).save(file, format="PNG")
         print(f"\n{histogram}")
 
 
-def _print_findings(findings: tuple[Finding, ...]) -> None:
+def _print_findings(findings: tuple[Defect, ...]) -> None:
     print("findings:     none" if not findings else "findings:")
     for finding in findings:
         first = ", ".join(map(str, finding.rows[:SHOWN_ROWS]))
@@ -55,8 +55,8 @@ def _print_findings(findings: tuple[Finding, ...]) -> None:
 
 def _print_instances(opened: Scene, instances: int) -> None:
     largest = sorted(opened.table, key=lambda instance: (-instance.count, instance.id))[: max(instances, 0)]
+    width = max([len("class"), *(len(instance.class_name) for instance in largest)])
     if largest:
-        width = max(len("class"), *(len(instance.class_name) for instance in largest))
         print(f"\n{'ID':>8}  {'splats':>9}  {'codeword':>10}  {'class':<{width}}  name")
     for instance in largest:
         counts = f"{instance.id:>8}  {instance.count:>9,}  {instance.codeword:>10}"

@@ -8,18 +8,24 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from tyro.conf import Positional, arg
+from tyro.extras import literal_type_from_choices
 
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import OptionError
-from instdrive_core.masks.sam.labels import SamOptions
+from instdrive_core.masks.sam.options import SamOptions
+from instdrive_core.masks.sources import MASK_SOURCES, SourceOptions, describe_mask_sources
 
 if TYPE_CHECKING:
     from instdrive_core.masks.label_map_folder import MaskFolder
 
+    SourceName = str
+else:
+    SourceName = literal_type_from_choices([known.name for known in MASK_SOURCES])
+
 
 def masks(
     clip: Positional[Path],
-    source: Literal["exact", "annotations", "lidar", "sam", "import"] = "exact",
+    source: Annotated[SourceName, arg(help=describe_mask_sources())] = "exact",
     out: Annotated[Path | None, arg(aliases=["-o"])] = None,
     seed: int = 0,
     options: Annotated[ClipOptions, tyro.conf.OmitArgPrefixes] = ClipOptions(),  # noqa: B008 (frozen)
@@ -33,11 +39,10 @@ def masks(
     What was interrupted goes on where it stopped when the same command is given again.
 
     Args:
-        clip: Folder of the clip, in PandaSet's layout.
-        source: `exact`: a synthetic clip's labels; `annotations`: made from cuboids, semantic classes and LiDAR;
-            `lidar`: from LiDAR and photos alone; `sam`: by Segment Anything; `import`: made elsewhere, see --from.
+        clip: Folder of the clip.
+        source: One of `MASK_SOURCES`.
         out: Folder of the masks; default: the clip's own `masks/`, where training looks for them.
-        seed: Of the labels' order in each photo, and of the faults.
+        seed: Seed of the labels' order in each photo and of the faults.
         options: Which part of the clip to use, and the masks' size.
         faults: Get masks wrong on purpose, as a segmenter would: `sam-v1` splits 25 % of the objects, merges 10 % of
             touching pairs, misses 10 % of the objects and makes borders ragged by up to 2 px.
@@ -47,16 +52,16 @@ def masks(
         sam: How Segment Anything makes masks.
     """
     from instdrive_core.datasets.registry import load_clip
-    from instdrive_core.masks.contact_sheet import check_sheet, write_sheets
-    from instdrive_core.masks.sources import SourceOptions, make_masks
+    from instdrive_core.masks.contact_sheet import check_sheet_path, write_contact_sheets
+    from instdrive_core.masks.making import make_masks
 
     if sheet is not None:
-        check_sheet(sheet)
+        check_sheet_path(sheet)
     if imported is not None and source != "import":
         raise OptionError(f"--from {imported} is read by --source import only; the source is {source!r}")
     loaded = load_clip(str(clip), options)
     folder = out if out is not None else clip / "masks"
-    total = len(loaded.training_frames())
+    total = len(loaded.training_frames)
 
     def make(on_frame: Callable[[int], None]) -> MaskFolder:
         return make_masks(loaded, source, folder, seed, on_frame, faults, SourceOptions(imported, sam))
@@ -66,7 +71,7 @@ def masks(
     with_faults = f" with the faults {faults}" if faults else ""
     print(f"{count} masks in {len(written.counts)} photos, from {source}{with_faults}: {folder}")
     if sheet is not None:
-        print("Contact sheets:", *map(str, write_sheets(loaded, written, sheet)))
+        print("Contact sheets:", *map(str, write_contact_sheets(loaded, written, sheet)))
 
 
 def _with_progress(make: Callable[[Callable[[int], None]], MaskFolder], title: str, total: int) -> MaskFolder:

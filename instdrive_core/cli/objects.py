@@ -9,7 +9,7 @@ import tyro
 
 from instdrive_core.cli.arguments import moment
 from instdrive_core.formats.objects.writers import Shape, check_suffix, write_objects
-from instdrive_core.project.open import open_edited
+from instdrive_core.project.open import open_edited_scene
 
 
 def objects(
@@ -28,7 +28,7 @@ def objects(
         time: Seconds into the drive at which moving objects are shown; default: the first photo's.
     """
     check_suffix(out)
-    opened = open_edited(scene)
+    opened = open_edited_scene(scene)
     time = moment(opened, time)
     written = write_objects(out, opened, time, shape)
     print(f"{out}: {len(written)} object{'s' * (len(written) != 1)}{f' at {time:g} s' if opened.actors else ''}")

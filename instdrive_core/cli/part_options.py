@@ -11,10 +11,10 @@ from numpy import ndarray
 
 from instdrive_core.cli.arguments import known_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.parts import actors_with_splats
+from instdrive_core.edits.queries.scene_parts import find_remaining_actors
 from instdrive_core.errors import OptionError
 from instdrive_core.project.export import ExportedParts, export_actors, export_instances
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 DEFAULT_ENDING = ".ply"
 
@@ -32,20 +32,20 @@ class PartOptions:
 
     def rows(self, document: Document) -> Int[ndarray, " k"] | None:
         """The splats of --only; None for all. Raises OptionError for an unknown ID."""
-        return document.rows_of(known_ids(self.only, document.scene.table)) if self.only else None
+        return document.find_rows(known_ids(self.only, document.scene.table)) if self.only else None
 
     def write(self, document: Document, time: float, ending: str, sibr: bool) -> None:
         """Write --each and --actors; `ending` is that of the scene's file, empty for a folder."""
         ending = ending or DEFAULT_ENDING
         if self.each is not None:
-            counts = document.counts()
+            counts = document.count_states()
             ids = self.only or tuple(counts.ids[counts.count > counts.deleted].tolist())
             _require(ids, "the scene has no instances, so --each has nothing to write; train it with masks first")
             written = export_instances(document, self.each, ids, time, ending, sibr=sibr)
             absent = f" ({written.skipped} are not there at {time:g} s)" if written.skipped else ""
             print(f"{self.each}: {_told(written)}{absent}")
         if self.actors is not None:
-            nodes = actors_with_splats(document)
+            nodes = find_remaining_actors(document)
             _require(nodes, "the scene has no moving objects, so --actors has nothing to write")
             print(f"{self.actors}: {_told(export_actors(document, self.actors, nodes, ending, sibr=sibr))}, with poses")
 
@@ -56,4 +56,4 @@ def _require(found: Iterable[int], problem: str) -> None:
 
 
 def _told(written: ExportedParts) -> str:
-    return f"{counted(len(written.files), 'file')}, {counted(written.splats, 'splat')}"
+    return f"{format_count(len(written.files), 'file')}, {format_count(written.splats, 'splat')}"

@@ -14,12 +14,12 @@ from PIL import Image
 
 from instdrive_core.cli.arguments import known_ids, moment, view_named
 from instdrive_core.errors import OptionError
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.project.open import open_edited
-from instdrive_core.rasterize.pictures import Mode, picture
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.project.open import open_edited_scene
+from instdrive_core.rasterize.pictures import Mode, colorize_preview
 from instdrive_core.rasterize.scene_view import view_scene
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.scene.scene import Scene, place_in_world
 
 DEFAULT_WIDTH, DEFAULT_HEIGHT = 1280, 720
 MAX_SIDE = 16384
@@ -53,20 +53,20 @@ def render(
     """
     if all_views and view is not None:
         raise OptionError(f"--all-views and --view {view} exclude each other; give one of them")
-    opened = open_edited(scene)
+    opened = open_edited_scene(scene)
     drawn = ~np.isin(opened.instance_ids, known_ids(hide, opened.table))
     shots = _all_shots(opened, out) if all_views else [(_camera_and_time(opened, view, time), _png(out))]
     for (camera, its_time), path in shots:
         shown_at = its_time if time is None else moment(opened, time)
         shown = view_scene(opened, _resized(camera, width, height), shown_at, drawn)
-        _save_png(path, picture(opened, shown, mode))
+        _save_png(path, colorize_preview(opened, shown, mode))
         print(path)
 
 
 def orbit_camera(scene: Scene, time: float) -> Camera:
     """A camera above and beside the scene that sees most of its opaque Gaussians."""
-    poses, present = scene.at(time)
-    means, _ = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    poses, present = scene.find_node_poses(time)
+    means, _ = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     solid = (scene.gaussians.opacities > 0.3) & (present[scene.nodes] != 0) & np.isfinite(means).all(axis=1)
     points = means[solid].astype(np.float64) if solid.any() else np.zeros((1, 3))
     target = np.median(points, axis=0)
@@ -110,9 +110,9 @@ def _resized(camera: Camera, width: int | None, height: int | None) -> Camera:
         zoom = height / camera.height
         scaled = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom, cy=camera.cy * zoom, height=height)
         return replace(scaled, cx=width / 2 + (camera.cx - camera.width / 2) * zoom, width=width)
-    return camera.scaled(width / camera.width if width is not None else (height or 1) / camera.height)
+    return camera.scale(width / camera.width if width is not None else (height or 1) / camera.height)
 
 
 def _save_png(path: Path, pixels: UInt8[ndarray, "h w 3"]) -> None:
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         Image.fromarray(pixels).save(file, format="PNG")

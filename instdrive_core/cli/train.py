@@ -10,7 +10,7 @@ import tyro
 from tyro.conf import Positional, arg
 
 from instdrive_core.datasets.clip import ClipOptions
-from instdrive_core.training.settings.config import Device, Method, Preset, on_frozen_geometry, train_config
+from instdrive_core.training.settings.config import Device, Method, Preset, build_train_config, keep_geometry
 
 
 def train(
@@ -47,16 +47,16 @@ def train(
         device: `cuda` trains on an NVIDIA GPU with gsplat; `auto` does where both are there.
         options: Which part of the clip to use.
     """
-    from instdrive_core.baselines.registry import learner_for
+    from instdrive_core.baselines.registry import find_learner
     from instdrive_core.cli.train_progress import train_with_progress
     from instdrive_core.training.run import RunRequest
 
-    config = train_config(method, preset, seed)
+    config = build_train_config(method, preset, seed)
     if static:
         config = replace(config, init=replace(config.init, moving_actors=False))
     if freeze_geometry:
-        config = on_frozen_geometry(config)
+        config = keep_geometry(config)
     train_with_progress(
-        RunRequest(clip, out, options, config, masks, resume, init, device, learner_for(method, preset), tracks)
+        RunRequest(clip, out, options, config, masks, resume, init, device, find_learner(method, preset), tracks)
     )
     print(f"trained scene: {out} (open it with: instdrive edit {out})")

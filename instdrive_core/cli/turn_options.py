@@ -9,10 +9,10 @@ from typing import Literal
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
-from instdrive_core.edits.queries.scene_up import up_of
+from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.errors import OptionError
-from instdrive_core.formats.stated_up import stated_up
-from instdrive_core.scene.upright import AXES, Axis, direction_of
+from instdrive_core.formats.registry import find_stated_up
+from instdrive_core.scene.upright import AXES, Axis, compute_axis_direction
 
 
 @dataclass(frozen=True)
@@ -32,19 +32,19 @@ class TurnOptions:
         """The edit, or none where none is asked for. `path` is the scene's. Raises OptionError, and EditError."""
         if self.up is None:
             return [TurnScene(scale=self.scale)] if self.scale != 1 else []
-        return [TurnScene.upright(self._direction(self.up, document, path), self.scale)]
+        return [TurnScene.make_upright(self._direction(self.up, document, path), self.scale)]
 
     @staticmethod
     def _direction(text: str, document: Document, path: Path) -> tuple[float, float, float]:
         if text == "auto":
-            found = up_of(document, stated_up(path))
+            found = estimate_document_up(document, find_stated_up(path))
             known = f"known from {found.reason}" if found.confident else "a guess, as in most files of other programs"
             print(f"up: {found.words}, {known}")
             x, y, z = found.direction.tolist()
             return x, y, z
         for axis in AXES:
             if text.lower() in (axis, axis.removeprefix("+")):
-                x, y, z = direction_of(axis).tolist()
+                x, y, z = compute_axis_direction(axis).tolist()
                 return x, y, z
         try:
             x, y, z = (float(part) for part in text.split(","))

@@ -1,4 +1,4 @@
-"""A driving clip as the rest of the program sees it, whatever data set it comes from."""
+"""Driving clips as the rest of the program sees them, whatever data set they come from."""
 
 from __future__ import annotations
 
@@ -94,18 +94,21 @@ class Clip:
     """Semantic classes; empty where the clip has none."""
     camera_names: tuple[str, ...]
     points: SparsePoints | None = None
-    """What training starts from where there is no LiDAR, maybe no point at all; None = LiDAR is needed."""
+    """Points that training starts from where there is no LiDAR, maybe none at all; None = LiDAR is needed."""
     notes: tuple[str, ...] = ()
-    """What a user should know of the clip before training, e.g. that its scale is unknown."""
+    """Facts that a user should know before training, e.g. that the clip's scale is unknown."""
 
+    @property
     def training_frames(self) -> tuple[Frame, ...]:
         """Frames that may train."""
         return tuple(frame for frame in self.frames if not frame.view.held_out)
 
+    @property
     def held_out_frames(self) -> tuple[Frame, ...]:
         """Frames of the evaluation split."""
         return tuple(frame for frame in self.frames if frame.view.held_out)
 
+    @property
     def training_sweeps(self) -> tuple[Sweep, ...]:
         """Sweeps that may train."""
         return tuple(sweep for sweep in self.sweeps if not is_held_out(sweep.index))
@@ -113,7 +116,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class ClipOptions:
-    """Which part of a clip to load, and at which size."""
+    """Part of a clip to load, and its image size."""
 
     cameras: str = "6"
     """Camera set: 1 (front), 3 (front and front sides), 6 (all), or names joined by commas; where cameras have no known
@@ -126,6 +129,6 @@ class ClipOptions:
     """Last time step to use, inclusive; default: the clip's last."""
 
 
-def center_of(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
-    """A clip origin: the mean position, rounded to whole metres so that it prints well."""
+def choose_origin(points: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
+    """Choose a clip's origin: the mean position, rounded to whole metres so that it prints well."""
     return np.round(points.mean(axis=0))

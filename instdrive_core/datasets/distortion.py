@@ -21,23 +21,23 @@ class Distortion:
 
     radial: tuple[float, ...] = ()
     tangential: tuple[float, float] = (0.0, 0.0)
-    divided_by: tuple[float, ...] = ()
+    denominator: tuple[float, ...] = ()
 
     @property
     def is_pinhole(self) -> bool:
         """Whether nothing is to be removed."""
-        return not any((*self.radial, *self.tangential, *self.divided_by))
+        return not any((*self.radial, *self.tangential, *self.denominator))
 
-    def distorted(
+    def distort(
         self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]
     ) -> tuple[Float64[ndarray, "*n"], Float64[ndarray, "*n"]]:
-        """Where the lens shows what a pinhole would show at x, y."""
+        """Compute where the lens shows what a pinhole would show at x, y."""
         with np.errstate(over="ignore", invalid="ignore"):  # what is so far off is in no photo
-            return self._distorted(x, y)
+            return self._distort(x, y)
 
-    def _distorted(self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]) -> tuple[ndarray, ndarray]:
+    def _distort(self, x: Float64[ndarray, "*n"], y: Float64[ndarray, "*n"]) -> tuple[ndarray, ndarray]:
         r2 = x * x + y * y
-        factor = (1 + _series(self.radial, r2)) / (1 + _series(self.divided_by, r2))
+        factor = (1 + _evaluate_series(self.radial, r2)) / (1 + _evaluate_series(self.denominator, r2))
         p1, p2 = self.tangential
         return (
             x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
@@ -45,9 +45,9 @@ class Distortion:
         )
 
 
-def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
-    """The photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
-    rows, columns = _sources(camera, lens)
+def undistort(image: UInt8[ndarray, "h w 3"], camera: Camera, distortion: Distortion) -> UInt8[ndarray, "h w 3"]:
+    """Make the photo that a pinhole with the camera's intrinsics would have taken, interpolated bilinearly."""
+    rows, columns = _find_source_pixels(camera, distortion)
     channels = [
         ndimage.map_coordinates(image[:, :, channel].astype(np.float32), (rows, columns), order=1, mode="nearest")
         for channel in range(3)
@@ -55,35 +55,37 @@ def undistorted(image: UInt8[ndarray, "h w 3"], camera: Camera, lens: Distortion
     return np.clip(np.round(np.stack(channels, axis=2)), 0, 255).astype(np.uint8)
 
 
-def covered_by_photo(camera: Camera, lens: Distortion) -> Bool[ndarray, "h w"]:
-    """Pixels of the undistorted photo that the photo on disk shows."""
-    rows, columns = _sources(camera, lens)
+def find_covered_pixels(camera: Camera, distortion: Distortion) -> Bool[ndarray, "h w"]:
+    """Find the pixels of the undistorted photo that the photo on disk shows."""
+    rows, columns = _find_source_pixels(camera, distortion)
     inside = (rows >= -0.5) & (rows <= camera.height - 0.5) & (columns >= -0.5) & (columns <= camera.width - 0.5)
-    return inside & _unfolded(camera, lens)
+    return inside & _is_before_fold(camera, distortion)
 
 
-def _sources(camera: Camera, lens: Distortion) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
-    """Row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
-    x, y = lens.distorted(*_pinhole_coordinates(camera))
+def _find_source_pixels(
+    camera: Camera, distortion: Distortion
+) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
+    """Find row and column in the photo on disk (0 = centre of the first pixel) of each undistorted pixel."""
+    x, y = distortion.distort(*_compute_pinhole_coordinates(camera))
     return y * camera.fy + camera.cy - 0.5, x * camera.fx + camera.cx - 0.5
 
 
-def _pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
+def _compute_pinhole_coordinates(camera: Camera) -> tuple[Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     return (columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy
 
 
-def _unfolded(camera: Camera, lens: Distortion) -> Bool[ndarray, "h w"]:
-    """Where the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
-    x, y = _pinhole_coordinates(camera)
+def _is_before_fold(camera: Camera, distortion: Distortion) -> Bool[ndarray, "h w"]:
+    """Whether the distorted radius still rises with the radius: beyond, the polynomial folds back and means nothing."""
+    x, y = _compute_pinhole_coordinates(camera)
     radius = np.hypot(x, y)
     steps = np.linspace(0, radius.max(), 512)
-    shown = lens.distorted(steps, np.zeros_like(steps))[0] - lens.tangential[1] * 3 * steps**2
+    shown = distortion.distort(steps, np.zeros_like(steps))[0] - distortion.tangential[1] * 3 * steps**2
     falling = np.flatnonzero(np.diff(shown) <= 0)
     return radius <= (steps[falling[0]] if len(falling) else np.inf)
 
 
-def _series(coefficients: tuple[float, ...], r2: Float64[ndarray, "*n"]) -> Float64[ndarray, "*n"]:
+def _evaluate_series(coefficients: tuple[float, ...], r2: Float64[ndarray, "*n"]) -> Float64[ndarray, "*n"]:
     total = np.zeros_like(r2)
     for coefficient in reversed(coefficients):
         total = (total + coefficient) * r2

@@ -1,4 +1,4 @@
-"""A clip from nothing but posed photos and maybe sparse points: what COLMAP's and nerfstudio's folders come down to."""
+"""Clips from nothing but posed photos and maybe sparse points, as COLMAP's and nerfstudio's folders hold them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, center_of, is_held_out
-from instdrive_core.datasets.distortion import Distortion, covered_by_photo, undistorted
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, choose_origin, is_held_out
+from instdrive_core.datasets.distortion import Distortion, find_covered_pixels, undistort
 from instdrive_core.datasets.photos import load_photo
-from instdrive_core.datasets.upright import upright_world
+from instdrive_core.datasets.upright import find_upright_world
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
 from instdrive_core.files.image_limit import MAX_PIXELS
 from instdrive_core.scene.camera import Camera, CameraView
@@ -40,10 +40,10 @@ class PosedPhoto:
     name: str
     """Path as listed; photos of one camera are ordered by it, and their folder is the camera's name."""
     file: Path
-    """Where it should be."""
+    """Its place on disk, whether or not it is there."""
     camera: Camera
     """At full size, in the file's world."""
-    lens: Distortion
+    distortion: Distortion
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,9 @@ class ListedPoints:
         return ListedPoints(np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
 
 
-def inner_path(listing: Path, folder: Path, name: Any) -> Path:
-    """The file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of it."""
+def resolve_inner_path(listing: Path, folder: Path, name: Any) -> Path:
+    """Find the file of a folder that `listing` calls `name`. Raises UntrustedDataError where the name leads out of
+    it."""
     if not isinstance(name, str) or not name:
         raise DataError(listing, f"{name!r} stands where a file's name should", "Export the data set again")
     is_writable = not any(sign < " " or "\ud800" <= sign <= "\udfff" for sign in name)
@@ -74,10 +75,15 @@ def inner_path(listing: Path, folder: Path, name: Any) -> Path:
     return folder / parts
 
 
-def clip_of_photos(
-    root: Path, listing: Path, photos: list[PosedPhoto], points: ListedPoints, options: ClipOptions
+def build_photo_clip(
+    root: Path,
+    listing: Path,
+    photos: list[PosedPhoto],
+    points: ListedPoints,
+    options: ClipOptions,
+    notes: tuple[str, ...] = (),
 ) -> Clip:
-    """A static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
+    """Build a static clip without LiDAR. Photos not on disk are left out, but keep their place in the order.
 
     Args:
         root: the clip's folder.
@@ -85,6 +91,7 @@ def clip_of_photos(
         photos: all that are listed.
         points: what training starts from, maybe none.
         options: which part to load.
+        notes: what a user should know besides what is found here.
 
     Raises DataError where no photo is there, OptionError for an unknown camera, an empty frame range or a bad scale.
     """
@@ -92,44 +99,44 @@ def clip_of_photos(
         raise DataError(listing, "lists no photo", "Export the data set again")
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
-    ordered = _ordered(root, photos, options.cameras)
+    ordered = _order_photos(root, photos, options.cameras)
     present = [entry for entry in ordered if entry[1].file.is_file()]
-    _say_missing(listing, ordered, present)
-    chosen = [entry for entry in present if _in_range(entry[0], options)]
+    missing = _describe_missing(listing, ordered, present)
+    chosen = [entry for entry in present if _is_in_range(entry[0], options)]
     if not chosen:
         raise OptionError(f"{root}: no photo lies in the chosen frames; there are 0–{ordered[-1][0]}")
-    world = upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
-    poses = world.poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
-    origin = center_of(poses[:, :3, 3])
+    world = find_upright_world(np.stack([photo.camera.world_from_camera for photo in photos]), points.points)
+    poses = world.transform_poses(np.stack([photo.camera.world_from_camera for _, photo in chosen]))
+    origin = choose_origin(poses[:, :3, 3])
     poses[:, :3, 3] -= origin
     chosen = [
         (step, replace(photo, camera=replace(photo.camera, world_from_camera=pose)))
         for (step, photo), pose in zip(chosen, poses, strict=True)
     ]
     scale = options.scale or min(1.0, DEFAULT_WIDTH / chosen[0][1].camera.width)
-    coverage = _coverage()
+    coverage = _build_coverage_cache()
     return Clip(
         path=str(root),
         name=root.resolve().name,
         origin=origin,
-        frames=tuple(_frame(step, photo, scale, coverage) for step, photo in chosen),
+        frames=tuple(_build_frame(step, photo, scale, coverage) for step, photo in chosen),
         sweeps=(),
         tracks=(),
         class_names={},
-        camera_names=tuple(dict.fromkeys(camera_name(photo) for _, photo in chosen)),
-        points=SparsePoints((world.points(points.points) - origin).astype(np.float32), points.colors),
-        notes=(*world.notes, start_note(len(points.points))),
+        camera_names=tuple(dict.fromkeys(get_camera_name(photo) for _, photo in chosen)),
+        points=SparsePoints((world.transform_points(points.points) - origin).astype(np.float32), points.colors),
+        notes=(*missing, *notes, *world.notes, describe_start(len(points.points))),
     )
 
 
-def camera_name(photo: PosedPhoto) -> str:
-    """The folder of a photo below ``images``, or ``camera`` where there is none."""
+def get_camera_name(photo: PosedPhoto) -> str:
+    """Name a photo's camera: its folder below ``images``, or ``camera`` where there is none."""
     folders = [part for part in PurePosixPath(photo.name).parts[:-1] if part != "images"]
     return "_".join(folders) or "camera"
 
 
-def checked_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size: tuple[int, int]) -> Camera:
-    """A camera without pose from fx, fy, cx, cy. Raises DataError where no photo can have been taken with it."""
+def build_camera(listing: Path, where: str, intrinsics: tuple[float, ...], size: tuple[int, int]) -> Camera:
+    """Build a camera without pose from fx, fy, cx, cy. Raises DataError where no photo can have been taken with it."""
     fx, fy, cx, cy = intrinsics
     width, height = size
     if not (0 < width < 1 << 16 and 0 < height < 1 << 16 and width * height <= MAX_PIXELS):
@@ -141,24 +148,24 @@ def checked_camera(listing: Path, where: str, intrinsics: tuple[float, ...], siz
 
 
 def check_points(listing: Path, points: Float64[ndarray, "n 3"]) -> None:
-    """Raises DataError where a coordinate is no number that positions can have."""
+    """Raise DataError where a coordinate is no number that positions can have."""
     bad = np.flatnonzero(~(np.abs(points) < 1e9).all(axis=1))
     if len(bad):
         problem = f"point {bad[0]} lies at {points[bad[0]].tolist()} ({len(bad)} such points)"
         raise DataError(listing, problem, "Export the points again")
 
 
-def _ordered(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int, PosedPhoto]]:
-    """Photos of the asked cameras with their time steps: their places in their own camera's order."""
+def _order_photos(root: Path, photos: list[PosedPhoto], asked: str) -> list[tuple[int, PosedPhoto]]:
+    """Order photos of the asked cameras by time step, which is their place in their own camera's order."""
     by_camera: dict[str, list[PosedPhoto]] = {}
     for photo in sorted(photos, key=lambda photo: photo.name):
-        by_camera.setdefault(camera_name(photo), []).append(photo)
-    names = _chosen_cameras(root, tuple(by_camera), asked)
+        by_camera.setdefault(get_camera_name(photo), []).append(photo)
+    names = _choose_cameras(root, tuple(by_camera), asked)
     steps = [(step, rank, photo) for rank, name in enumerate(names) for step, photo in enumerate(by_camera[name])]
     return [(step, photo) for step, _, photo in sorted(steps, key=lambda entry: entry[:2])]
 
 
-def _chosen_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
+def _choose_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[str, ...]:
     if asked in _CAMERA_COUNTS:
         return present[: _CAMERA_COUNTS[asked]]
     names = tuple(dict.fromkeys(name.strip() for name in asked.split(",") if name.strip()))
@@ -171,52 +178,62 @@ def _chosen_cameras(root: Path, present: tuple[str, ...], asked: str) -> tuple[s
     return names
 
 
-def _say_missing(listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]) -> None:
+def _describe_missing(
+    listing: Path, listed: list[tuple[int, PosedPhoto]], present: list[tuple[int, PosedPhoto]]
+) -> tuple[str, ...]:
+    """A note on photos that are not there, also logged. Raises DataError where none is."""
     missing = [photo.file for _, photo in listed if not photo.file.is_file()]
     if not present:
         problem = f"none of the {len(listed)} photos that it lists is there, e.g. {missing[0]}"
         raise DataError(listing, problem, "Put the photos into the folder under the names that the file lists")
-    if missing:
-        logger.warning("%s: %d of %d photos are missing, e.g. %s", listing, len(missing), len(listed), missing[0])
+    if not missing:
+        return ()
+    note = f"{len(missing)} of {len(listed)} photos are missing, e.g. {missing[0]}"
+    logger.warning("%s: %s", listing, note)
+    return (note,)
 
 
-def _in_range(step: int, options: ClipOptions) -> bool:
+def _is_in_range(step: int, options: ClipOptions) -> bool:
     return (options.first_frame or 0) <= step and (options.last_frame is None or step <= options.last_frame)
 
 
 Coverage = Callable[[Camera, Distortion], Bool[ndarray, "h w"] | None]
 
 
-def _coverage() -> Coverage:
-    """Which pixels undistorted photos fill; photos of one camera share one mask."""
+def _build_coverage_cache() -> Coverage:
+    """Build a function for the pixels that undistorted photos fill; photos of one camera share one mask."""
 
     @lru_cache(maxsize=64)
-    def of(fx: float, fy: float, cx: float, cy: float, width: int, height: int, lens: Distortion) -> ndarray:
-        return covered_by_photo(Camera(fx, fy, cx, cy, width, height, np.eye(4)), lens)
+    def find_once(
+        fx: float, fy: float, cx: float, cy: float, width: int, height: int, distortion: Distortion
+    ) -> ndarray:
+        return find_covered_pixels(Camera(fx, fy, cx, cy, width, height, np.eye(4)), distortion)
 
-    def coverage(camera: Camera, lens: Distortion) -> ndarray | None:
-        if lens.is_pinhole:
+    def find_coverage(camera: Camera, distortion: Distortion) -> ndarray | None:
+        if distortion.is_pinhole:
             return None
-        return of(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, lens)
+        return find_once(camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, distortion)
 
-    return coverage
+    return find_coverage
 
 
-def _frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
+def _build_frame(step: int, photo: PosedPhoto, scale: float, coverage: Coverage) -> Frame:
     full = photo.camera
-    camera = full.scaled(scale)
-    view = CameraView(camera, camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
-    load = partial(_load, photo.file, (full.width, full.height), camera, photo.lens)
-    return Frame(view, load, coverage(camera, photo.lens))
+    camera = full.scale(scale)
+    view = CameraView(camera, get_camera_name(photo), step, STEP_SECONDS * step, str(photo.file), is_held_out(step))
+    load = partial(_load_undistorted, photo.file, (full.width, full.height), camera, photo.distortion)
+    return Frame(view, load, coverage(camera, photo.distortion))
 
 
-def _load(file: Path, full_size: tuple[int, int], camera: Camera, lens: Distortion) -> UInt8[ndarray, "h w 3"]:
+def _load_undistorted(
+    file: Path, full_size: tuple[int, int], camera: Camera, distortion: Distortion
+) -> UInt8[ndarray, "h w 3"]:
     image = load_photo(file, full_size, (camera.width, camera.height))
-    return image if lens.is_pinhole else undistorted(image, camera, lens)
+    return image if distortion.is_pinhole else undistort(image, camera, distortion)
 
 
-def start_note(count: int) -> str:
-    """What training of a clip without LiDAR starts from, in words."""
+def describe_start(count: int) -> str:
+    """Say what training of a clip without LiDAR starts from."""
     if count:
         return f"no LiDAR: starting from {count:,} sparse points"
     return "no LiDAR and no points: starting from random points before the cameras"

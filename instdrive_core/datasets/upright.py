@@ -9,7 +9,7 @@ from jaxtyping import Float, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.scene.upright import upright_rotation
+from instdrive_core.scene.upright import compute_upright_rotation
 
 _CLEAR = 0.3
 """Length that the mean of unit up vectors needs to mean anything."""
@@ -23,28 +23,28 @@ _MOST_LOOKED_AT = 20_000
 
 
 @dataclass(frozen=True)
-class Upright:
-    """From a file's world to the clip's: turn, then scale."""
+class UprightWorld:
+    """Transform from a file's world to the clip's: a turn, then a scale."""
 
     rotation: Float64[ndarray, "3 3"]
     scale: float
     """Metres (assumed) per unit of the file."""
     notes: tuple[str, ...]
 
-    def poses(self, world_from_camera: Float64[ndarray, "n 4 4"]) -> Float64[ndarray, "n 4 4"]:
-        """Poses in the clip's world."""
+    def transform_poses(self, world_from_camera: Float64[ndarray, "n 4 4"]) -> Float64[ndarray, "n 4 4"]:
+        """Transform poses to the clip's world."""
         turned = world_from_camera.copy()
         turned[:, :3, :3] = self.rotation @ world_from_camera[:, :3, :3]
-        turned[:, :3, 3] = self.points(world_from_camera[:, :3, 3])
+        turned[:, :3, 3] = self.transform_points(world_from_camera[:, :3, 3])
         return turned
 
-    def points(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
-        """Points in the clip's world."""
+    def transform_points(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, "n 3"]:
+        """Transform points to the clip's world."""
         return points.astype(np.float64) @ self.rotation.T * self.scale
 
 
-def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[ndarray, "m 3"]) -> Upright:
-    """Up is the mean of the cameras' up vectors; the unit is the file's, unless no street could have it.
+def find_upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[ndarray, "m 3"]) -> UprightWorld:
+    """Find a world whose z is up: the mean of the cameras' up vectors; the unit is the file's unless no street has it.
 
     Args:
         world_from_camera: poses in the file's world, OpenCV axes.
@@ -56,14 +56,14 @@ def upright_world(world_from_camera: Float64[ndarray, "n 4 4"], points: Float[nd
         rotation = np.eye(3)
         turned = "the cameras' up vectors contradict each other: the file's z axis is taken to point up"
     else:
-        rotation = upright_rotation(up)
+        rotation = compute_upright_rotation(up)
         turned = "up is estimated from the cameras"
-    scale, unit = _unit(world_from_camera[:, :3, 3], points)
-    return Upright(rotation, scale, (turned, f"the scale is unknown: {unit}"))
+    scale, unit = _choose_unit(world_from_camera[:, :3, 3], points)
+    return UprightWorld(rotation, scale, (turned, f"the scale is unknown: {unit}"))
 
 
-def _unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:
-    """Metres per unit, and how that was chosen."""
+def _choose_unit(centers: Float64[ndarray, "n 3"], points: Float[ndarray, "m 3"]) -> tuple[float, str]:
+    """Choose metres per unit, and say how."""
     if len(points):
         some = points[:: max(1, len(points) // _MOST_LOOKED_AT)]
         distance, plausible = float(np.median(KDTree(centers).query(some)[0])), PLAUSIBLE_REACH

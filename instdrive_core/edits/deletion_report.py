@@ -1,4 +1,4 @@
-"""What a deletion leaves: residue of what was deleted, and holes in the ground that nothing ever showed."""
+"""What a deletion leaves: residue of the deleted things, and holes in the ground that no photo ever showed."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.parameters import checked_ids
-from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, known_instance
+from instdrive_core.edits.bases.parameters import check_ids
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.holes.holes import Hole, hole_under
-from instdrive_core.edits.holes.surroundings import surroundings
-from instdrive_core.edits.kinds.absorb import AbsorbFloaters, floaters_around
+from instdrive_core.edits.holes.holes import Hole, find_hole
+from instdrive_core.edits.holes.surroundings import find_surroundings
+from instdrive_core.edits.kinds.absorb import AbsorbFloaters, find_floaters_around
 from instdrive_core.edits.kinds.compound import CompoundEdit
 from instdrive_core.edits.kinds.delete import DeleteSelected
-from instdrive_core.edits.kinds.fill_hole import FillHole, fill_of
+from instdrive_core.edits.kinds.fill_hole import FillHole, make_fill_hole
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.remainder import Remainder, amid_gone, remainder_of
+from instdrive_core.edits.queries.partial_deletion import Remainder, divide_instance, is_near_deleted
 from instdrive_core.progress import report
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class DeletionReport:
     @property
     def summary(self) -> str:
         """``34 splats of residue, hole of 3.1 m²``, and the shadow where there is one."""
-        residue = f"{counted(len(self.residue), 'splat')} of residue" if len(self.residue) else "no residue"
+        residue = f"{format_count(len(self.residue), 'splat')} of residue" if len(self.residue) else "no residue"
         hole = f"hole of {self.hole_area:.1f} m²" if self.hole_area else "no hole"
         if self.hole is not None and self.hole.shadow_area:
             hole += f", shadow of {self.hole.shadow_area:.1f} m²"
         return f"{residue}, {hole}"
 
-    def absorption(self) -> Edit | None:
-        """The edit that takes the residue away; None where there is none."""
+    def make_absorb_edit(self) -> Edit | None:
+        """The edit that removes the residue; None where there is none."""
         if not len(self.residue):
             return None
         if len(self.parts) == 1 and self.parts[0].whole:
@@ -80,45 +80,48 @@ class DeletionReport:
         # Of an instance that is not gone as a whole, not all strays are residue.
         return CompoundEdit((SelectRows(self.residue), DeleteSelected()), f"Absorb floaters of {self.name}")
 
-    def filling(self, seed: int = 0) -> FillHole | None:
+    def make_fill_edit(self, seed: int = 0) -> FillHole | None:
         """The edit that fills the hole; None where there is none."""
         if self.hole is None or not self.hole_area:
             return None
-        return fill_of(self.hole, f"fill of {self.name}"[:MAX_NAME_LENGTH], seed)
+        return make_fill_hole(self.hole, f"fill of {self.name}"[:MAX_NAME_LENGTH], seed)
 
 
-def deletion_report(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
+def report_deletion(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
     """What deleting instances left, or would leave; `time` (seconds) says where moving ones are.
 
     Raises EditError for an unknown ID.
     """
     parts = []
-    for instance_id in checked_ids(ids):
-        name = known_instance(document, instance_id).name
-        parts.append(DeletedPart(instance_id, name, document.rows_of((instance_id,)), True))
-    return _report(document, parts, time)
+    for instance_id in check_ids(ids):
+        name = get_instance(document, instance_id).name
+        parts.append(DeletedPart(instance_id, name, document.find_rows((instance_id,)), True))
+    return _build_report(document, parts, time)
 
 
-def deletion_report_of_rows(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
-    """The same for deleted rows of any instances, such as a selection."""
+def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
+    """What the deletion of some rows of any instances, such as a selection, left or would leave.
+
+    `time` (seconds) says where moving instances are.
+    """
     ids, parts = document.scene.instance_ids[rows], []
     for instance_id in np.unique(ids[ids > 0]).tolist():
         mine, name = rows[ids == instance_id], document.scene.table[instance_id].name
-        whole = document.rows_of((instance_id,))
+        whole = document.find_rows((instance_id,))
         left = (document.state.flags[whole] & Flag.DELETED) == 0
         if np.isin(whole[left], mine).all():  # the last part of what was deleted bit by bit
             parts.append(DeletedPart(instance_id, name, whole, True))
         else:
             parts.append(DeletedPart(instance_id, name, mine, False))
-    return _report(document, parts, time)
+    return _build_report(document, parts, time)
 
 
-def _report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
+def _build_report(document: Document, parts: Sequence[DeletedPart], time: float) -> DeletionReport:
     found, kept = [], []
     for number, part in enumerate(parts):
         report(0.4 * number / len(parts))
-        remainder = None if part.whole else remainder_of(document, part.instance_id, part.rows)
-        found.append(_residue_of(document, part, remainder))
+        remainder = None if part.whole else divide_instance(document, part.instance_id, part.rows)
+        found.append(_find_residue(document, part, remainder))
         if remainder is not None:
             kept.append(remainder.kept)
     report(0.4)
@@ -127,15 +130,15 @@ def _report(document: Document, parts: Sequence[DeletedPart], time: float) -> De
     residue = np.setdiff1d(residue, gone, assume_unique=True)
     carried, counts = np.unique(document.scene.instance_ids[residue], return_counts=True)
     carriers = dict(zip(carried.tolist(), counts.tolist(), strict=True))
-    around = surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
+    around = find_surroundings(document, [(part.instance_id, part.rows) for part in parts], time, kept)
     report(0.6)
-    hole = None if around is None else hole_under(around, residue)
+    hole = None if around is None else find_hole(around, residue)
     return DeletionReport(tuple(parts), residue, carriers, hole)
 
 
-def _residue_of(document: Document, part: DeletedPart, remainder: Remainder | None) -> Int64[ndarray, " k"]:
+def _find_residue(document: Document, part: DeletedPart, remainder: Remainder | None) -> Int64[ndarray, " k"]:
     """Strays of what was deleted; of an instance that is not gone as a whole, not those of the `remainder`."""
     if remainder is None:
-        return floaters_around(document, part.instance_id, part.rows)
-    strays = floaters_around(document, part.instance_id, part.rows, remainder.kept)
-    return strays[np.isin(strays, remainder.missed) | amid_gone(document, strays, remainder)]
+        return find_floaters_around(document, part.instance_id, part.rows)
+    strays = find_floaters_around(document, part.instance_id, part.rows, remainder.kept)
+    return strays[np.isin(strays, remainder.missed) | is_near_deleted(document, strays, remainder)]

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.protocol import Progress, evaluation_of_run
-from instdrive_core.evaluation.report import figure_text, write_figures
+from instdrive_core.evaluation.protocol import Progress, evaluate_run
 from instdrive_core.evaluation.run_facts import FACTS, read_run_facts
+from instdrive_core.evaluation.tables import format_figure, write_figures
 from instdrive_core.formats.folder.scenes import MANIFEST
 
 EVALUATED = "eval.json"
@@ -25,7 +25,7 @@ class ComparedFigure:
     """One row of a comparison."""
 
     key: str
-    """Of the protocol, parts joined by dots."""
+    """Key of the protocol, parts joined by dots."""
     title: str
     better: Literal["higher", "lower"] | None
     """None: neither is."""
@@ -73,7 +73,7 @@ COMPARED = (
 )
 _FACTS = ("seed",)
 """Numbers that measure nothing."""
-_ORACLE = "oracle_"
+_REFERENCE = "oracle_"
 
 
 @dataclass(frozen=True)
@@ -99,42 +99,46 @@ class ComparedCell:
 
     text: str
     delta: str
-    """To the first run; empty for the first, and where either is unknown."""
+    """Difference to the first run; empty for the first, and where either is unknown."""
     best: bool
 
 
-def measured_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list[MeasuredRun]:
-    """Figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
+def measure_runs(paths: Sequence[Path], fresh: bool, progress: Progress) -> list[MeasuredRun]:
+    """Read or compute the figures of run folders and of files that `instdrive eval --json` wrote, in the order given.
 
     A folder's `eval.json` is taken where it is newer than the scene; else, or where `fresh`, the run is evaluated and
     the file written. Raises DataError for what is neither.
     """
-    figures = [_figures_of(path, fresh, progress) for path in paths]
+    figures = [_measure_run(path, fresh, progress) for path in paths]
     folders = [path if path.is_dir() else None for path in paths]
-    entries = zip(_names(paths), figures, folders, strict=True)
+    entries = zip(_choose_names(paths), figures, folders, strict=True)
     return [MeasuredRun(name, values, folder) for name, values, folder in entries]
 
 
-def compared_rows(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
-    """The figures that any run knows; last those of oracles, and those that have no row of their own in `COMPARED`.
+def compare_runs(runs: Sequence[MeasuredRun]) -> list[tuple[ComparedFigure, list[ComparedCell]]]:
+    """Lay the figures that any run knows side by side; references and figures without a row in `COMPARED` come last.
 
     Values that read the same are equally good; where all do, none is best.
     """
     rows = []
-    for figure in (*COMPARED, *_further_figures(runs)):
+    for figure in (*COMPARED, *_list_further_figures(runs)):
         values = [run.value(figure.key) for run in runs]
         if any(value is not None for value in values):
-            best = _best(values, figure)
+            best = _find_best(values, figure)
             cells = [
-                ComparedCell(_text(value, figure), _delta(value, values[0], figure) if number else "", number in best)
+                ComparedCell(
+                    _format_value(value, figure),
+                    _format_delta(value, values[0], figure) if number else "",
+                    number in best,
+                )
                 for number, value in enumerate(values)
             ]
             rows.append((figure, cells))
     return rows
 
 
-def differences(runs: Sequence[MeasuredRun]) -> list[str]:
-    """What makes figures of these runs incomparable, in words."""
+def find_differences(runs: Sequence[MeasuredRun]) -> list[str]:
+    """Say what makes figures of these runs incomparable."""
     found = []
     for key in COMPARABLE:
         values = list(dict.fromkeys(str(run.figures.get(key)) for run in runs))
@@ -143,29 +147,31 @@ def differences(runs: Sequence[MeasuredRun]) -> list[str]:
     return found
 
 
-def _further_figures(runs: Sequence[MeasuredRun]) -> list[ComparedFigure]:
+def _list_further_figures(runs: Sequence[MeasuredRun]) -> list[ComparedFigure]:
     known = {figure.key: figure for figure in COMPARED}
-    keys = dict.fromkeys(key for run in runs for key in _keys(run.figures) if key not in known and key not in _FACTS)
-    return [_further_figure(key, known) for key in keys]
+    keys = dict.fromkeys(
+        key for run in runs for key in _list_keys(run.figures) if key not in known and key not in _FACTS
+    )
+    return [_build_further_figure(key, known) for key in keys]
 
 
-def _further_figure(key: str, known: Mapping[str, ComparedFigure]) -> ComparedFigure:
+def _build_further_figure(key: str, known: Mapping[str, ComparedFigure]) -> ComparedFigure:
     folder, _, name = key.rpartition(".")
-    plain = known.get(f"{folder}.{name.removeprefix(_ORACLE)}")
-    if plain is None or not name.startswith(_ORACLE):
+    plain = known.get(f"{folder}.{name.removeprefix(_REFERENCE)}")
+    if plain is None or not name.startswith(_REFERENCE):
         return ComparedFigure(key, key, None)
-    return replace(plain, key=key, title=f"oracle: {plain.title}")
+    return replace(plain, key=key, title=f"reference: {plain.title}")
 
 
-def _keys(figures: dict[str, Any], prefix: str = "") -> Iterator[str]:
+def _list_keys(figures: dict[str, Any], prefix: str = "") -> Iterator[str]:
     for key, value in figures.items():
         if isinstance(value, dict):
-            yield from _keys(value, f"{prefix}{key}.")
+            yield from _list_keys(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}"
 
 
-def _figures_of(path: Path, fresh: bool, progress: Progress) -> dict[str, Any]:
+def _measure_run(path: Path, fresh: bool, progress: Progress) -> dict[str, Any]:
     if path.is_file():
         return _read_figures(path)
     if not path.exists():
@@ -174,14 +180,14 @@ def _figures_of(path: Path, fresh: bool, progress: Progress) -> dict[str, Any]:
         )
     read_run_facts(path)
     evaluated = path / EVALUATED
-    if not fresh and evaluated.is_file() and _newer_than_scene(evaluated, path):
+    if not fresh and evaluated.is_file() and _is_newer_than_scene(evaluated, path):
         return _read_figures(evaluated)
-    figures = evaluation_of_run(path, progress).figures
+    figures = evaluate_run(path, progress).figures
     write_figures(evaluated, figures)
     return figures
 
 
-def _newer_than_scene(evaluated: Path, run: Path) -> bool:
+def _is_newer_than_scene(evaluated: Path, run: Path) -> bool:
     written = [(run / name).stat().st_mtime_ns for name in (MANIFEST, FACTS) if (run / name).is_file()]
     return evaluated.stat().st_mtime_ns >= max(written)
 
@@ -198,8 +204,8 @@ def _read_figures(path: Path) -> dict[str, Any]:
     return figures
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
-    """The last parts of each path that tell it from the others; a run's `eval.json` is named by its folder."""
+def _choose_names(paths: Sequence[Path]) -> list[str]:
+    """Choose the last parts of each path that tell it from the others; a run's `eval.json` is named by its folder."""
     whole = [path.resolve() for path in paths]
     named = [
         path.parent if path.name == EVALUATED else path.with_suffix("") if path.is_file() else path for path in whole
@@ -213,7 +219,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [str(path) for path in named]
 
 
-def _best(values: Sequence[float | None], figure: ComparedFigure) -> set[int]:
+def _find_best(values: Sequence[float | None], figure: ComparedFigure) -> set[int]:
     known = {number: round(value, figure.digits) for number, value in enumerate(values) if value is not None}
     if figure.better is None or len(set(known.values())) < 2:
         return set()
@@ -221,11 +227,11 @@ def _best(values: Sequence[float | None], figure: ComparedFigure) -> set[int]:
     return {number for number, value in known.items() if value == best}
 
 
-def _text(value: float | None, figure: ComparedFigure) -> str:
+def _format_value(value: float | None, figure: ComparedFigure) -> str:
     if value is None:
-        return figure_text(None)
+        return format_figure(None)
     return f"{value:,.{figure.digits}f}"
 
 
-def _delta(value: float | None, first: float | None, figure: ComparedFigure) -> str:
+def _format_delta(value: float | None, first: float | None, figure: ComparedFigure) -> str:
     return "" if value is None or first is None else f"{value - first:+,.{figure.digits}f}"

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.scene import Scene
 
 VOXEL = 0.25
@@ -25,19 +25,19 @@ MAX_SWEEPS = 20
 """More training sweeps than this are sampled evenly."""
 
 
-def component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
-    """An ID per Gaussian: its node's for an actor's, else that of the nearest point's component; None without LiDAR.
+def assign_component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
+    """Give each Gaussian an ID: an actor's that of its node, others that of the nearest point's component.
 
-    Points of the training sweeps are joined, those in boxes of moving objects left out.
+    Points of the training sweeps are joined, those in boxes of moving objects left out. None without LiDAR.
     """
-    points = _standing_points(clip)
+    points = _gather_standing_points(clip)
     if not len(points):
         return None
     cells = np.unique(np.floor(points / VOXEL).astype(np.int64), axis=0)
     centers = ((cells + 0.5) * VOXEL).astype(np.float32)
     ground = _is_ground(centers)
     components = np.ones(len(cells), np.uint32)
-    components[~ground] = _connected(cells[~ground]) + 2
+    components[~ground] = _connect_cells(cells[~ground]) + 2
     ids = scene.nodes.astype(np.uint32) + components.max()
     background = scene.nodes == 0
     if background.any():
@@ -46,15 +46,15 @@ def component_ids(scene: Scene, clip: Clip) -> UInt32[ndarray, " n"] | None:
     return ids
 
 
-def _standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
-    sweeps = clip.training_sweeps()
+def _gather_standing_points(clip: Clip) -> Float32[ndarray, "n 3"]:
+    sweeps = clip.training_sweeps
     parts = [np.zeros((0, 3), np.float32)]
     for sweep in sweeps[:: max(1, -(-len(sweeps) // MAX_SWEEPS))]:
         points = sweep.load().points
         moving = [track for track in clip.tracks if track.moving and track.covers(sweep.time)]
-        poses = np.array([track.pose_at(sweep.time) for track in moving]).reshape(-1, 4, 4)
+        poses = np.array([track.interpolate_pose(sweep.time) for track in moving]).reshape(-1, 4, 4)
         dimensions = np.array([track.dimensions for track in moving]).reshape(-1, 3)
-        parts.append(points[box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
+        parts.append(points[find_box_of_points(points, poses, dimensions, BOX_MARGIN) < 0])
     return np.concatenate(parts)
 
 
@@ -67,7 +67,7 @@ def _is_ground(points: Float32[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     return points[:, 2] - lowest[tuple(columns.T)] < GROUND_HEIGHT
 
 
-def _connected(cells: Int64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
+def _connect_cells(cells: Int64[ndarray, "n 3"]) -> Int64[ndarray, " n"]:
     """Component, from 0 on, of each of n distinct cells; cells that share a corner are connected."""
     if not len(cells):
         return np.zeros(0, np.int64)

@@ -14,36 +14,37 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.lidar_components import component_ids
-from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.lidar_components import assign_component_ids
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
 from instdrive_core.evaluation.metrics.id_measure import (
     CLICK_KEYS,
     SEED,
     IdMeasure,
     Progress,
-    codes_of,
-    id_measure,
-    nothing_measured,
+    build_empty_scores,
+    get_codes,
+    prepare_id_measure,
 )
 from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS
-from instdrive_core.evaluation.metrics.map_scores import per_view_scores, scene_scores
+from instdrive_core.evaluation.metrics.map_scores import score_scene, score_views
 from instdrive_core.evaluation.metrics.object_rows import ObjectRow
-from instdrive_core.evaluation.metrics.sharing import shared_ids
-from instdrive_core.evaluation.oracle import true_instance_ids
-from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
+from instdrive_core.evaluation.metrics.sharing import find_shared_ids
+from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
+from instdrive_core.evaluation.true_ids import find_true_ids
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.masks.ground_truth import (
     NOT_KNOWN,
     GroundTruth,
     GroundTruthInstance,
-    known_ground_truth,
+    find_ground_truth,
 )
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.scene import Scene
 
-MAX_ORACLE_VIEWS = 120
-"""The oracle's votes come from at most this many training views, evenly spread."""
+MAX_REFERENCE_VIEWS = 120
+"""The reference's votes come from at most this many training views, evenly spread."""
 
-ORACLE_KEYS = {
+REFERENCE_KEYS = {
     "scene": ("miou", "pq"),
     "lidar": tuple(key for key in LIDAR_KEYS if "code" not in key),
     "click": CLICK_KEYS,
@@ -59,17 +60,17 @@ class Evaluation:
     figures: dict[str, Any]
     """The keys of the protocol."""
     controls: dict[str, dict[str, dict[str, Any]]]
-    """By name of the control: `per_view`, `scene` and `lidar`."""
+    """Scores by name of the control: `per_view`, `scene` and `lidar`."""
     held_out_steps: tuple[int, ...]
     privileged: bool
     """The run trained on the same annotations that it is measured with."""
     scene: Scene
     views: tuple[HeldOutView, ...]
-    """With them, a view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
+    """Measured views. A view's maps are made again without drawing: `views[k].with_ids(scene.instance_ids).predicted`
     against `views[k].truth`; its photo is `views[k].frame.load_image()`, its picture
     `view_scene(scene, frame.view.camera, frame.view.time).color`."""
     truth_instances: dict[int, GroundTruthInstance]
-    """What each ID of the ground truth is."""
+    """Facts of each ID of the ground truth."""
     has_truth: bool
     """Whether the clip says what is which instance; without it nothing but images is measured."""
     objects: tuple[ObjectRow, ...]
@@ -78,29 +79,27 @@ class Evaluation:
     @property
     def shared_instances(self) -> dict[int, tuple[int, ...]]:
         """Instances that count for several objects: instance → ground-truth IDs."""
-        return shared_ids({row.id: row.instances for row in self.objects})
+        return find_shared_ids({row.id: row.instances for row in self.objects})
 
     @property
     def shared_codes(self) -> dict[int, tuple[int, ...]]:
         """Codewords that count for several objects: codeword (without the + 1) → ground-truth IDs."""
         coded = {row.id: row.codes for row in self.objects if row.codes is not None}
-        return {code - 1: objects for code, objects in shared_ids(coded).items()}
+        return {code - 1: objects for code, objects in find_shared_ids(coded).items()}
 
 
-def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> dict[str, Any]:
-    """The figures of a finished run. Raises DataError where run, clip or ground truth cannot be read."""
-    return evaluation_of_run(run, progress).figures
+def evaluate_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
+    """Measure a finished run with the part of the clip that it was trained on.
 
-
-def evaluation_of_run(run: Path, progress: Progress = lambda stage, done, total: None) -> Evaluation:
-    """As `evaluate_run`, with the trivial controls."""
+    Raises DataError where the run, the clip or the ground truth cannot be read, or the clip has moved since.
+    """
     facts = read_run_facts(run)
     scene = read_scene_folder(run)
-    clip = load_clip(facts["clip"], clip_options(facts))
+    clip = load_clip(facts["clip"], build_clip_options(facts))
     if not np.allclose(clip.origin, scene.origin):
         problem = f"its origin {scene.origin} is not that of {clip.path}, {clip.origin}"
         raise DataError(run, problem, "Evaluate with the clip as it was when the run was trained.")
-    return evaluate_scene(scene, clip, known_ground_truth(clip), facts, progress)
+    return evaluate_scene(scene, clip, find_ground_truth(clip), facts, progress)
 
 
 def evaluate_scene(
@@ -109,27 +108,28 @@ def evaluate_scene(
     ground_truth: GroundTruth,
     facts: dict[str, Any],
     progress: Progress = lambda stage, done, total: None,
-    oracle_too: bool = True,
+    with_reference: bool = True,
 ) -> Evaluation:
     """Measure a scene on a clip's held-out views and sweeps; `facts` as in `read_run_facts`.
 
-    Without `oracle_too` the bounds that true IDs set are None: they cost half of the time, and depend on geometry only.
+    Without `with_reference` the bounds that true IDs set are None: they cost half of the time, and depend on the
+    geometry alone.
     """
-    views = _held_out_views(scene, clip, ground_truth, progress)
+    views = _measure_held_out_views(scene, clip, ground_truth, progress)
     has_truth = ground_truth.source != NOT_KNOWN
-    measure = id_measure(scene, views, clip, ground_truth, progress)
-    learned, objects = nothing_measured(), ()
+    measure = prepare_id_measure(scene, views, clip, ground_truth, progress)
+    learned, objects = build_empty_scores(), ()
     if scene.instance_ids.any() and has_truth:
-        learned = _measured(measure, scene.instance_ids, codes_of(scene), "deletions", progress)
-        objects = measure.objects(scene.instance_ids, codes_of(scene))
-    oracle = nothing_measured()
-    if oracle_too and ground_truth.source == "exact":
-        true_ids = _true_ids(scene, clip, ground_truth, progress)
-        oracle = _measured(measure, true_ids, None, "deletions, true IDs", progress)
-    bounds = {part: {f"oracle_{key}": oracle[part][key] for key in keys} for part, keys in ORACLE_KEYS.items()}
+        learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
+        objects = measure.objects(scene.instance_ids, get_codes(scene))
+    reference = build_empty_scores()
+    if with_reference and ground_truth.source == "exact":
+        true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
+        reference = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
+    bounds = {part: {f"oracle_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
     figures = {
-        **_image_scores(views),
-        "codeword": _codeword_scores(views),
+        **_score_images(views),
+        "codeword": _score_codewords(views),
         "per_view": learned["per_view"],
         **{part: learned[part] | bounds[part] for part in ("scene", "lidar", "click")},
         "ground_truth": ground_truth.source,
@@ -137,7 +137,7 @@ def evaluate_scene(
         "n_instances": len(scene.table),
         **{key: facts[key] for key in FACT_KEYS},
     }
-    controls = _controls(scene, clip, ground_truth) if has_truth else {}
+    controls = _build_controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
         controls={name: measure.scores(ids) for name, ids in controls.items()},
@@ -151,7 +151,7 @@ def evaluate_scene(
     )
 
 
-def _measured(
+def _measure_ids(
     measure: IdMeasure,
     ids: UInt32[ndarray, " n"],
     codes: UInt64[ndarray, " n"] | None,
@@ -159,23 +159,25 @@ def _measured(
     progress: Progress,
 ) -> dict[str, Any]:
     """`per_view`, `scene`, `lidar` and `click`."""
-    clicked = measure.click_scores(ids, lambda done, total: progress(stage, done, total))
+    clicked = measure.score_clicks(ids, lambda done, total: progress(stage, done, total))
     return measure.scores(ids, codes) | {"click": clicked}
 
 
-def _held_out_views(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> list[HeldOutView]:
-    frames = clip.held_out_frames()
+def _measure_held_out_views(
+    scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress
+) -> list[HeldOutView]:
+    frames = clip.held_out_frames
     if not frames:
         problem = "the run's part of the clip has no held-out time step (frame numbers that end in 4)"
         raise DataError(clip.path, problem, "Train on a frame range that contains one.")
     views = []
     for frame in frames:
-        views.append(held_out_view(scene, clip, frame, ground_truth))
+        views.append(measure_held_out_view(scene, clip, frame, ground_truth))
         progress("held-out views", len(views), len(frames))
     return views
 
 
-def _image_scores(views: Sequence[HeldOutView]) -> dict[str, float | None]:
+def _score_images(views: Sequence[HeldOutView]) -> dict[str, float | None]:
     return {
         "psnr": _mean([view.psnr for view in views]),
         "ssim": _mean([view.ssim for view in views]),
@@ -183,29 +185,29 @@ def _image_scores(views: Sequence[HeldOutView]) -> dict[str, float | None]:
     }
 
 
-def _codeword_scores(views: Sequence[HeldOutView]) -> dict[str, dict[str, float | None]]:
-    maps = [view.labelled(view.codewords) for view in views if view.codewords is not None]
-    per_view, of_scene = per_view_scores(maps), scene_scores(maps, (), ())
+def _score_codewords(views: Sequence[HeldOutView]) -> dict[str, dict[str, float | None]]:
+    maps = [view.with_map(view.codewords) for view in views if view.codewords is not None]
+    per_view, of_scene = score_views(maps), score_scene(maps, (), ())
     return {
         "per_view": {key: per_view[key] for key in ("miou", "macc")},
         "scene": {key: of_scene[key] for key in ("miou", "macc")},
     }
 
 
-def _true_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
-    frames = clip.training_frames()
-    spread = frames[:: -(-len(frames) // MAX_ORACLE_VIEWS)] if frames else frames
-    return true_instance_ids(
-        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("oracle", done, total)
+def _find_reference_ids(scene: Scene, clip: Clip, ground_truth: GroundTruth, progress: Progress) -> np.ndarray:
+    frames = clip.training_frames
+    spread = frames[:: -(-len(frames) // MAX_REFERENCE_VIEWS)] if frames else frames
+    return find_true_ids(
+        scene, spread, ground_truth, SEED, progress=lambda done, total: progress("reference", done, total)
     )
 
 
-def _controls(scene: Scene, clip: Clip, ground_truth: GroundTruth) -> dict[str, UInt32[ndarray, " n"]]:
+def _build_controls(scene: Scene, clip: Clip, ground_truth: GroundTruth) -> dict[str, UInt32[ndarray, " n"]]:
     """IDs of the scene's Gaussians that nobody learned."""
     rows, objects = len(scene), len(ground_truth.instances)
-    random_ids = np.random.default_rng(SEED).integers(1, objects + 1, rows).astype(np.uint32)
+    random_ids = make_generator(SEED, Stream.RANDOM_IDS).integers(1, objects + 1, rows).astype(np.uint32)
     controls = {"one ID for all": np.ones(rows, np.uint32), "random IDs": random_ids}
-    components = component_ids(scene, clip)
+    components = assign_component_ids(scene, clip)
     return controls if components is None else controls | {"LiDAR components": components}
 
 

@@ -1,4 +1,4 @@
-"""What a training run says of itself, in `run.json` beside its scene."""
+"""Facts that a training run keeps of itself in `run.json` beside its scene."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def read_run_facts(run: Path) -> dict[str, Any]:
     return facts
 
 
-def clip_options(facts: dict[str, Any]) -> ClipOptions:
-    """The part of the clip that the run was trained on."""
+def build_clip_options(facts: dict[str, Any]) -> ClipOptions:
+    """Build the options that load the part of the clip on which the run was trained."""
     return ClipOptions(
         cameras=facts["cameras"],
         scale=facts["scale"],

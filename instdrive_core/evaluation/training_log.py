@@ -1,4 +1,4 @@
-"""What a run's `log.jsonl` tells of its training."""
+"""Steps of training as a run's `log.jsonl` reports them."""
 
 from __future__ import annotations
 
@@ -22,39 +22,39 @@ class LoggedStep:
     seconds: float
     loss: float
     psnr: float | None
-    """Of the step's training image, dB; None where the stage draws none."""
+    """PSNR of the step's training image, dB; None where the stage draws none."""
     gaussians: int
     terms: dict[str, float]
     """Weighted loss terms by name."""
 
 
 def read_log(run: Path) -> list[LoggedStep]:
-    """The steps that a run reported, in order; none where it kept no log. Lines that tell no step are passed over:
+    """Read the steps that a run reported, in order; none where it kept no log. Lines that tell no step are passed over:
     a kill cuts the last one off, and a report can do without it."""
     path = run / LOG
     if not path.is_file():
         return []
-    steps = (_step(line) for line in path.read_text(encoding="utf-8", errors="replace").splitlines())
+    steps = (_parse_step(line) for line in path.read_text(encoding="utf-8", errors="replace").splitlines())
     return [step for step in steps if step is not None]
 
 
-def column(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
+def get_column(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
     """A field of every step; NaN where it is None."""
     values = [getattr(step, name) for step in steps]
     return np.array([np.nan if value is None else value for value in values], np.float64)
 
 
-def term_names(steps: Sequence[LoggedStep]) -> list[str]:
+def list_terms(steps: Sequence[LoggedStep]) -> list[str]:
     """Every loss term that occurs, in order of appearance."""
     return list(dict.fromkeys(name for step in steps for name in step.terms))
 
 
-def term(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
+def get_term(steps: Sequence[LoggedStep], name: str) -> Float64[ndarray, " n"]:
     """A loss term of every step; NaN where the step has none."""
     return np.array([step.terms.get(name, np.nan) for step in steps], np.float64)
 
 
-def _step(line: str) -> LoggedStep | None:
+def _parse_step(line: str) -> LoggedStep | None:
     try:
         fields = json.loads(line)
         psnr = fields.get("psnr")

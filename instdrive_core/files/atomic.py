@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.plain_file import plain_file
-from instdrive_core.files.temporaries import temporary_beside
+from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.files.temporaries import create_temporary
 
 Check = Callable[[Path, Path], None]
 """Gets a finished temporary file and the name that it is about to take; raises DataError to keep it from that."""
@@ -20,7 +20,7 @@ _check: ContextVar[Check | None] = ContextVar("check before replacing", default=
 
 
 @contextmanager
-def checked_before_replacing(check: Check) -> Iterator[None]:
+def check_before_replacing(check: Check) -> Iterator[None]:
     """Have `check` look at every file that is written in the block before it takes the place of an old one."""
     outer = _check.set(check)
     try:
@@ -30,7 +30,7 @@ def checked_before_replacing(check: Check) -> Iterator[None]:
 
 
 @contextmanager
-def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[Path]:
+def replace_atomically(path: str | Path, temporary_for: str | None = None) -> Iterator[Path]:
     """A file name beside `path` to write to; the file takes the place of `path` when the block ends without an error.
 
     At any moment, also after a power cut, `path` is the old file or the new one, whole. Missing folders are made. What
@@ -45,9 +45,9 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
     """
     path = Path(path)
     try:
-        path = plain_file(Path(os.path.realpath(path)) if path.is_symlink() else path)
+        path = require_plain_file(Path(os.path.realpath(path)) if path.is_symlink() else path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary_beside(path.with_name(temporary_for or path.name)) as temporary:
+        with create_temporary(path.with_name(temporary_for or path.name)) as temporary:
             mode = temporary.path.stat().st_mode
             yield temporary.path
             with temporary.path.open("rb+") as file:
@@ -66,15 +66,15 @@ def atomic_path(path: str | Path, temporary_for: str | None = None) -> Iterator[
 
 
 @contextmanager
-def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
-    """As `atomic_path`, with the file opened to be written in binary."""
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
+def open_atomically(path: str | Path) -> Iterator[BinaryIO]:
+    """As `replace_atomically`, with the file opened to be written in binary."""
+    with replace_atomically(path) as temporary, temporary.open("wb") as file:
         yield file
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
     """Write a small file atomically."""
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         file.write(content)
 
 

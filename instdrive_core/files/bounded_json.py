@@ -5,33 +5,33 @@ from __future__ import annotations
 import math
 from typing import Any, NoReturn
 
-from instdrive_core.files.json_value import json_value
+from instdrive_core.files.json_value import parse_json
 
 MAX_DEPTH = 32
 """Objects and lists within each other."""
 
 
-def parsed_json(text: bytes) -> Any:
+def parse_bounded_json(text: bytes) -> Any:
     """The value, of which every number is finite. Raises ValueError where it is none, or nested too deep."""
     try:
-        value = json_value(text, parse_constant=_refuse, parse_float=_finite)
+        value = parse_json(text, parse_constant=_refuse, parse_float=_parse_finite)
     except RecursionError as error:
         raise ValueError(f"it is nested more than {MAX_DEPTH} deep") from error
     level, depth = [value], 1
-    while level := [part for value in level for part in _parts(value)]:
+    while level := [part for value in level for part in _list_parts(value)]:
         depth += 1
         if depth > MAX_DEPTH:
             raise ValueError(f"it is nested more than {MAX_DEPTH} deep")
     return value
 
 
-def _parts(value: Any) -> list[Any]:
+def _list_parts(value: Any) -> list[Any]:
     """What is inside of an object or list and has an inside, too."""
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return [part for part in parts if isinstance(part, dict | list)]
 
 
-def _finite(number: str) -> float:
+def _parse_finite(number: str) -> float:
     """Digits that are too many make an infinity, too."""
     value = float(number)
     return value if math.isfinite(value) else _refuse(number)

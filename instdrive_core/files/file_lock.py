@@ -45,7 +45,7 @@ class FileLock:
         self._descriptor: int | None = descriptor
 
     @classmethod
-    def taken(cls, path: Path) -> FileLock | None:
+    def acquire(cls, path: Path) -> FileLock | None:
         """The lock of a file, made where missing; None where another process, or another lock of this one, holds it.
 
         A file system without locks counts as free. Raises OSError where the file cannot be opened.

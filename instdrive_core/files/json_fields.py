@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_value import json_value
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.json_value import parse_json
+from instdrive_core.files.plain_file import require_plain_file
 
 _REMEDY = "Get the file again"
 _MAX_DIGITS = 9
@@ -17,35 +17,35 @@ _MAX_DIGITS = 9
 def read_json(file: Path) -> Any:
     """The parsed file. Raises DataError where it is missing or broken."""
     try:
-        return json_value(plain_file(file).read_text(encoding="utf-8-sig"))  # Windows programs mark UTF-8
+        return parse_json(require_plain_file(file).read_text(encoding="utf-8-sig"))  # Windows programs mark UTF-8
     except FileNotFoundError as error:
         raise DataError(file, "is missing", _REMEDY) from error
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(file, f"is no readable JSON ({error})", _REMEDY) from error
 
 
-def field(file: Path, entry: Any, key: str, where: str = "") -> Any:
+def require_field(file: Path, entry: Any, key: str, where: str = "") -> Any:
     """``entry[key]``. Raises DataError where there is none."""
     if not isinstance(entry, dict) or key not in entry:
         raise DataError(file, f"the field '{where}{key}' is missing", _REMEDY)
     return entry[key]
 
 
-def number(file: Path, value: Any, name: str) -> float:
+def require_number(file: Path, value: Any, name: str) -> float:
     """A finite number. Raises DataError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise DataError(file, f"the field '{name}' is {value!r}, expected a number", _REMEDY)
     return float(value)
 
 
-def numbers(file: Path, value: Any, name: str) -> list[float]:
+def require_numbers(file: Path, value: Any, name: str) -> list[float]:
     """A list of finite numbers. Raises DataError for anything else."""
     if not isinstance(value, list):
         raise DataError(file, f"expected {name}, found {type(value).__name__}", _REMEDY)
-    return [number(file, entry, f"[{position}]") for position, entry in enumerate(value)]
+    return [require_number(file, entry, f"[{position}]") for position, entry in enumerate(value)]
 
 
-def whole_number(key: str) -> int:
+def parse_whole_number(key: str) -> int:
     """The number that a key of an object stands for, as JSON has no other keys than text.
 
     Raises ValueError for anything but a few digits: Python refuses to read thousands of them.

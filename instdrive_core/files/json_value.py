@@ -10,10 +10,10 @@ _MAYBE_HALF = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 """Escaped pairs of halves, which are whole, look the same."""
 
 
-def json_value(text: bytes | str, **options: Any) -> Any:
+def parse_json(text: bytes | str, **options: Any) -> Any:
     """As `json.loads`. Raises ValueError also where a text in it holds half a character.
 
-    Bytes of file names that are no text (PEP 383) may stand in it; `whole_text` refuses them, too.
+    Bytes of file names that are no text (PEP 383) may stand in it; `require_whole_text` refuses them, too.
     """
     if isinstance(text, bytes):
         text = text.decode(json.detect_encoding(text), "surrogatepass")
@@ -27,7 +27,7 @@ def json_value(text: bytes | str, **options: Any) -> Any:
     return value
 
 
-def whole_text(value: object) -> str:
+def require_whole_text(value: object) -> str:
     """As `str`, for what is shown to the user. Raises ValueError where it holds half a character."""
     text = str(value)
     try:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.lib import format as npy
 
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 
 BAD_ARRAY = (
     *(OSError, EOFError, ValueError, TypeError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error),
@@ -27,7 +27,7 @@ BAD_ARRAY = (
 _MAX_HEADER = 1 << 16
 
 
-def array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
+def read_array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     """Shape, whether columns come first, and type of an array. Raises one of `BAD_ARRAY` for a damaged one."""
     version = npy.read_magic(stream)
     if version == (1, 0):
@@ -37,15 +37,15 @@ def array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     raise ValueError(f"array format {version[0]}.{version[1]}")
 
 
-def read_numbers(file: Path, most: int) -> ndarray:
+def read_number_array(file: Path, most: int) -> ndarray:
     """The array of a .npy file of numbers, of at most `most` values. Raises one of `BAD_ARRAY` where it is damaged."""
     limit = _MAX_HEADER + most * np.dtype(np.float64).itemsize
-    with plain_file(file).open("rb") as stream:
+    with require_plain_file(file).open("rb") as stream:
         content = stream.read(limit + 1)
     if len(content) > limit:
         raise ValueError(f"it is larger than {most} values can be")
     start = io.BytesIO(content)
-    shape, fortran_order, dtype = array_header(start)
+    shape, fortran_order, dtype = read_array_header(start)
     if dtype.kind not in "biuf":
         raise ValueError(f"it holds {dtype}, not numbers")
     if math.prod(shape) * dtype.itemsize != len(content) - start.tell():

@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 
 
-def plain_file(path: Path) -> Path:
+def require_plain_file(path: Path) -> Path:
     """The same path, to be opened where no pipe, socket or device is: those may keep a reader waiting or never end.
 
     What is missing, or a folder, is left for opening to say. Raises OSError.
@@ -28,7 +28,7 @@ class BoundedReader(io.BufferedReader):
 
     def __init__(self, path: Path) -> None:
         """Raises OSError where the file cannot be opened, or is a pipe or device."""
-        super().__init__(io.FileIO(plain_file(path)))
+        super().__init__(io.FileIO(require_plain_file(path)))
 
     def read(self, size: int | None = -1, /) -> bytes:
         """At most what is left of the file."""

@@ -15,7 +15,7 @@ MAX_COLUMNS = 4096
 MAX_ELEMENTS = 256
 _MAX_DIGITS = 4000
 """Python refuses to read more than some; far fewer are too many for any file."""
-REMEDY = "Export the scene again from the program that made it"
+REMEDY = "Export the file again from the program that made it"
 _FORMATS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
     name: kind
@@ -38,6 +38,8 @@ class PlyHeader:
     """What a reader needs to know before it touches the body."""
 
     is_ascii: bool
+    noun: str
+    """What the vertices are, for messages: ``splats`` or ``points``."""
     count: int
     """Rows of the vertex element."""
     dtype: np.dtype
@@ -64,21 +66,21 @@ class PlyElement:
     has_list: bool = False
     """Rows of an element with lists differ in length."""
 
-    def dtype(self, order: str) -> np.dtype:
-        """One row, without lists, in a byte order (``<``, ``>`` or ``=``)."""
+    def build_dtype(self, order: str) -> np.dtype:
+        """Describe one row, without lists, in a byte order (``<``, ``>`` or ``=``)."""
         return np.dtype([(name, order + kind) for name, kind in self.kinds.items()])
 
     def add(self, name: str, kind: str, path: Path) -> None:
-        """One more column. Raises DataError where it has that one, or more than any program writes."""
+        """Add a column. Raises DataError where it has that one, or more than any program writes."""
         if name in self.kinds:
             raise DataError(path, f"property {name!r} stands twice in the header", REMEDY)
         if len(self.kinds) == MAX_COLUMNS:
             problem = f"the element {self.name!r} has more than {MAX_COLUMNS:,} properties"
-            raise DataError(path, problem, "Leave out those that are not of 3D Gaussians")
+            raise DataError(path, problem, "Leave out those that no reader needs")
         self.kinds[name] = kind
 
-    def least_text(self) -> int:
-        """Bytes of all rows in ASCII, where each value is a digit and a separator, and a list its own length."""
+    def count_least_text(self) -> int:
+        """Count the bytes that all rows need in ASCII: a digit and a separator for each value; a list's length."""
         return self.count * 2 * max(len(self.kinds) + self.has_list, 1)
 
 
@@ -94,16 +96,19 @@ class PlyLayout:
     """Bytes of the header."""
 
 
-def read_layout(file: BinaryIO, path: Path) -> PlyLayout:
+def read_ply_layout(file: BinaryIO, path: Path) -> PlyLayout:
     """Parse the header of any .ply. Raises DataError where it is none, or a line is not understood."""
-    lines, end = _header_lines(file, path)
-    order, elements, comments = _parsed(lines, path)
+    lines, end = _read_header_lines(file, path)
+    order, elements, comments = _parse_lines(lines, path)
     return PlyLayout(order, tuple(elements), tuple(comments), end)
 
 
-def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
-    """Parse the header and check its counts against the file's size. Raises DataError."""
-    layout = read_layout(file, path)
+def read_ply_header(file: BinaryIO, path: Path, file_size: int, noun: str = "splats") -> PlyHeader:
+    """Parse the header and check its counts against the file's size in bytes. Raises DataError.
+
+    `noun` is what messages call the vertices.
+    """
+    layout = read_ply_layout(file, path)
     order, elements, end = layout.order, layout.elements, layout.body_offset
     names = [element.name for element in elements]
     if "vertex" not in names:
@@ -112,19 +117,20 @@ def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
     before, element = elements[:vertex], elements[vertex]
     is_ascii = order == "="
     if element.has_list:
-        raise DataError(path, "a list property stands among the vertices; splat files have none", REMEDY)
+        raise DataError(path, "a list property stands among the vertices, which must be numbers", REMEDY)
     if not is_ascii and any(other.has_list for other in before):
         problem = "rows of lists stand before the vertices, so that nothing says where these begin"
         raise DataError(path, problem, "Export it without faces, as ASCII, or with the vertices first")
-    dtype = element.dtype(order)
-    offset = end if is_ascii else end + sum(other.dtype(order).itemsize * other.count for other in before)
+    dtype = element.build_dtype(order)
+    offset = end if is_ascii else end + sum(other.build_dtype(order).itemsize * other.count for other in before)
     header = PlyHeader(
         is_ascii=is_ascii,
+        noun=noun,
         count=element.count,
         dtype=dtype,
         body_offset=offset,
         skipped_lines=sum(other.count for other in before),
-        skipped_least=sum(other.least_text() for other in before),
+        skipped_least=sum(other.count_least_text() for other in before),
         is_last=vertex == len(elements) - 1,
         comments=layout.comments,
     )
@@ -132,7 +138,7 @@ def read_header(file: BinaryIO, path: Path, file_size: int) -> PlyHeader:
     return header
 
 
-def _header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
+def _read_header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
     if file.read(3) != b"ply":
         raise DataError(path, "the file does not begin with 'ply'", "Check that it is a .ply file")
     file.seek(0)
@@ -148,7 +154,7 @@ def _header_lines(file: BinaryIO, path: Path) -> tuple[list[str], int]:
     raise DataError(path, "the header has no 'end_header' line", REMEDY)
 
 
-def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[str]]:
+def _parse_lines(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[str]]:
     order, elements, comments = "", [], []
     for line in lines:
         words = line.split()
@@ -175,7 +181,7 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[PlyElement], list[s
 
 
 def _check_length(header: PlyHeader, path: Path, file_size: int) -> None:
-    """A lying count must fail here, before anything is allocated by it."""
+    """Refuse a lying count before anything is allocated by it."""
     available = file_size - header.body_offset
     if header.is_ascii:
         needed = header.skipped_least + header.count * 2 * max(len(header.dtype.names or ()), 1) - 1
@@ -184,8 +190,10 @@ def _check_length(header: PlyHeader, path: Path, file_size: int) -> None:
         needed = header.count * header.dtype.itemsize
         exact = header.is_last
     if available < needed:
-        problem = f"the header promises {header.count} splats, at least {needed} bytes; {max(available, 0)} are there"
+        problem = (
+            f"the header promises {header.count} {header.noun}, at least {needed} bytes; {max(available, 0)} are there"
+        )
         raise DataError(path, problem, "The file was cut off or its header is wrong; copy or export it again")
     if exact and available > needed:
-        problem = f"{available - needed} bytes follow the {header.count} splats that the header promises"
+        problem = f"{available - needed} bytes follow the {header.count} {header.noun} that the header promises"
         raise DataError(path, problem, "The header's count is wrong; export the file again")

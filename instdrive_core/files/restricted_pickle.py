@@ -34,9 +34,9 @@ from instdrive_core.files.pickled_table import (
     Recorded,
     Scalar,
     Slice,
-    columns_of,
+    extract_columns,
 )
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 
 MAX_DECOMPRESSED_BYTES = 64 * 2**20
 """Limit for one unpacked file; a PandaSet sweep unpacks to 8 MB. Also bounds how many objects a file can ask for."""
@@ -85,19 +85,19 @@ def read_pickle(path: str | Path) -> dict[str, ndarray]:
     damaged, larger than `MAX_DECOMPRESSED_BYTES`, or holds something else than such a table.
     """
     path = Path(path)
-    content = _content(path)
+    content = _read_content(path)
     try:
-        return columns_of(_RecordingUnpickler(path, content).load())
+        return extract_columns(_RecordingUnpickler(path, content).load())
     except UntrustedDataError:
         raise
     except Exception as error:  # a damaged pickle may raise anything at all
         raise DataError(path, f"holds no readable table ({type(error).__name__}: {error})", _REMEDY) from error
 
 
-def _content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     """The unpacked bytes of the file, which may be gzipped."""
     try:
-        plain_file(path)
+        require_plain_file(path)
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
             content = file.read(MAX_DECOMPRESSED_BYTES + 1)
     except FileNotFoundError as error:
@@ -117,11 +117,11 @@ def _check_keys(keys: list[Any]) -> None:
             raise pickle.UnpicklingError(f"a {type(key).__name__} stands as a key")
 
 
-_PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)
+_PLAIN: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)  # pyright: ignore[reportPrivateUsage]
 """What opcodes do in any pickle."""
 
 
-class _RecordingUnpickler(pickle._Unpickler):
+class _RecordingUnpickler(pickle._Unpickler):  # pyright: ignore[reportPrivateUsage]
     """Gives records instead of functions and classes.
 
     The Python implementation on purpose: in the C one, a forged memo index allocates memory without a limit.
@@ -172,12 +172,12 @@ class _RecordingUnpickler(pickle._Unpickler):
 
     dispatch[pickle.EMPTY_SET[0]] = dispatch[pickle.FROZENSET[0]] = dispatch[pickle.ADDITEMS[0]] = load_set
 
-    def find_class(self, module_name: str, global_name: str) -> type[Recorded]:
-        recorded = ALLOWED.get((module_name, global_name))
+    def find_class(self, module: str, name: str) -> type[Recorded]:
+        recorded = ALLOWED.get((module, name))
         if recorded is None:
             raise UntrustedDataError(
                 self._path,
-                f"asks for '{module_name}.{global_name}', which no table needs; nothing of it was run",
+                f"asks for '{module}.{name}', which no table needs; nothing of it was run",
                 _REMEDY + ", or, if you wrote it yourself, save plain numpy columns (bool, int, float, object)",
             )
         return recorded

@@ -32,37 +32,37 @@ class Temporary:
     def replace(self, target: Path) -> None:
         """Give the file its final name."""
         if not _POSIX:
-            self._let_go()  # Windows renames no open file
+            self._close_descriptor()  # Windows renames no open file
         self.path.replace(target)
         self._is_replaced = True
 
     def close(self) -> None:
         """Remove the file unless it has its final name: its old one may be another writer's by then."""
         if not _POSIX:
-            self._let_go()
+            self._close_descriptor()
         if not self._is_replaced:
             self.path.unlink(missing_ok=True)  # while it is locked, so that the name is still ours
-        self._let_go()
+        self._close_descriptor()
 
-    def _let_go(self) -> None:
+    def _close_descriptor(self) -> None:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
 @contextmanager
-def temporary_beside(path: Path) -> Iterator[Temporary]:
+def create_temporary(path: Path) -> Iterator[Temporary]:
     """An empty file beside `path`, gone at the end unless it was given another name. Raises OSError."""
-    temporary = _claimed(path)
+    temporary = _claim(path)
     try:
         yield temporary
     finally:
         temporary.close()
 
 
-def _claimed(path: Path) -> Temporary:
+def _claim(path: Path) -> Temporary:
     for number in itertools.count():
-        temporary = _numbered(path, number)
+        temporary = _name_with_number(path, number)
         while True:
             try:
                 descriptor = os.open(temporary, _CREATE, 0o666)
@@ -78,14 +78,14 @@ def _claimed(path: Path) -> Temporary:
     raise AssertionError("numbers do not end")
 
 
-def _numbered(path: Path, number: int) -> Path:
+def _name_with_number(path: Path, number: int) -> Path:
     return path.with_name(f".{path.name}.{number}.tmp")
 
 
 def _remove_abandoned(path: Path, first: int) -> None:
     """Several writers of one name may have been killed at once."""
     for number in itertools.count(first):
-        temporary = _numbered(path, number)
+        temporary = _name_with_number(path, number)
         if not temporary.exists() or not _is_free(temporary):
             return
 

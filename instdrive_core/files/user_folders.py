@@ -6,21 +6,24 @@ import os
 import sys
 from pathlib import Path
 
+from platformdirs import PlatformDirs
+
 OVERRIDE = "INSTDRIVE_STATE"
 """Environment variable that names the folder: for tests, and for machines where the usual place cannot be written."""
 
 
-def state_folder() -> Path:
-    """The program's state folder, where the platform wants it; it may not exist yet.
+def find_state_folder() -> Path:
+    """Find the program's state folder, where the platform wants it; it may not exist yet.
 
     Linux: ``$XDG_STATE_HOME/instdrive``, by default ``~/.local/state/instdrive`` (XDG Base Directory Specification).
+    macOS: ``~/Library/Application Support/InstDrive``. Windows: ``%LOCALAPPDATA%\\InstDrive``.
     """
     if given := os.environ.get(OVERRIDE):
         return Path(given)
-    if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local") / "InstDrive"
     if sys.platform == "darwin":
-        return Path.home() / "Library" / "Application Support" / "InstDrive"
-    base = os.environ.get("XDG_STATE_HOME", "")
-    # The specification wants relative paths to be passed over.
-    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / "instdrive"
+        # Version 0.1.0 did not ask for XDG_STATE_HOME here; its journals are still found.
+        used = Path.home() / "Library" / "Application Support" / "InstDrive"
+        if used.is_dir():
+            return used
+    name = "InstDrive" if sys.platform in ("darwin", "win32") else "instdrive"
+    return PlatformDirs(name, appauthor=False).user_state_path

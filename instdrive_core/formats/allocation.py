@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.available_memory import available_memory
+from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.errors import SceneTooLargeError
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.row_buffers import with_room
+from instdrive_core.scene.row_buffers import allocate_with_spare
 
-TO_READ = 1.1
+MEMORY_TO_READ = 1.1
 """Memory to open a scene and look at it, as a multiple of its arrays, beside `BESIDE_BYTES`."""
-TO_EDIT = 4.0
+MEMORY_TO_EDIT = 4.0
 """The same to edit and export it; measured: 3.96 for recolouring all of a scene of a million splats, moving some, and
 exporting it."""
 BESIDE_BYTES = 75
@@ -33,23 +33,23 @@ class ReadOptions:
 
     keep_every: int = 1
     """k: rows 0, k, 2k … are read, and memory is taken for these."""
-    room: float = TO_READ
+    memory_factor: float = MEMORY_TO_READ
     """Memory that there must be, as a multiple of the arrays."""
 
-    def kept(self, count: int) -> int:
+    def count_kept(self, count: int) -> int:
         """How many of `count` rows are read."""
         return -(-count // self.keep_every)
 
-    def places(self, start: int, stop: int) -> tuple[slice, slice]:
+    def locate_rows(self, start: int, stop: int) -> tuple[slice, slice]:
         """Of rows from `start` to `stop` in the file: which of these are kept, and where they belong."""
         first = -start % self.keep_every
-        return slice(first, None, self.keep_every), slice(self.kept(start), self.kept(stop))
+        return slice(first, None, self.keep_every), slice(self.count_kept(start), self.count_kept(stop))
 
 
 WHOLE = ReadOptions()
 
 
-def unfilled(
+def allocate_gaussians(
     path: str | Path,
     count: int,
     rest: int,
@@ -72,17 +72,17 @@ def unfilled(
 
     Raises SceneTooLargeError where there is not enough memory; none was taken then.
     """
-    check_room(path, count, row_bytes(rest, features) + extra, options, passing * count)
+    check_memory(path, count, count_row_bytes(rest, features) + extra, options, passing * count)
     shapes = [(3,), (4,), (3,), (), (3,), (rest, 3), (features,)]
-    return Gaussians(*(with_room((options.kept(count), *shape), np.float32) for shape in shapes))
+    return Gaussians(*(allocate_with_spare((options.count_kept(count), *shape), np.float32) for shape in shapes))
 
 
-def row_bytes(rest: int, features: int) -> int:
+def count_row_bytes(rest: int, features: int) -> int:
     """What a splat takes in an opened scene."""
     return 4 * (_FLOATS + 3 * rest + features) + _ID_BYTES
 
 
-def check_room(path: str | Path, count: int, size: int, options: ReadOptions = WHOLE, passing: float = 0.0) -> None:
+def check_memory(path: str | Path, count: int, size: int, options: ReadOptions = WHOLE, passing: float = 0.0) -> None:
     """Raises SceneTooLargeError where rows do not fit into memory.
 
     Args:
@@ -92,9 +92,9 @@ def check_room(path: str | Path, count: int, size: int, options: ReadOptions = W
         options: which rows are kept.
         passing: bytes in all that are needed while the file is read, whichever rows are kept.
     """
-    row = options.room * size + BESIDE_BYTES
-    needed = row * options.kept(count) + passing
-    available = available_memory()
+    row = options.memory_factor * size + BESIDE_BYTES
+    needed = row * options.count_kept(count) + passing
+    available = measure_available_memory()
     if needed <= available:
         return
     fitting = math.floor((available - passing) / row)
@@ -102,7 +102,7 @@ def check_room(path: str | Path, count: int, size: int, options: ReadOptions = W
     raise SceneTooLargeError(path, count, row * count + passing, available, keep_every)
 
 
-def grown(log_scales: Float32[ndarray, "n 3"], keep_every: int) -> None:
+def enlarge_splats(log_scales: Float32[ndarray, "n 3"], keep_every: int) -> None:
     """Make splats larger, in place, so that every k-th one covers what all of them did.
 
     The two longer axes grow by √k each, so that the face of a splat that lies in a surface grows by k; the shortest

@@ -1,94 +1,53 @@
-"""Every scene format, registered once: opening and saving by the path's ending or the folder's content."""
+"""Every scene format, listed once: opening and saving by the path's ending or the folder's content."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.files.plain_file import plain_file
-from instdrive_core.formats.allocation import TO_READ, WHOLE, ReadOptions, grown
-from instdrive_core.formats.folder.scenes import MANIFEST, read_scene_folder, write_scene_folder
-from instdrive_core.formats.ply.compare import changed_value
-from instdrive_core.formats.ply.compressed import read_compressed_ply, write_compressed_ply
-from instdrive_core.formats.ply.inria import read_ply, write_ply
-from instdrive_core.formats.ply.sibr import write_sibr_ply
-from instdrive_core.formats.sog.levels import is_sog_folder, read_sog_folder
-from instdrive_core.formats.sog.scenes import META, read_sog
-from instdrive_core.formats.splat import read_splat, write_splat
-from instdrive_core.formats.spz.scenes import read_spz, write_spz
+from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.formats.allocation import MEMORY_TO_READ, ReadOptions, enlarge_splats
+from instdrive_core.formats.folder.scenes import MANIFEST, SCENE_FOLDER
+from instdrive_core.formats.ply.records import COMPRESSED_PLY, INRIA_PLY, SIBR_PLY
+from instdrive_core.formats.scene_format import Format
+from instdrive_core.formats.sog.records import SOG_ARCHIVE, SOG_FOLDER
+from instdrive_core.formats.splat import SPLAT
+from instdrive_core.formats.spz.scenes import SPZ
 from instdrive_core.scene.scene import Scene
+from instdrive_core.scene.upright import Axis
 
-SIBR = ".sibr.ply"
-
-
-class SceneReader(Protocol):
-    """Opens a file, or every k-th splat of it."""
-
-    def __call__(self, path: Path, /, *, options: ReadOptions = WHOLE) -> Scene: ...
-
-
-@dataclass(frozen=True)
-class Format:
-    """A kind of scene file."""
-
-    title: str
-    suffix: str
-    """Lower case, with its dot, or the whole name; empty for folders."""
-    read: SceneReader
-    write: Callable[[Path, Scene], None] | None
-    """None where the format is only read."""
-    difference: Callable[[Path, Scene], str] | None = None
-    """What a written file has that the scene has not, empty where nothing, found without reading the file whole."""
-
-
-FORMATS = (
-    Format("3D Gaussians, INRIA layout", ".ply", read_ply, write_ply, changed_value),
-    Format("INRIA layout for SIBR viewers: 62 floats, nothing else", SIBR, read_ply, write_sibr_ply),
-    Format("Packed .ply of SuperSplat and PlayCanvas", ".compressed.ply", read_compressed_ply, write_compressed_ply),
-    Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat),
-    Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz),
-    Format("PlayCanvas SOG archive", ".sog", read_sog, None),
-    Format("PlayCanvas SOG folder", META, read_sog_folder, None),
-    Format("InstDrive run or scene folder", "", read_scene_folder, write_scene_folder),
+FORMATS: tuple[Format, ...] = (
+    INRIA_PLY,
+    SIBR_PLY,
+    COMPRESSED_PLY,
+    SPLAT,
+    SPZ,
+    SOG_ARCHIVE,
+    SCENE_FOLDER,
+    SOG_FOLDER,
 )
+"""In the order that dialogs list them in; a folder is of the first format that recognises it."""
 
 
-def open_scene(path: str | Path, keep_every: int = 1, room: float = TO_READ) -> Scene:
+def open_scene(path: str | Path, keep_every: int = 1, memory_factor: float = MEMORY_TO_READ) -> Scene:
     """Open a scene file, or a run folder that holds a scene.
 
     Args:
         path: file or folder.
         keep_every: k opens every k-th splat only, made larger so that together they cover what all did; memory is
             taken for these.
-        room: the memory that there must be, as a multiple of the scene's arrays.
+        memory_factor: the memory that there must be, as a multiple of the scene's arrays.
 
     Raises DataError where it is no scene, or damaged; SceneTooLargeError where it does not fit into memory.
     """
     if keep_every < 1:
         raise OptionError(f"every {keep_every}th splat cannot be opened; give a whole number from 1")
-    options = ReadOptions(keep_every, room)
+    options = ReadOptions(keep_every, memory_factor)
     scene = _read(Path(path), options)
     if keep_every > 1:
-        grown(scene.gaussians.log_scales, keep_every)
+        enlarge_splats(scene.gaussians.log_scales, keep_every)
     return scene
-
-
-def _read(path: Path, options: ReadOptions) -> Scene:
-    if not path.exists():
-        raise DataError(path, "there is no such file or folder", "Check the path")
-    if path.name == MANIFEST:
-        path = path.parent
-    try:
-        if path.is_dir():
-            return _open_folder(path, options)
-        return _format_of(path).read(plain_file(path), options=options)
-    except OSError as error:
-        raise DataError(
-            path, f"the file cannot be read ({error.strerror or error})", "Check its permissions"
-        ) from error
 
 
 def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
@@ -102,47 +61,73 @@ def save_scene(path: str | Path, scene: Scene, *, sibr: bool = False) -> None:
     Raises DataError for an ending that is not known or a scene that the format cannot hold.
     """
     path = Path(path)
-    _, write = format_to_write(path, sibr)
+    _, write = find_format_to_write(path, sibr)
     write(path, scene)
 
 
-def format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[Path, Scene], None]]:
+def find_format(path: Path) -> Format | None:
+    """The format of a file (by its ending) or folder (by its content); None where none fits."""
+    holding = (fmt for fmt in FORMATS if fmt.folder is not None and fmt.folder.holds(path))
+    found = next(holding, None)
+    return found if found is not None or path.is_dir() else _find_by_ending(path)
+
+
+def find_format_to_write(path: Path, sibr: bool = False) -> tuple[Format, Callable[[Path, Scene], None]]:
     """The format that `save_scene` takes for a path, and its writer. Raises DataError where there is none."""
-    is_folder = path.is_dir() or not (path.suffix or _formats_fitting(path))
-    fmt = _folder_format() if is_folder else _format_of(path)
+    fmt = _find_by_ending(path)
+    if path.is_dir() or not (path.suffix or fmt):
+        fmt = _get_format(SCENE_FOLDER.suffix)
+    if fmt is None:
+        raise _create_unknown_error(path)
     if sibr:
-        if fmt.suffix not in (".ply", SIBR):
+        if fmt.suffix not in (INRIA_PLY.suffix, SIBR_PLY.suffix):
             raise DataError(path, "SIBR viewers read plain .ply files only", "Give a name that ends in .ply")
-        fmt = next(known for known in FORMATS if known.suffix == SIBR)
+        fmt = _get_format(SIBR_PLY.suffix)
     if fmt.write is None:
         known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix and fmt.write is not None)
         raise DataError(path, f"{fmt.suffix} can be opened but not written", f"Save as one of {known}, or to a folder")
     return fmt, fmt.write
 
 
-def _open_folder(folder: Path, options: ReadOptions) -> Scene:
-    if (folder / MANIFEST).is_file():
-        return _folder_format().read(folder, options=options)
-    if is_sog_folder(folder):
-        return read_sog_folder(folder, options=options)
-    problem = f"the folder holds no {MANIFEST}"
-    raise DataError(folder, problem, "Open a run folder that training has written a scene to, or a scene file")
+def find_stated_up(path: Path) -> Axis | None:
+    """The axis that points up by the format of this file's ending; None where it says nothing."""
+    fmt = _find_by_ending(path)
+    return None if fmt is None else fmt.up
 
 
-def _formats_fitting(path: Path) -> list[Format]:
-    """By the whole name: pathlib finds no suffix in ``.ply``."""
-    return [fmt for fmt in FORMATS if fmt.suffix and path.name.lower().endswith(fmt.suffix)]
+def is_scene_folder(folder: Path) -> bool:
+    """Whether this is a folder that can be opened as a scene. Raises OSError where it cannot be looked into."""
+    return folder.is_dir() and find_format(folder) is not None
 
 
-def _format_of(path: Path) -> Format:
-    if fitting := _formats_fitting(path):
-        # The longest: a .compressed.ply ends in .ply too.
-        return max(fitting, key=lambda fmt: len(fmt.suffix))
+def _read(path: Path, options: ReadOptions) -> Scene:
+    if not path.exists():
+        raise DataError(path, "there is no such file or folder", "Check the path")
+    try:
+        fmt = find_format(path)
+        if fmt is None:
+            raise _create_unknown_error(path)
+        return fmt.read(require_plain_file(path), options=options)
+    except OSError as error:
+        problem = f"the file cannot be read ({error.strerror or error})"
+        raise DataError(path, problem, "Check its permissions") from error
+
+
+def _find_by_ending(path: Path) -> Format | None:
+    """Go by the whole name, as pathlib finds no suffix in ``.ply``."""
+    fitting = [fmt for fmt in FORMATS if fmt.suffix and path.name.lower().endswith(fmt.suffix)]
+    # The longest: a .compressed.ply ends in .ply too.
+    return max(fitting, key=lambda fmt: len(fmt.suffix), default=None)
+
+
+def _get_format(suffix: str) -> Format:
+    return next(fmt for fmt in FORMATS if fmt.suffix == suffix)
+
+
+def _create_unknown_error(path: Path) -> DataError:
+    if path.is_dir():
+        remedy = "Open a run folder that training has written a scene to, or a scene file"
+        return DataError(path, f"the folder holds no {MANIFEST}", remedy)
     known = ", ".join(fmt.suffix for fmt in FORMATS if fmt.suffix)
-    raise DataError(
-        path, f"files that end in {path.suffix or 'nothing'!r} are not known", f"Known are {known} and folders"
-    )
-
-
-def _folder_format() -> Format:
-    return next(fmt for fmt in FORMATS if not fmt.suffix)
+    problem = f"files that end in {path.suffix or 'nothing'!r} are not known"
+    return DataError(path, problem, f"Known are {known} and folders")

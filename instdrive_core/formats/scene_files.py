@@ -7,12 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.plain_file import plain_file
-from instdrive_core.formats.folder.scenes import MANIFEST, files_of_scene_folder
-from instdrive_core.formats.sog.levels import is_sog_folder
-from instdrive_core.formats.sog.scenes import META
-
-_SOG_SUFFIXES = (".json", ".webp", ".png")
+from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.formats.registry import find_format
 
 
 @dataclass(frozen=True)
@@ -25,36 +21,34 @@ class FileIdentity:
     """Bytes of all files."""
 
 
-def scene_files(path: Path) -> tuple[Path, ...]:
+def list_scene_files(path: Path) -> tuple[Path, ...]:
     """The files that are read when this scene is opened; of a folder of levels of detail, all levels.
 
     None of a folder that is no scene; whether a file is one is not looked at. Raises DataError where there is nothing.
     """
-    if path.name == MANIFEST or (path.is_dir() and (path / MANIFEST).is_file()):
-        return files_of_scene_folder(path.parent if path.name == MANIFEST else path)
-    if path.name == META or (path.is_dir() and is_sog_folder(path)):
-        folder = path if path.is_dir() else path.parent
-        return tuple(sorted(file for file in folder.rglob("*") if file.suffix in _SOG_SUFFIXES and file.is_file()))
     if not path.exists():
         raise DataError(path, "there is no such file or folder", "Check the path")
+    fmt = find_format(path)
+    if fmt is not None and fmt.folder is not None:
+        return fmt.folder.list_files(path)
     return (path,) if path.is_file() else ()
 
 
-def size_of(files: tuple[Path, ...]) -> int:
+def sum_file_sizes(files: tuple[Path, ...]) -> int:
     """Bytes of all files. Raises OSError."""
     return sum(file.stat().st_size for file in files)
 
 
-def identity_of(path: Path) -> FileIdentity:
+def identify_scene(path: Path) -> FileIdentity:
     """Read all files of a scene and digest them. Raises DataError where there is no scene, OSError."""
-    files = scene_files(path)
+    files = list_scene_files(path)
     if files == (path,):
         return FileIdentity(_digest(path), path.stat().st_size)
     folder = path if path.is_dir() else path.parent
     lines = "".join(f"{_digest(file)}  {file.relative_to(folder).as_posix()}\n" for file in files)
-    return FileIdentity(hashlib.sha256(lines.encode()).hexdigest(), size_of(files))
+    return FileIdentity(hashlib.sha256(lines.encode()).hexdigest(), sum_file_sizes(files))
 
 
 def _digest(file: Path) -> str:
-    with plain_file(file).open("rb") as content:
+    with require_plain_file(file).open("rb") as content:
         return hashlib.file_digest(content, "sha256").hexdigest()

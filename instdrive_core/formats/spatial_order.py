@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 from numpy import ndarray
 
-from instdrive_core.maths.morton import morton_codes
+from instdrive_core.maths.morton import compute_morton_codes
 
 BLOCK_ROWS = 8192
 WORTH_KEEPING = 1.1
@@ -14,28 +14,28 @@ WORTH_KEEPING = 1.1
 good order comes back in the same order, with the same rounding."""
 
 
-def spatial_order(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, " n"]:
+def sort_spatially(means: Float32[ndarray, "n 3"], run: int) -> Int64[ndarray, " n"]:
     """Row numbers in the order to write them, for boxes around every `run` rows; `means` must be finite."""
     count = len(means)
     as_they_are = np.arange(count)
     if count <= run:
         return as_they_are
-    by_code = np.argsort(_codes(means), kind="stable")
-    if _box_size(means, as_they_are, run) <= WORTH_KEEPING * _box_size(means, by_code, run):
+    by_code = np.argsort(_compute_codes(means), kind="stable")
+    if _measure_boxes(means, as_they_are, run) <= WORTH_KEEPING * _measure_boxes(means, by_code, run):
         return as_they_are
     return by_code
 
 
-def _codes(means: ndarray) -> ndarray:
+def _compute_codes(means: ndarray) -> ndarray:
     low, high = means.min(axis=0), means.max(axis=0)
     codes = np.empty(len(means), np.uint64)
     for start in range(0, len(means), BLOCK_ROWS):
         rows = slice(start, start + BLOCK_ROWS)
-        codes[rows] = morton_codes(means[rows], low, high)
+        codes[rows] = compute_morton_codes(means[rows], low, high)
     return codes
 
 
-def _box_size(means: ndarray, order: ndarray, run: int) -> float:
+def _measure_boxes(means: ndarray, order: ndarray, run: int) -> float:
     """The median over the boxes of their edge lengths' sum; a few far splats must not decide."""
     sizes = []
     step = run * max(BLOCK_ROWS // run, 1)

@@ -23,11 +23,12 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
-from instdrive_core.formats.writable import check_numbers, check_static
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
+from instdrive_core.formats.export_checks import check_numbers, check_static
+from instdrive_core.formats.scene_format import Fidelity, Format
 from instdrive_core.maths.activations import logit, sigmoid
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
@@ -45,9 +46,9 @@ def read_splat(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .splat. Raises DataError where its length or a scale cannot be right."""
     path = Path(path)
     with path.open("rb") as file:
-        count = _checked_count(path, path.stat().st_size, file.read(4))
+        count = _check_count(path, path.stat().st_size, file.read(4))
         file.seek(0)
-        gaussians = unfilled(path, count, 0, 0, options)
+        gaussians = allocate_gaussians(path, count, 0, 0, options)
         for start in range(0, count, BLOCK_ROWS):
             wanted = min(BLOCK_ROWS, count - start)
             records = np.fromfile(file, RECORD, wanted)
@@ -69,13 +70,13 @@ def write_splat(path: str | Path, scene: Scene) -> None:
     check_static(path, scene, ".splat")
     if not len(scene):
         raise DataError(path, "the scene has no splats, and an empty .splat cannot be opened", "Save as .ply instead")
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         for start in range(0, len(scene), BLOCK_ROWS):
-            file.write(_encoded(path, scene.gaussians, start).data)
+            file.write(_encode(path, scene.gaussians, start).data)
             report(start / len(scene))
 
 
-def _checked_count(path: Path, size: int, beginning: bytes) -> int:
+def _check_count(path: Path, size: int, beginning: bytes) -> int:
     for mark, suffix in _OTHER_FILES.items():
         if beginning.startswith(mark) and (len(mark) > 2 or size % RECORD.itemsize):
             raise DataError(path, f"the content is that of a {suffix} file", f"Rename the file to end in {suffix}")
@@ -94,7 +95,7 @@ def _decode(records: ndarray, gaussians: Gaussians, start: int, options: ReadOpt
         row, axis = negative[0]
         problem = f"scale {axis} of splat {start + row} is {scales[row, axis]:g}, below 0"
         raise DataError(path, problem, "The file is damaged or no .splat; copy or export it again")
-    source, rows = options.places(start, start + len(records))
+    source, rows = options.locate_rows(start, start + len(records))
     records, scales = records[source], scales[source]
     with np.errstate(divide="ignore"):  # a flat splat's scale of 0 is -inf as a logarithm, as in a .ply
         gaussians.log_scales[rows] = np.log(scales)
@@ -102,10 +103,10 @@ def _decode(records: ndarray, gaussians: Gaussians, start: int, options: ReadOpt
     gaussians.means[rows] = records["position"]
     gaussians.sh_dc[rows] = dc_from_color(color[:, :3])
     gaussians.opacity_logits[rows] = logit(color[:, 3])
-    gaussians.quats[rows] = normalized((records["rotation"] - 128.0) / 128.0)
+    gaussians.quats[rows] = normalize_quaternions((records["rotation"] - 128.0) / 128.0)
 
 
-def _encoded(path: str | Path, gaussians: Gaussians, start: int) -> ndarray:
+def _encode(path: str | Path, gaussians: Gaussians, start: int) -> ndarray:
     rows = np.arange(start, min(start + BLOCK_ROWS, len(gaussians)))
     part = gaussians.select(slice(start, start + BLOCK_ROWS))
     check_numbers(path, "the colour", part.sh_dc, rows, allow_infinite=True)
@@ -115,11 +116,14 @@ def _encoded(path: str | Path, gaussians: Gaussians, start: int) -> ndarray:
     records["position"] = part.means
     flat = np.isneginf(part.log_scales)
     records["scale"] = np.where(flat, 0, np.exp(np.clip(part.log_scales.astype(np.float64), *LOG_SCALE_LIMITS)))
-    records["color"][:, :3] = _bytes(255 * color_from_dc(part.sh_dc.astype(np.float64)))
-    records["color"][:, 3] = _bytes(255 * sigmoid(part.opacity_logits.astype(np.float64)))
-    records["rotation"] = _bytes(128 * normalized(part.quats.astype(np.float64)) + 128)
+    records["color"][:, :3] = _round_to_bytes(255 * color_from_dc(part.sh_dc.astype(np.float64)))
+    records["color"][:, 3] = _round_to_bytes(255 * sigmoid(part.opacity_logits.astype(np.float64)))
+    records["rotation"] = _round_to_bytes(128 * normalize_quaternions(part.quats.astype(np.float64)) + 128)
     return records
 
 
-def _bytes(values: ndarray) -> ndarray:
+def _round_to_bytes(values: ndarray) -> ndarray:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+SPLAT = Format("32 bytes per splat, no SH", ".splat", read_splat, write_splat, Fidelity())

@@ -32,7 +32,7 @@ class Cells:
     """Number of the Gaussians."""
 
 
-def gathered(
+def gather_cells(
     means: Float[ndarray, "n 3"],
     scales: Float[ndarray, "n 3"],
     nodes: UInt16[ndarray, " n"],
@@ -41,33 +41,35 @@ def gathered(
     size: float,
 ) -> Cells:
     """Cells of about `size` metres. All means and scales must be finite."""
-    group_of, pairs = _numbered((nodes.astype(np.int64) << 32) | codewords)
+    group_of, pairs = _number_keys((nodes.astype(np.int64) << 32) | codewords)
     order = np.argsort(pairs)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     groups, center = rank[group_of], np.median(means, axis=0).astype(np.float64)
-    cell_of, _ = _numbered(_cell_keys(means, groups, center, size, 0.0))
+    cell_of, _ = _number_keys(_compute_cell_keys(means, groups, center, size, 0.0))
     # A second grid, half a cell aside, joins what a border of the first cuts: clones in one place, above all.
-    firsts = _sums(means, cell_of)
+    firsts = _sum_values(means, cell_of)
     firsts /= np.bincount(cell_of)[:, None]
-    second_of, _ = _numbered(_cell_keys(firsts, _first_of(groups, cell_of, len(firsts)), center, size, 0.5))
+    second_of, _ = _number_keys(
+        _compute_cell_keys(firsts, _find_shared(groups, cell_of, len(firsts)), center, size, 0.5)
+    )
     cell_of = second_of[cell_of]
     counts = np.bincount(cell_of)
-    group_of_cell: Int64[ndarray, " m"] = _first_of(groups, cell_of, len(counts))
+    group_of_cell: Int64[ndarray, " m"] = _find_shared(groups, cell_of, len(counts))
     return Cells(
         of_gaussian=cell_of,
-        positions=_sums(means, cell_of) / counts[:, None],
+        positions=_sum_values(means, cell_of) / counts[:, None],
         groups=group_of_cell,
         nodes=np.sort(pairs)[group_of_cell] >> 32,
-        extents=_sums(_middles(scales)[:, None], cell_of)[:, 0] / counts,
-        support=_sums(opacities[:, None], cell_of)[:, 0],
+        extents=_sum_values(_find_middles(scales)[:, None], cell_of)[:, 0] / counts,
+        support=_sum_values(opacities[:, None], cell_of)[:, 0],
         counts=counts,
     )
 
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _numbered(keys):
+def _number_keys(keys):
     """A number 0 … m - 1 for each row's key, in the order of their first rows, and the m different keys."""
     bits = 4
     while (1 << bits) < 2 * len(keys):
@@ -88,7 +90,7 @@ def _numbered(keys):
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _cell_keys(places, groups, center, size, offset):
+def _compute_cell_keys(places, groups, center, size, offset):
     """Group and cell of each place as one number.
 
     14 bits an axis: strays beyond 8,192 cells from the centre share the outermost ones.
@@ -105,7 +107,7 @@ def _cell_keys(places, groups, center, size, offset):
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _sums(values, number_of):
+def _sum_values(values, number_of):
     sums = np.zeros((number_of.max() + 1, values.shape[1]))
     for row in range(len(values)):
         for column in range(values.shape[1]):
@@ -115,7 +117,7 @@ def _sums(values, number_of):
 
 @numba.njit(cache=True)
 @no_type_check
-def _first_of(values, number_of, count):
+def _find_shared(values, number_of, count):
     """The value that all rows of one number share."""
     shared = np.empty(count, values.dtype)
     for row in range(len(values)):
@@ -125,7 +127,7 @@ def _first_of(values, number_of, count):
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _middles(scales):
+def _find_middles(scales):
     middles = np.empty(len(scales), scales.dtype)
     for row in range(len(scales)):
         a, b, c = scales[row, 0], scales[row, 1], scales[row, 2]

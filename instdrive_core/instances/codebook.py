@@ -9,7 +9,7 @@ from numpy import ndarray
 MAX_BITS = 32
 
 
-def quantized(features: Float[ndarray, "*n d"]) -> UInt32[ndarray, "*n"]:
+def quantize_features(features: Float[ndarray, "*n d"]) -> UInt32[ndarray, "*n"]:
     """The nearest codeword's number, ID(f) = Σ_k 2^k [f_k > 0] (equal to argmin over the codebook of ‖tanh f - c‖²)."""
     bits = features.shape[-1]
     if not 0 < bits <= MAX_BITS:
@@ -18,7 +18,7 @@ def quantized(features: Float[ndarray, "*n d"]) -> UInt32[ndarray, "*n"]:
     return ((features > 0) * powers).sum(axis=-1, dtype=np.uint32)
 
 
-def code_vectors(codewords: UInt32[ndarray, "*n"], bits: int) -> Float[ndarray, "*n {bits}"]:
+def decode_codewords(codewords: UInt32[ndarray, "*n"], bits: int) -> Float[ndarray, "*n {bits}"]:
     """The ±1 vectors of codeword numbers, float32."""
     set_bits = (np.asarray(codewords, np.uint32)[..., None] >> np.arange(bits, dtype=np.uint32)) & 1
     return set_bits.astype(np.float32) * 2 - 1

@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int64, UInt16, UInt32
 from numpy import ndarray
 
-from instdrive_core.instances.cells import Cells, gathered
-from instdrive_core.instances.neighbors import NeighborForest, grown_forest
-from instdrive_core.instances.rejoining import RejoinConfig, rejoined
+from instdrive_core.instances.cells import Cells, gather_cells
+from instdrive_core.instances.neighbors import NeighborForest, build_forest
+from instdrive_core.instances.rejoining import RejoinConfig, rejoin_components
 
 
 @dataclass(frozen=True)
@@ -79,46 +79,48 @@ def split_components(
     if not finite.any():
         return labels
     rows = slice(None) if finite.all() else np.flatnonzero(finite)
-    cells = gathered(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config.cell_size)
-    by_node, by_group = grown_forest(cells.positions, cells.nodes), grown_forest(cells.positions, cells.groups)
-    spacing = _scene_spacing(by_node, config)
-    components = _connected(cells, by_group, spacing, config)
-    components = rejoined(components, cells, by_group, config.min_support, config.rejoin)
+    cells = gather_cells(means[rows], scales[rows], nodes[rows], codewords[rows], opacities[rows], config.cell_size)
+    by_node, by_group = build_forest(cells.positions, cells.nodes), build_forest(cells.positions, cells.groups)
+    spacing = _measure_scene_spacing(by_node, config)
+    components = _connect_cells(cells, by_group, spacing, config)
+    components = rejoin_components(components, cells, by_group, config.min_support, config.rejoin)
     support = np.bincount(components, weights=cells.support)
     solid = support >= config.min_support
     owners = np.where(solid, np.arange(len(support)), -1)
     _absorb_by_codeword(owners, components, solid, cells, by_group, spacing, config)
     _absorb_by_vote(owners, components, solid, cells, by_node, spacing, config)
-    labels[rows] = _numbered_by_size(owners[components], cells.counts)[cells.of_gaussian]
+    labels[rows] = _number_by_size(owners[components], cells.counts)[cells.of_gaussian]
     return labels
 
 
-def _scene_spacing(by_node: NeighborForest, config: ComponentConfig) -> Float64[ndarray, " m"]:
+def _measure_scene_spacing(by_node: NeighborForest, config: ComponentConfig) -> Float64[ndarray, " m"]:
     """`spacing_factor` times the local spacing among the node's cells of all codewords, metres."""
     count = len(by_node.rows)
     rank = min(config.spacing_neighbor + 1, count)
-    distances, _ = by_node.nearest_to_each(rank, np.full(count, config.sparse_limit / config.spacing_factor))
+    distances, _ = by_node.find_nearest_to_each(rank, np.full(count, config.sparse_limit / config.spacing_factor))
     return np.minimum(config.spacing_factor * distances[:, -1], config.sparse_limit)
 
 
-def _connected(
+def _connect_cells(
     cells: Cells, by_group: NeighborForest, scene_spacing: Float64[ndarray, " m"], config: ComponentConfig
 ) -> Int64[ndarray, " m"]:
     """The component of each cell, by the graph of near cells of one group; an actor's groups stay whole."""
     gaps = np.maximum(config.max_gap, scene_spacing)
     reach = gaps + config.extent_factor * (cells.extents + cells.extents.max())
     neighbors = min(config.neighbors + 1, len(gaps))
-    distances, targets = by_group.nearest_to_each(neighbors, reach)
+    distances, targets = by_group.find_nearest_to_each(neighbors, reach)
     rank = min(config.spacing_neighbor, neighbors - 1)
     spacing = np.clip(distances[:, rank], config.cell_size, gaps)
-    parents = _joined(distances, targets, spacing, gaps, cells.extents, config.spacing_factor, config.extent_factor)
+    parents = _join_near_pairs(
+        distances, targets, spacing, gaps, cells.extents, config.spacing_factor, config.extent_factor
+    )
     whole = np.where(cells.nodes > 0, cells.groups, -1)
-    return _component_numbers(parents, whole, cells.groups)
+    return _number_components(parents, whole, cells.groups)
 
 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
-def _joined(distances, targets, spacing, gaps, extents, spacing_factor, extent_factor):
+def _join_near_pairs(distances, targets, spacing, gaps, extents, spacing_factor, extent_factor):
     """Union-find over the near pairs: each cell's parent, at last the lowest cell of its component."""
     parents = np.arange(len(targets))
     for cell in range(len(targets)):
@@ -136,13 +138,13 @@ def _joined(distances, targets, spacing, gaps, extents, spacing_factor, extent_f
 @numba.njit(cache=True)
 @no_type_check
 def _unite(parents, one, other):
-    one, other = _root(parents, one), _root(parents, other)
+    one, other = _find_root(parents, one), _find_root(parents, other)
     parents[max(one, other)] = min(one, other)
 
 
 @numba.njit(cache=True)
 @no_type_check
-def _root(parents, cell):
+def _find_root(parents, cell):
     while parents[cell] != cell:
         parents[cell] = parents[parents[cell]]
         cell = parents[cell]
@@ -151,7 +153,7 @@ def _root(parents, cell):
 
 @numba.njit(cache=True)
 @no_type_check
-def _component_numbers(parents, whole, groups):
+def _number_components(parents, whole, groups):
     """A number for each cell's tree, in the order of the groups; cells with one number ≥ 0 in `whole` are one tree."""
     firsts = np.full(groups.max() + 1, -1, np.int64)
     for cell in range(len(parents)):
@@ -161,11 +163,11 @@ def _component_numbers(parents, whole, groups):
             _unite(parents, firsts[whole[cell]], cell)
     starts = np.zeros(len(firsts) + 1, np.int64)
     for cell in range(len(parents)):
-        starts[groups[cell] + 1] += _root(parents, cell) == cell
+        starts[groups[cell] + 1] += _find_root(parents, cell) == cell
     starts = np.cumsum(starts)
     numbers = np.empty(len(parents), np.int64)
     for cell in range(len(parents)):
-        root = _root(parents, cell)  # never after the cell itself
+        root = _find_root(parents, cell)  # never after the cell itself
         if root == cell:
             numbers[cell] = starts[groups[cell]]
             starts[groups[cell]] += 1
@@ -187,7 +189,7 @@ def _absorb_by_codeword(
     loose = np.flatnonzero(~solid[components])
     reach = np.maximum(config.absorb_distance, spacing[loose])
     ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
-    distances, found = by_group.nearest(cells.positions[loose], cells.groups[loose], 1, reach, ranks, below)
+    distances, found = by_group.find_nearest(cells.positions[loose], cells.groups[loose], 1, reach, ranks, below)
     hit = found[:, 0] >= 0
     fragments, targets = components[loose[hit]], components[found[hit, 0]]
     # Writing the farthest first leaves the nearest.
@@ -209,7 +211,7 @@ def _absorb_by_vote(
     reach = np.maximum(config.vote_distance, spacing[loose])
     places, labels = cells.positions[loose], cells.nodes[loose]
     ranks, below = np.where(solid[components], 0, 1), np.ones(len(loose), np.int64)
-    _, found = by_node.nearest(places, labels, config.neighbors, reach, ranks, below)
+    _, found = by_node.find_nearest(places, labels, config.neighbors, reach, ranks, below)
     hit = found >= 0
     voters = np.broadcast_to(components[loose][:, None], found.shape)[hit]
     ballots, votes = np.unique(voters * len(owners) + components[found[hit]], return_counts=True)
@@ -219,7 +221,7 @@ def _absorb_by_vote(
     owners[voters[order]] = chosen[order]
 
 
-def _numbered_by_size(owners: Int64[ndarray, " m"], counts: Int64[ndarray, " m"]) -> UInt32[ndarray, " m"]:
+def _number_by_size(owners: Int64[ndarray, " m"], counts: Int64[ndarray, " m"]) -> UInt32[ndarray, " m"]:
     """Owners (-1 = none) of cells as 1, 2, … from most to fewest Gaussians, ties by the lower owner; none becomes 0."""
     sizes = np.bincount(owners + 1, weights=counts)[1:].astype(np.int64)
     numbers = np.zeros(len(sizes) + 1, np.uint32)

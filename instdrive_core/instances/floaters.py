@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Float64
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from instdrive_core.instances.interiors import Body
+from instdrive_core.instances.interiors import CompactObject
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class FloaterConfig:
 DEFAULT_CONFIG = FloaterConfig()
 
 
-def floaters_of_body(
-    body: Body,
+def match_floaters(
+    body: CompactObject,
     means: Float[ndarray, "n 3"],
     colors: Float[ndarray, "n 3"],
     owned: Bool[ndarray, " n"],
@@ -58,11 +58,11 @@ def floaters_of_body(
     close = body.holds(local, config.growth, config.margin) & above & ~owned & ~inside
     asked = np.flatnonzero(close)
     if len(asked) and owned.any():
-        inside[asked] = _resembles(local, colors, owned, asked, config)
+        inside[asked] = _find_resembling(local, colors, owned, asked, config)
     return inside
 
 
-def _resembles(
+def _find_resembling(
     local: Float64[ndarray, "n 3"],
     colors: Float[ndarray, "n 3"],
     owned: Bool[ndarray, " n"],

@@ -42,7 +42,7 @@ DEFAULT_CONFIG = InteriorConfig()
 
 
 @dataclass(frozen=True)
-class Body:
+class CompactObject:
     """The convex hull of one compact instance, standing upright."""
 
     instance: int
@@ -62,7 +62,7 @@ class Body:
         return np.all(heights < margin, axis=1)
 
 
-def nearest_filled(
+def fill_from_nearest(
     groups: Int64[ndarray, " n"], means: Float[ndarray, "n 3"], nodes: UInt16[ndarray, " n"]
 ) -> Int64[ndarray, " n"]:
     """Every -1 replaced by the group of the nearest Gaussian of the same node that has one; -1 where there is none."""
@@ -76,7 +76,7 @@ def nearest_filled(
     return filled
 
 
-def filled_bodies(
+def fill_compact_objects(
     groups: Int64[ndarray, " n"],
     means: Float[ndarray, "n 3"],
     opacities: Float[ndarray, " n"],
@@ -96,44 +96,44 @@ def filled_bodies(
     """
     filled, rows = groups.copy(), np.flatnonzero(candidates)
     tree, shares_of_group = KDTree(means[rows]), csc_array(shares)
-    for body in sorted(_bodies(groups, means, opacities, rows, config), key=lambda body: -body.volume):
+    for body in sorted(_find_compact_objects(groups, means, opacities, rows, config), key=lambda body: -body.volume):
         reach = config.growth * body.reach + 2 * config.margin
         near = rows[np.sort(tree.query_ball_point(body.center, reach))]
         local = (means[near] - body.center) @ body.axes
         inside = body.holds(local) & (local[:, 2] > body.floor)
         close = body.holds(local, config.growth, config.margin)
-        shown = close & _has_share(shares_of_group, body.instance, near, config.min_share)
+        shown = close & _find_with_share(shares_of_group, body.instance, near, config.min_share)
         filled[near[inside | shown]] = body.instance
     return filled
 
 
-def _has_share(shares: csc_array, group: int, rows: Int64[ndarray, " k"], minimum: float) -> Bool[ndarray, " k"]:
+def _find_with_share(shares: csc_array, group: int, rows: Int64[ndarray, " k"], minimum: float) -> Bool[ndarray, " k"]:
     entries = slice(int(shares.indptr[group]), int(shares.indptr[group + 1]))
     enough = shares.indices[entries][shares.data[entries] >= minimum]
     return np.isin(rows, enough)
 
 
-def _bodies(
+def _find_compact_objects(
     groups: Int64[ndarray, " n"],
     means: Float[ndarray, "n 3"],
     opacities: Float[ndarray, " n"],
     rows: Int64[ndarray, " k"],
     config: InteriorConfig,
-) -> list[Body]:
+) -> list[CompactObject]:
     solid = rows[(groups[rows] >= 0) & (opacities[rows] >= config.min_opacity)]
     solid = solid[np.argsort(groups[solid], kind="stable")]
     numbers, starts = np.unique(groups[solid], return_index=True)
     bodies = []
     for number, members in zip(numbers.tolist(), np.split(solid, starts)[1:], strict=True):
         if len(members) >= config.min_gaussians:
-            body = body_of_points(number, means[members].astype(np.float64), config)
+            body = fit_compact_object(number, means[members].astype(np.float64), config)
             bodies += [] if body is None else [body]
     return bodies
 
 
-def body_of_points(
+def fit_compact_object(
     instance: int, points: Float64[ndarray, "k 3"], config: InteriorConfig = DEFAULT_CONFIG
-) -> Body | None:
+) -> CompactObject | None:
     """The body that points (metres, z up) span; None where they are too large, too flat or too few for one."""
     center, axes = np.median(points, axis=0), np.eye(3)
     axes[:2, :2] = np.linalg.eigh(np.cov(points[:, :2].T))[1]
@@ -148,4 +148,4 @@ def body_of_points(
         return None
     reach = float(np.linalg.norm(corners, axis=1).max())
     floor = float(corners[:, 2].min()) + config.ground_clearance
-    return Body(instance, center, reach, axes, hull.equations, floor, float(hull.volume))
+    return CompactObject(instance, center, reach, axes, hull.equations, floor, float(hull.volume))

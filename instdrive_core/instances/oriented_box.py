@@ -39,14 +39,14 @@ class OrientedBox:
     @property
     def rotation(self) -> Float64[ndarray, "3 3"]:
         """Columns are the box's axes."""
-        return _turn(self.yaw)
+        return _build_rotation(self.yaw)
 
     def holds(self, points: Float[ndarray, "n 3"], slack: float = 0.0) -> Bool[ndarray, " n"]:
         """Which points lie inside, or outside by at most `slack`."""
         return np.all(np.abs((points - self.center) @ self.rotation) <= self.size / 2 + slack, axis=1)
 
 
-def main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
+def find_main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     """False for floaters: pieces far from the rest that hold few Gaussians.
 
     Pieces are cells of an eighth of the middle 94 % that touch; where Gaussians are sparse, larger cells.
@@ -54,7 +54,7 @@ def main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     low, high = np.quantile(means, [0.03, 0.97], axis=0, method="nearest")
     cell = GAP * float((high - low).max())
     if len(means) <= SPARSE:
-        cell = max(cell, 2 * _spacing(means))
+        cell = max(cell, 2 * _measure_spacing(means))
     if cell <= 0 or not math.isfinite(cell):
         return np.ones(len(means), bool)
     # Limited, as a stray at 1e30 m has no whole number of cells.
@@ -68,7 +68,7 @@ def main_parts(means: Float64[ndarray, "n 3"]) -> Bool[ndarray, " n"]:
     return (counts >= max(MIN_PART * largest, 2 if largest >= 4 else 1))[piece]
 
 
-def upright_box(
+def fit_upright_box(
     means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"], yaw: float | None = None
 ) -> OrientedBox:
     """The box of all Gaussians but the farthest 2 % at each face, each as wide as its standard deviation.
@@ -81,17 +81,19 @@ def upright_box(
     """
     if yaw is None:
         chosen = np.linspace(0, len(means) - 1, min(len(means), SEARCHED)).astype(int)
-        yaw = _smallest_rectangle(means[chosen], covariances[chosen])
-        low, high = _extents(means, covariances, _turn(yaw))
+        yaw = _find_smallest_rectangle(means[chosen], covariances[chosen])
+        low, high = _measure_extents(means, covariances, _build_rotation(yaw))
         if high[1] - low[1] > high[0] - low[0]:
             yaw += math.pi / 2
         yaw = math.pi / 2 - (math.pi / 2 - yaw) % math.pi
-    axes = _turn(yaw)
-    low, high = _extents(means, covariances, axes)
+    axes = _build_rotation(yaw)
+    low, high = _measure_extents(means, covariances, axes)
     return OrientedBox(axes @ ((low + high) / 2), np.maximum(high - low, MIN_SIZE), yaw)
 
 
-def convex_hull(points: Float64[ndarray, "n 3"]) -> tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]] | None:
+def compute_convex_hull(
+    points: Float64[ndarray, "n 3"],
+) -> tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]] | None:
     """Corners and triangles (counter-clockwise from outside) of the hull; None where the points span no volume."""
     center = points.mean(axis=0) if len(points) else np.zeros(3)
     try:
@@ -109,37 +111,37 @@ def convex_hull(points: Float64[ndarray, "n 3"]) -> tuple[Float64[ndarray, "v 3"
     return corners, faces
 
 
-def _smallest_rectangle(means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"]) -> float:
+def _find_smallest_rectangle(means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"]) -> float:
     """The angle in [0, π/2), to 0.05°, at which length × width is smallest."""
     angles = np.deg2rad(np.arange(0, 90, 1.0))
-    best = angles[np.argmin(_areas(means, covariances, angles))]
+    best = angles[np.argmin(_compute_areas(means, covariances, angles))]
     near = best + np.deg2rad(np.arange(-1, 1.001, 0.05))
-    return float(near[np.argmin(_areas(means, covariances, near))]) % (math.pi / 2)
+    return float(near[np.argmin(_compute_areas(means, covariances, near))]) % (math.pi / 2)
 
 
-def _areas(
+def _compute_areas(
     means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"], angles: Float64[ndarray, " a"]
 ) -> Float64[ndarray, " a"]:
-    """Length × width of the rectangle at each angle; as `_extents` measures them, for many angles at once."""
+    """Length × width of the rectangle at each angle; as `_measure_extents` measures them, for many angles at once."""
     sides = []
     for x, y in ((np.cos(angles), np.sin(angles)), (-np.sin(angles), np.cos(angles))):
         products = np.stack([x * x, 2 * x * y, y * y])
         reach = np.sqrt(np.maximum(covariances[:, (0, 0, 1), (0, 1, 1)] @ products, 0))
-        low, high = _without_strays(means[:, :2] @ np.stack([x, y]), reach)
+        low, high = _trim_strays(means[:, :2] @ np.stack([x, y]), reach)
         sides.append(high - low)
     return sides[0] * sides[1]
 
 
-def _extents(
+def _measure_extents(
     means: Float64[ndarray, "n 3"], covariances: Float64[ndarray, "n 3 3"], axes: Float64[ndarray, "3 a"]
 ) -> tuple[Float64[ndarray, " a"], Float64[ndarray, " a"]]:
     """Lowest and highest coordinate along each axis (a column) without strays."""
     places = means @ axes
     reach = np.sqrt(np.maximum(((covariances @ axes) * axes).sum(axis=1), 0))
-    return _without_strays(places, reach)
+    return _trim_strays(places, reach)
 
 
-def _without_strays(
+def _trim_strays(
     places: Float64[ndarray, "n a"], reach: Float64[ndarray, "n a"]
 ) -> tuple[Float64[ndarray, " a"], Float64[ndarray, " a"]]:
     low = np.quantile(places - reach, STRAY_SHARE, axis=0, method="nearest")
@@ -147,7 +149,7 @@ def _without_strays(
     return low, high
 
 
-def _spacing(means: Float64[ndarray, "n 3"]) -> float:
+def _measure_spacing(means: Float64[ndarray, "n 3"]) -> float:
     """The median distance to the fourth neighbour, or the farthest there is."""
     if len(means) < 2:
         return 0.0
@@ -155,6 +157,6 @@ def _spacing(means: Float64[ndarray, "n 3"]) -> float:
     return float(np.median(distances[:, -1]))
 
 
-def _turn(yaw: float) -> Float64[ndarray, "3 3"]:
+def _build_rotation(yaw: float) -> Float64[ndarray, "3 3"]:
     cos, sin = math.cos(yaw), math.sin(yaw)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -47,7 +47,7 @@ class _Shapes:
     """Along the shortest axis."""
 
 
-def rejoined(
+def rejoin_components(
     components: Int64[ndarray, " m"], cells: Cells, by_group: NeighborForest, min_support: float, config: RejoinConfig
 ) -> Int64[ndarray, " m"]:
     """The component of each cell after parts have joined the nearest larger component of their own group.
@@ -55,16 +55,16 @@ def rejoined(
     Components with less than `min_support` stay as they are and nothing joins them: what surrounds them knows better.
     """
     support = np.bincount(components, weights=cells.support)
-    parts = np.flatnonzero((support >= min_support) & _shares_group(components, cells, support >= min_support))
+    parts = np.flatnonzero((support >= min_support) & _find_sharing_group(components, cells, support >= min_support))
     if not len(parts):
         return components
-    shapes = _shapes(components, cells, support)
-    reach, flat = _reach(parts, support, shapes, config)
-    distances, nearest = _nearest_larger(components, cells, by_group, support, parts, reach, min_support)
+    shapes = _fit_shapes(components, cells, support)
+    reach, flat = _compute_reach(parts, support, shapes, config)
+    distances, nearest = _find_nearest_larger(components, cells, by_group, support, parts, reach, min_support)
     found = np.isfinite(distances)
     parts, flat, gaps, larger = parts[found], flat[found], distances[found], components[nearest[found]]
-    weighty = gaps > _gap_of_support(support[parts], config)
-    apart = _deviation(parts, larger, shapes) > config.flatness * shapes.lengths[parts]
+    weighty = gaps > _compute_gap(support[parts], config)
+    apart = _compute_deviation(parts, larger, shapes) > config.flatness * shapes.lengths[parts]
     joins = ~weighty | (flat & ~apart)
     parts, larger = parts[joins], larger[joins]
     owners = np.arange(len(support))
@@ -74,14 +74,16 @@ def rejoined(
     return owners[components]
 
 
-def _shares_group(components: Int64[ndarray, " m"], cells: Cells, solid: Bool[ndarray, " c"]) -> Bool[ndarray, " c"]:
+def _find_sharing_group(
+    components: Int64[ndarray, " m"], cells: Cells, solid: Bool[ndarray, " c"]
+) -> Bool[ndarray, " c"]:
     """Whether a component's group has other solid ones too."""
     group_of = np.zeros(len(solid), np.int64)
     group_of[components] = cells.groups
     return np.bincount(group_of[solid], minlength=group_of.max() + 1)[group_of] > 1
 
 
-def _shapes(components: Int64[ndarray, " m"], cells: Cells, support: Float64[ndarray, " c"]) -> _Shapes:
+def _fit_shapes(components: Int64[ndarray, " m"], cells: Cells, support: Float64[ndarray, " c"]) -> _Shapes:
     """Weighted by the cells' support."""
     weights = np.maximum(support, 1e-12)
 
@@ -98,21 +100,23 @@ def _shapes(components: Int64[ndarray, " m"], cells: Cells, support: Float64[nda
     return _Shapes(centers, covariances, 2 * np.sqrt(np.maximum(variances[:, 2], 0)), axes[:, :, 0])
 
 
-def _gap_of_support(support: Float64[ndarray, " p"], config: RejoinConfig) -> Float64[ndarray, " p"]:
+def _compute_gap(support: Float64[ndarray, " p"], config: RejoinConfig) -> Float64[ndarray, " p"]:
     return np.minimum(config.max_gap, config.gap_times_support / support)
 
 
-def _reach(
+def _compute_reach(
     parts: Int64[ndarray, " p"], support: Float64[ndarray, " c"], shapes: _Shapes, config: RejoinConfig
 ) -> tuple[Float64[ndarray, " p"], Bool[ndarray, " p"]]:
     """How far each part looks for a larger one, and which are large and flat."""
     lengths = shapes.lengths[parts]
-    flat = (lengths >= config.flat_extent) & (_deviation(parts, parts, shapes) <= config.flatness * lengths)
+    flat = (lengths >= config.flat_extent) & (_compute_deviation(parts, parts, shapes) <= config.flatness * lengths)
     in_plane = np.where(flat, np.minimum(lengths, config.max_gap), 0)
-    return np.maximum(_gap_of_support(support[parts], config), in_plane), flat
+    return np.maximum(_compute_gap(support[parts], config), in_plane), flat
 
 
-def _deviation(parts: Int64[ndarray, " p"], others: Int64[ndarray, " p"], shapes: _Shapes) -> Float64[ndarray, " p"]:
+def _compute_deviation(
+    parts: Int64[ndarray, " p"], others: Int64[ndarray, " p"], shapes: _Shapes
+) -> Float64[ndarray, " p"]:
     """Root mean square distance of each part from the plane of another, metres."""
     normals = shapes.normals[others]
     own = np.einsum("pi,pij,pj->p", normals, shapes.covariances[parts], normals)
@@ -120,7 +124,7 @@ def _deviation(parts: Int64[ndarray, " p"], others: Int64[ndarray, " p"], shapes
     return np.sqrt(np.maximum(own, 0) + away**2)
 
 
-def _nearest_larger(
+def _find_nearest_larger(
     components: Int64[ndarray, " m"],
     cells: Cells,
     by_group: NeighborForest,
@@ -136,9 +140,9 @@ def _nearest_larger(
     rank_of[support < min_support] = count
     place_of = np.full(count, -1)
     place_of[parts] = np.arange(len(parts))
-    asking = _spread_cells(components, place_of)
+    asking = _choose_spread_cells(components, place_of)
     part = place_of[components[asking]]
-    distances, found = by_group.nearest(
+    distances, found = by_group.find_nearest(
         cells.positions[asking], cells.groups[asking], 1, reach[part], rank_of[components], rank_of[parts[part]]
     )
     order = np.lexsort((found[:, 0], distances[:, 0], part))
@@ -146,7 +150,7 @@ def _nearest_larger(
     return distances[firsts, 0], found[firsts, 0].astype(np.int64)
 
 
-def _spread_cells(components: Int64[ndarray, " m"], place_of: Int64[ndarray, " c"]) -> Int64[ndarray, " q"]:
+def _choose_spread_cells(components: Int64[ndarray, " m"], place_of: Int64[ndarray, " c"]) -> Int64[ndarray, " q"]:
     """At most `_MAX_QUERIES` cells of each component that has a place."""
     mine = np.flatnonzero(place_of[components] >= 0)
     mine = mine[np.argsort(components[mine], kind="stable")]

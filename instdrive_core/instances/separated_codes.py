@@ -17,7 +17,7 @@ _MAX_DATA_BITS = 26
 """Of an extended Hamming code of 32 bits."""
 
 
-def separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"], int]:
+def generate_separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"], int]:
     """`count` codewords and d, their number of bits: the fewest that keep them apart.
 
     Raises ValueError for more instances than 32 bits hold (2^26).
@@ -36,11 +36,11 @@ def separated_codewords(count: int) -> tuple[UInt32[ndarray, " count"], int]:
     for check in range(check_bits):
         codes |= ((syndrome >> np.uint32(check)) & np.uint32(1)) << np.uint32((1 << check) - 1)
     bits = data_bits + check_bits + 1
-    codes |= _parity(codes) << np.uint32(bits - 1)
+    codes |= _compute_parity(codes) << np.uint32(bits - 1)
     return codes, bits
 
 
-def _parity(codes: UInt32[ndarray, " n"]) -> UInt32[ndarray, " n"]:
+def _compute_parity(codes: UInt32[ndarray, " n"]) -> UInt32[ndarray, " n"]:
     folded = codes.copy()
     for shift in (16, 8, 4, 2, 1):
         folded ^= folded >> np.uint32(shift)

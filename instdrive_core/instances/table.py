@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, UInt16, UInt32
@@ -62,17 +62,13 @@ class InstanceTable:
         """Add or replace an instance."""
         self.instances[instance.id] = instance
 
-    def renamed(self, instance_id: int, name: str) -> Instance:
-        """A copy of an instance under another name."""
-        return replace(self.instances[instance_id], name=name)
 
-
-def default_name(instance_id: int) -> str:
+def make_default_name(instance_id: int) -> str:
     """What an instance is called before anyone named it."""
     return f"instance {instance_id}"
 
 
-def table_from_ids(
+def build_instance_table(
     instance_ids: UInt32[ndarray, "n"],
     means: Float[ndarray, "n 3"],
     codewords: UInt32[ndarray, "n"] | None = None,
@@ -85,8 +81,8 @@ def table_from_ids(
     narrow = np.min_scalar_type(int(instance_ids.max(initial=0)))  # two bytes are sorted by digits, ten times as fast
     order = np.argsort(instance_ids.astype(narrow), kind="stable")
     ids, starts, counts = np.unique(instance_ids[order], return_index=True, return_counts=True)
-    common = _most_frequent(instance_ids, codewords) if codewords is not None else {}
-    node_of = main_nodes(instance_ids, nodes) if nodes is not None else {}
+    common = _find_most_frequent(instance_ids, codewords) if codewords is not None else {}
+    node_of = find_main_nodes(instance_ids, nodes) if nodes is not None else {}
     table = InstanceTable()
     for instance_id, start, count in zip(ids.tolist(), starts.tolist(), counts.tolist(), strict=True):
         if instance_id == 0:
@@ -95,29 +91,29 @@ def table_from_ids(
         table.set(
             Instance(
                 id=instance_id,
-                name=(names or {}).get(instance_id, default_name(instance_id)),
+                name=(names or {}).get(instance_id, make_default_name(instance_id)),
                 node=node,
                 codeword=common.get(instance_id, 0),
                 count=count,
                 class_name=(classes or {}).get(instance_id, ""),
-                bounds=middle_bounds(means[rows if nodes is None else rows[nodes[rows] == node]]),
+                bounds=compute_middle_bounds(means[rows if nodes is None else rows[nodes[rows] == node]]),
             )
         )
     return table
 
 
-def middle_bounds(means: Float[ndarray, "n 3"]) -> Bounds:
+def compute_middle_bounds(means: Float[ndarray, "n 3"]) -> Bounds:
     """Lower and upper corner of the box that holds the middle 94 % of at least one mean along each axis."""
     low, high = np.quantile(means, [0.03, 0.97], axis=0, method="nearest").tolist()
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
-def main_nodes(instance_ids: UInt32[ndarray, "n"], nodes: UInt16[ndarray, "n"]) -> dict[int, int]:
+def find_main_nodes(instance_ids: UInt32[ndarray, "n"], nodes: UInt16[ndarray, "n"]) -> dict[int, int]:
     """By ID, 0 included, the node that most of its Gaussians belong to, the lowest of equals."""
-    return _most_frequent(instance_ids, nodes.astype(np.uint32))
+    return _find_most_frequent(instance_ids, nodes.astype(np.uint32))
 
 
-def _most_frequent(instance_ids: UInt32[ndarray, "n"], values: UInt32[ndarray, "n"]) -> dict[int, int]:
+def _find_most_frequent(instance_ids: UInt32[ndarray, "n"], values: UInt32[ndarray, "n"]) -> dict[int, int]:
     """The value that most Gaussians of each ID have."""
     packed = (instance_ids.astype(np.uint64) << np.uint64(32)) | values
     pairs, counts = np.unique(packed, return_counts=True)

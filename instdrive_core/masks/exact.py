@@ -14,11 +14,11 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_fields import field, read_json, whole_number
+from instdrive_core.files.json_fields import parse_whole_number, read_json, require_field
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
-from instdrive_core.masks.label_map_folder import nearest, read_label_map, read_sky
+from instdrive_core.masks.label_map_folder import read_label_map, read_sky_mask, resample_nearest
 
-_REMEDY = "Write the synthetic clip again with `instdrive synth`, or use --source annotations"
+_REMEDY = "Write the synthetic clip again with `instdrive synth`, or choose another source of masks"
 
 
 def has_exact_labels(clip_path: str | Path) -> bool:
@@ -35,25 +35,23 @@ class ExactLabels:
         self.folder = Path(clip_path) / "labels"
         if not has_exact_labels(clip_path):
             problem = "has no exact labels: 'labels/instances.json' is missing"
-            raise DataError(
-                clip_path, problem, "Only synthetic clips have them; use --source annotations, lidar, sam or import"
-            )
+            raise DataError(clip_path, problem, "Only synthetic clips have them; choose another source of masks")
         self.instances = _read_instances(self.folder / "instances.json")
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """Instances at the frame's size; 0 = none, also on the ego vehicle."""
+        """Load instances at the frame's size; 0 = none, also on the ego vehicle."""
         file = self.folder / f"{frame.key}.png"
         labels = read_label_map(file)
         unknown = set(np.unique(labels).tolist()) - {0} - set(self.instances)
         if unknown:
             raise DataError(file, f"holds the instance {min(unknown)}, which instances.json does not list", _REMEDY)
-        sized = nearest(labels, frame.view.camera.width, frame.view.camera.height).astype(np.uint32)
+        sized = resample_nearest(labels, frame.view.camera.width, frame.view.camera.height).astype(np.uint32)
         return sized if frame.valid is None else np.where(frame.valid, sized, np.uint32(0))
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
-        sky = read_sky(self.folder / "sky" / f"{frame.key}.png")
-        return nearest(sky, frame.view.camera.width, frame.view.camera.height)
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """Load the sky at the frame's size."""
+        sky = read_sky_mask(self.folder / "sky" / f"{frame.key}.png")
+        return resample_nearest(sky, frame.view.camera.width, frame.view.camera.height)
 
 
 def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
@@ -64,11 +62,11 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
         raise DataError(file, "expected an object from instance numbers to their facts", _REMEDY)
     instances = {}
     for key, entry in entries.items():
-        number = _instance_number(file, key)
-        kind = field(file, entry, "kind", f"{key}.")
+        number = _parse_instance_number(file, key)
+        kind = require_field(file, entry, "kind", f"{key}.")
         if kind not in ("thing", "stuff"):
             raise DataError(file, f"the field '{key}.kind' is {kind!r}, expected 'thing' or 'stuff'", _REMEDY)
-        class_name, uuid = str(field(file, entry, "class", f"{key}.")), entry.get("uuid")
+        class_name, uuid = str(require_field(file, entry, "class", f"{key}.")), entry.get("uuid")
         instances[number] = GroundTruthInstance(
             id=number,
             name=str(entry.get("name", f"{class_name} {key}")),
@@ -80,9 +78,9 @@ def _read_instances(file: Path) -> dict[int, GroundTruthInstance]:
     return instances
 
 
-def _instance_number(file: Path, key: str) -> int:
+def _parse_instance_number(file: Path, key: str) -> int:
     try:
-        number = whole_number(key)
+        number = parse_whole_number(key)
     except ValueError as error:
         problem = f"expected an object from instance numbers to their facts, but {error}"
         raise DataError(file, problem, _REMEDY) from error

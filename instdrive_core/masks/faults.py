@@ -15,16 +15,16 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64, Integer, UInt32
 from numpy import ndarray
 
+from instdrive_core.maths.streams import Stream, make_generator
+
 FaultModel = Literal["sam-v1"]
-_STREAM = 1
-"""Tells these random numbers from those of `labelmap.shuffled`, which knows the same seed and key."""
 _CANDIDATES = 4
 """Places tried for each part's centre; the one farthest from the centres before is taken: no part is a sliver."""
 
 
 @dataclass(frozen=True)
 class MaskFaults:
-    """How often each fault occurs."""
+    """Rates at which faults occur."""
 
     split: float = 0.25
     """Share of objects that fall into parts."""
@@ -44,37 +44,37 @@ FAULT_MODELS: dict[FaultModel, MaskFaults] = {"sam-v1": MaskFaults()}
 """The published sets of faults by name; a name never changes its meaning."""
 
 
-def with_faults(
+def add_faults(
     instances: Integer[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, key: str, seed: int
 ) -> UInt32[ndarray, "h w"]:
-    """A frame's masks as a segmenter would have got them wrong.
+    """Put faults into a frame's masks, as a segmenter would have got them wrong.
 
     Args:
         instances: exact labels; 0 = none.
         closed: where no mask may grow into: sky, ego vehicle.
-        faults: how often each occurs.
-        key: of the frame.
-        seed: see there.
+        faults: rates of the faults.
+        key: key of the frame.
+        seed: number that, with the key, chooses what goes wrong.
 
     Returns labels 1…n, each of one pixel at least; 0 = none.
     """
-    rng = np.random.default_rng([seed, zlib.crc32(key.encode()), _STREAM])
+    rng = make_generator(seed, Stream.MASK_FAULTS, zlib.crc32(key.encode()))
     order = np.unique(instances, return_inverse=True)[1].reshape(instances.shape)
-    objects = _numbered((order + 1) * (instances > 0))
+    objects = _renumber((order + 1) * (instances > 0))
     fate = rng.random(int(objects.max(initial=0)) + 1)
     is_kept = fate >= faults.dropped
     is_kept[0] = False
     objects = np.where(is_kept[objects], objects, 0)
     is_split = is_kept & (fate < faults.dropped + faults.split)
-    parts = _split(objects, is_split, faults.most_parts, rng)
-    masks = _merged(parts, objects, faults.merged, rng)
-    return _ragged(masks, closed, faults, rng).astype(np.uint32)
+    parts = _split_objects(objects, is_split, faults.most_parts, rng)
+    masks = _merge_objects(parts, objects, faults.merged, rng)
+    return _roughen_borders(masks, closed, faults, rng).astype(np.uint32)
 
 
-def _split(
+def _split_objects(
     objects: Int64[ndarray, "h w"], is_split: Bool[ndarray, " o"], most_parts: int, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
-    """A number per part: `most_parts` · object + part. A part is what lies nearest to one of the object's centres."""
+    """Number parts by `most_parts` · object + part. A part is what lies nearest to one of the object's centres."""
     parts = objects * most_parts
     chosen = np.flatnonzero(is_split[objects])
     members = objects.ravel()[chosen]
@@ -83,12 +83,12 @@ def _split(
         count = min(int(rng.integers(2, most_parts + 1)), len(pixels))
         places = np.stack(np.divmod(pixels, objects.shape[1]), axis=1).astype(np.float64)
         if count > 1:
-            parts.ravel()[pixels] += _nearest_center(places, count, rng)
+            parts.ravel()[pixels] += _assign_to_centers(places, count, rng)
     return parts
 
 
-def _nearest_center(places: Float64[ndarray, "n 2"], count: int, rng: np.random.Generator) -> Int64[ndarray, " n"]:
-    """Which of `count` centres, spread over the places at random, each place is nearest to. Every centre is a place of
+def _assign_to_centers(places: Float64[ndarray, "n 2"], count: int, rng: np.random.Generator) -> Int64[ndarray, " n"]:
+    """Assign each place to the nearest of `count` centres, spread over the places at random. Every centre is a place of
     its own, so that none goes without."""
     distances = np.empty((count, len(places)))
     nearest = np.full(len(places), np.inf)
@@ -102,14 +102,14 @@ def _nearest_center(places: Float64[ndarray, "n 2"], count: int, rng: np.random.
     return np.argmin(distances, axis=0)
 
 
-def _merged(
+def _merge_objects(
     parts: Int64[ndarray, "h w"], objects: Int64[ndarray, "h w"], share: float, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
-    """Masks 1…n: parts, of which some of different objects were joined: those with the pair's longest common border."""
-    masks = _numbered(parts)
+    """Join some parts of different objects to masks 1…n: those with the pair's longest common border."""
+    masks = _renumber(parts)
     owner = np.zeros(masks.max(initial=0) + 1, np.int64)
     owner[masks.ravel()] = objects.ravel()
-    pairs, lengths = _touching(masks, owner)
+    pairs, lengths = _find_touching_pairs(masks, owner)
     owners = np.sort(owner[pairs], axis=1)
     longest_first = np.lexsort((-lengths, owners[:, 1], owners[:, 0]))
     _, first = np.unique(owners[longest_first], axis=0, return_index=True)
@@ -120,14 +120,14 @@ def _merged(
         if np.count_nonzero(root[joint[:, 0]] == root[joint[:, 1]]) >= wanted:  # chains merge pairs of their own
             break
         root[root == root[other]] = root[one]
-    return _numbered(root[masks])
+    return _renumber(root[masks])
 
 
-def _touching(
+def _find_touching_pairs(
     masks: Int64[ndarray, "h w"], owner: Int64[ndarray, " m"]
 ) -> tuple[Int64[ndarray, "p 2"], Int64[ndarray, " p"]]:
-    """Pairs of masks of different objects that share pixel edges, and how many; smaller number first."""
-    border = np.concatenate([_unequal(masks[:, :-1], masks[:, 1:]), _unequal(masks[:-1], masks[1:])])
+    """Find pairs of masks of different objects that share pixel edges, and how many; smaller number first."""
+    border = np.concatenate([_select_unequal(masks[:, :-1], masks[:, 1:]), _select_unequal(masks[:-1], masks[1:])])
     border = np.sort(border[(border > 0).all(axis=1)], axis=1)
     codes, lengths = np.unique(border[:, 0] * len(owner) + border[:, 1], return_counts=True)
     pairs = np.stack(np.divmod(codes, len(owner)), axis=1)
@@ -135,18 +135,18 @@ def _touching(
     return pairs[different], lengths[different]
 
 
-def _unequal(ones: Int64[ndarray, "h w"], others: Int64[ndarray, "h w"]) -> Int64[ndarray, "n 2"]:
-    """The pairs that differ."""
+def _select_unequal(ones: Int64[ndarray, "h w"], others: Int64[ndarray, "h w"]) -> Int64[ndarray, "n 2"]:
+    """Select the pairs that differ."""
     differ = ones != others
     return np.stack([ones[differ], others[differ]], axis=1)
 
 
-def _ragged(
+def _roughen_borders(
     masks: Int64[ndarray, "h w"], closed: Bool[ndarray, "h w"], faults: MaskFaults, rng: np.random.Generator
 ) -> Int64[ndarray, "h w"]:
-    """The masks with borders moved: each pixel takes the label of a place up to `ragged` px away."""
+    """Move the borders of masks: each pixel takes the label of a place up to `ragged` px away."""
     height, width = masks.shape
-    shift = _smooth_shifts(height, width, faults, rng)
+    shift = _draw_smooth_shifts(height, width, faults, rng)
     rows = np.clip(np.arange(height)[:, None] + shift[0], 0, height - 1)
     columns = np.clip(np.arange(width)[None, :] + shift[1], 0, width - 1)
     moved = masks[rows, columns]
@@ -158,27 +158,29 @@ def _ragged(
     return moved
 
 
-def _numbered(labels: Int64[ndarray, "h w"]) -> Int64[ndarray, "h w"]:
-    """Small labels renumbered to 1…n in their order; 0 stays."""
+def _renumber(labels: Int64[ndarray, "h w"]) -> Int64[ndarray, "h w"]:
+    """Renumber small labels to 1…n in their order; 0 stays."""
     is_present = np.bincount(labels.ravel()) > 0
     is_present[:1] = False
     return (np.cumsum(is_present) * is_present)[labels]
 
 
-def _smooth_shifts(height: int, width: int, faults: MaskFaults, rng: np.random.Generator) -> Int64[ndarray, "2 h w"]:
-    """Whole pixels (row, column) by which to move, of length `ragged` at most, alike within `grain` pixels."""
+def _draw_smooth_shifts(
+    height: int, width: int, faults: MaskFaults, rng: np.random.Generator
+) -> Int64[ndarray, "2 h w"]:
+    """Draw whole pixels (row, column) by which to move, of length `ragged` at most, alike within `grain` pixels."""
     shape = (height // faults.grain + 2, width // faults.grain + 2)
     angle = rng.uniform(0, 2 * np.pi, shape)
     length = faults.ragged * np.sqrt(rng.random(shape))  # evenly over a disc; between nodes it stays inside
     nodes = (length * np.stack([np.sin(angle), np.cos(angle)])).astype(np.float32)
-    wanted = _between(_between(nodes, height, faults.grain, 1), width, faults.grain, 2)
+    wanted = _interpolate(_interpolate(nodes, height, faults.grain, 1), width, faults.grain, 2)
     rounded = np.rint(wanted)
     too_far = (rounded**2).sum(axis=0) > faults.ragged**2
     return np.where(too_far, np.trunc(wanted), rounded).astype(np.int64)
 
 
-def _between(nodes: Float32[ndarray, "2 a b"], size: int, grain: int, axis: int) -> Float32[ndarray, "2 c d"]:
-    """Nodes that stand `grain` pixels apart, interpolated linearly at each of `size` pixels."""
+def _interpolate(nodes: Float32[ndarray, "2 a b"], size: int, grain: int, axis: int) -> Float32[ndarray, "2 c d"]:
+    """Interpolate nodes that stand `grain` pixels apart linearly at each of `size` pixels."""
     before, rest = np.divmod(np.arange(size), grain)
     weight = (rest / np.float32(grain)).astype(np.float32).reshape([-1 if each == axis else 1 for each in range(3)])
     return nodes.take(before, axis) * (1 - weight) + nodes.take(before + 1, axis) * weight

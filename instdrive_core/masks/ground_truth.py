@@ -1,24 +1,29 @@
-"""What evaluation compares with: which object each pixel shows, with IDs that hold in all frames and cameras."""
+"""Ground truths, registered once: the object that each pixel shows, with IDs that hold in all frames and cameras."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
+from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 
 __all__ = [
+    "GROUND_TRUTHS",
     "NOT_KNOWN",
     "GroundTruth",
     "GroundTruthInstance",
+    "GroundTruthKind",
     "UnknownLabels",
-    "known_ground_truth",
+    "find_ground_truth",
     "open_ground_truth",
 ]
 
@@ -26,6 +31,7 @@ NOT_KNOWN = "none"
 """The source of labels that nobody gave."""
 
 
+@runtime_checkable
 class GroundTruth(Protocol):
     """Label maps with IDs that mean the same object in every frame."""
 
@@ -36,38 +42,20 @@ class GroundTruth(Protocol):
 
     @property
     def instances(self) -> dict[int, GroundTruthInstance]:
-        """What each ID is."""
+        """Facts of each ID."""
         ...
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """IDs at the frame's size; 0 = unknown, to be ignored. Sky and ego vehicle are 0."""
+        """Load IDs at the frame's size; 0 = unknown, to be ignored. Sky and ego vehicle are 0."""
         ...
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"] | None:
-        """The sky at the frame's size; None where it is not known."""
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"] | None:
+        """Load the sky at the frame's size; None where it is not known."""
         ...
-
-
-def open_ground_truth(clip: Clip) -> GroundTruth:
-    """Exact labels where the clip keeps them, else labels made from its annotations with all of its sweeps.
-
-    Raises DataError where labels are damaged, or the clip has neither.
-    """
-    return ExactLabels(clip.path) if has_exact_labels(clip.path) else AnnotationLabels(clip, held_out=True)
-
-
-def known_ground_truth(clip: Clip) -> GroundTruth:
-    """As `open_ground_truth`; for a clip of photos alone, labels that leave every pixel unknown.
-
-    Raises DataError where labels are damaged.
-    """
-    if has_exact_labels(clip.path) or has_annotations(clip):
-        return open_ground_truth(clip)
-    return UnknownLabels()
 
 
 class UnknownLabels:
-    """What is known of a clip without annotations: nothing, so that only its photos can be compared with."""
+    """The labels of a clip that nobody annotated: every pixel is unknown, and only its photos can be compared with."""
 
     source = NOT_KNOWN
 
@@ -75,8 +63,48 @@ class UnknownLabels:
         self.instances: dict[int, GroundTruthInstance] = {}
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """All 0."""
+        """Give 0 everywhere."""
         return np.zeros((frame.view.camera.height, frame.view.camera.width), np.uint32)
 
-    def sky(self, frame: Frame) -> None:
-        """Not known."""
+    def load_sky(self, frame: Frame) -> None:
+        """Give None: the sky is not known."""
+
+
+@dataclass(frozen=True)
+class GroundTruthKind:
+    """A way to know which object each pixel of a clip shows."""
+
+    name: str
+    """Value of `GroundTruth.source` and of ``ground_truth`` in figures."""
+    fits: Callable[[Clip], bool]
+    """Whether a clip has what it is made from; cheap."""
+    open: Callable[[Clip], GroundTruth]
+    """Raises DataError where labels are damaged, or the clip lacks what they are made from."""
+
+
+GROUND_TRUTHS = (
+    GroundTruthKind("exact", lambda clip: has_exact_labels(clip.path), lambda clip: ExactLabels(clip.path)),
+    GroundTruthKind("annotations", has_annotations, lambda clip: AnnotationLabels(clip, held_out=True)),
+    GroundTruthKind(NOT_KNOWN, lambda clip: True, lambda clip: UnknownLabels()),
+)
+"""The most exact first; the last fits every clip. Annotations use all sweeps, those of held-out time steps too."""
+
+
+def find_ground_truth(clip: Clip) -> GroundTruth:
+    """Open the most exact ground truth that a clip has; for photos alone, labels that leave every pixel unknown.
+
+    Raises DataError where labels are damaged.
+    """
+    return next(kind for kind in GROUND_TRUTHS if kind.fits(clip)).open(clip)
+
+
+def open_ground_truth(clip: Clip) -> GroundTruth:
+    """Open the most exact ground truth that a clip has.
+
+    Raises DataError where labels are damaged, or where nothing says which instance is where.
+    """
+    found = find_ground_truth(clip)
+    if found.source == NOT_KNOWN:
+        problem = "has no annotations: exact labels, or LiDAR with cuboids or semantic classes, are needed"
+        raise DataError(clip.path, problem, "Measure only its images, or take another clip")
+    return found

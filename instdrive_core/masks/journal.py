@@ -1,4 +1,4 @@
-"""What has been written of a folder of masks that is not finished, so that an interrupted command can go on.
+"""Journal of an unfinished folder of masks, so that an interrupted command can go on.
 
 ``masks.partial.jsonl``: a line with the recipe, then a line per frame, each added when the frame's files are whole. A
 line that was cut off, and all after it, count as not written.
@@ -14,7 +14,7 @@ from typing import Any
 JOURNAL = "masks.partial.jsonl"
 
 
-class Journal:
+class MaskJournal:
     """The frames written so far by the same recipe, and the file that remembers them.
 
     Args:
@@ -27,7 +27,7 @@ class Journal:
         self.entries: dict[str, dict[str, Any]] = {}
         """Entry of the sidecar by frame key, in the order of writing."""
         self._recipe = recipe
-        lines = _lines(self.file)
+        lines = _read_lines(self.file)
         if recipe is not None and lines and lines[0] == {"recipe": recipe}:
             self.entries = {line["frame"]: line["entry"] for line in lines[1:] if _is_entry(line)}
 
@@ -42,17 +42,17 @@ class Journal:
         self.file.write_text("".join(lines), encoding="utf-8")
 
     def add(self, key: str, entry: dict[str, Any]) -> None:
-        """A frame's files are whole."""
+        """Add a frame whose files are whole."""
         self.entries[key] = entry
         with self.file.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"frame": key, "entry": entry}) + "\n")
 
     def close(self) -> None:
-        """The folder is finished."""
+        """Remove the file: the folder is finished."""
         self.file.unlink(missing_ok=True)
 
 
-def _lines(file: Path) -> list[Any]:
+def _read_lines(file: Path) -> list[Any]:
     """Lines up to the first that cannot be read."""
     found: list[Any] = []
     try:

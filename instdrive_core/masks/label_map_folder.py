@@ -25,11 +25,12 @@ from PIL import Image
 
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path, write_bytes
+from instdrive_core.files.atomic import replace_atomically, write_bytes
 from instdrive_core.files.image_limit import BAD_IMAGE, check_pixels
-from instdrive_core.files.json_fields import field, number, read_json
+from instdrive_core.files.json_fields import read_json, require_field, require_number
 from instdrive_core.files.plain_file import BoundedReader
-from instdrive_core.masks.journal import Journal
+from instdrive_core.masks.journal import MaskJournal
+from instdrive_core.maths.streams import Stream, make_generator
 
 SIDECAR = "masks.json"
 VERSION = 1
@@ -38,17 +39,17 @@ _REMEDY = "Write the masks again with `instdrive masks`"
 
 @dataclass(frozen=True)
 class FrameMasks:
-    """What is known about one photo's pixels."""
+    """Masks and sky of one photo."""
 
     labels: UInt16[ndarray, "h w"]
     """Instance of this frame only; 0 = none."""
     sky: Bool[ndarray, "h w"]
 
-    def resized(self, width: int, height: int) -> FrameMasks:
-        """The nearest label for each pixel of another raster."""
+    def resize(self, width: int, height: int) -> FrameMasks:
+        """Take the nearest label for each pixel of another raster."""
         if self.labels.shape == (height, width):
             return self
-        return FrameMasks(nearest(self.labels, width, height), nearest(self.sky, width, height))
+        return FrameMasks(resample_nearest(self.labels, width, height), resample_nearest(self.sky, width, height))
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class MaskFolder:
 
     path: Path
     source: str
-    """How the masks were made, e.g. ``exact`` or ``annotations``."""
+    """Name of the source that made the masks, e.g. ``exact`` or ``annotations``."""
     seed: int
     counts: dict[str, int]
     """Number of masks by frame key; its keys are the frames that have masks."""
@@ -72,8 +73,8 @@ class MaskFolder:
         key = frame if isinstance(frame, str) else frame.key
         if key not in self.counts:
             raise DataError(self.path / SIDECAR, f"the frame '{key}' has no masks", _REMEDY + " for all of its frames")
-        label_file, sky_file = label_path(self.path, key), sky_path(self.path, key)
-        labels, sky = read_label_map(label_file), read_sky(sky_file)
+        label_file, sky_file = locate_label_map(self.path, key), locate_sky_mask(self.path, key)
+        labels, sky = read_label_map(label_file), read_sky_mask(sky_file)
         if labels.shape != sky.shape:
             problem = f"is {sky.shape[1]}×{sky.shape[0]}, the label map {labels.shape[1]}×{labels.shape[0]}"
             raise DataError(sky_file, problem, _REMEDY)
@@ -82,7 +83,7 @@ class MaskFolder:
         masks = FrameMasks(labels.astype(np.uint16), sky)
         if isinstance(frame, str):
             return masks
-        return masks.resized(frame.view.camera.width, frame.view.camera.height)
+        return masks.resize(frame.view.camera.width, frame.view.camera.height)
 
 
 def write_masks(
@@ -91,7 +92,7 @@ def write_masks(
     source: str,
     seed: int,
     faults: str | None = None,
-    journal: Journal | None = None,
+    journal: MaskJournal | None = None,
 ) -> MaskFolder:
     """Write masks by frame key, one after the other, and the sidecar at the end: a folder without it is unfinished.
 
@@ -99,21 +100,21 @@ def write_masks(
         folder: where to.
         frames: key and masks of each frame.
         source: how they were made.
-        seed: of their labels' order.
+        seed: seed of their labels' order.
         faults: name of the faults that were put into them.
         journal: remembers what is written; the frames it knows already become part of the folder.
 
     Raises DataError where the folder cannot be written.
     """
     folder = Path(folder)
-    journal = journal or Journal(folder, None)
+    journal = journal or MaskJournal(folder, None)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / SIDECAR).unlink(missing_ok=True)
         journal.begin()
         for key, masks in frames:
-            _write_png(label_path(folder, key), masks.labels)
-            _write_png(sky_path(folder, key), masks.sky.astype(np.uint8) * 255)
+            _write_png(locate_label_map(folder, key), masks.labels)
+            _write_png(locate_sky_mask(folder, key), masks.sky.astype(np.uint8) * 255)
             height, width = masks.labels.shape
             count = len(np.unique(masks.labels[masks.labels > 0]))
             journal.add(key, {"width": width, "height": height, "masks": count})
@@ -134,25 +135,28 @@ def open_masks(folder: str | Path) -> MaskFolder:
     if not file.is_file():
         raise DataError(folder, f"is no finished folder of masks: '{SIDECAR}' is missing", _REMEDY)
     sidecar = read_json(file)
-    version = field(file, sidecar, "version")
+    version = require_field(file, sidecar, "version")
     if version != VERSION:
         raise DataError(file, f"has version {version!r}, this program reads {VERSION}", _REMEDY)
-    frames = field(file, sidecar, "frames")
+    frames = require_field(file, sidecar, "frames")
     if not isinstance(frames, dict):
         raise DataError(file, "the field 'frames' is no object", _REMEDY)
     counts = {
-        _checked_key(file, key): int(number(file, field(file, entry, "masks", f"frames.{key}."), f"frames.{key}.masks"))
+        _check_key(file, key): int(
+            require_number(file, require_field(file, entry, "masks", f"frames.{key}."), f"frames.{key}.masks")
+        )
         for key, entry in frames.items()
     }
-    seed = int(number(file, field(file, sidecar, "seed"), "seed"))
+    seed = int(require_number(file, require_field(file, sidecar, "seed"), "seed"))
     faults = sidecar.get("faults")  # older sidecars do not have it
     if faults is not None and not isinstance(faults, str):
         raise DataError(file, f"the field 'faults' is {faults!r}, expected a name", _REMEDY)
-    return MaskFolder(folder, str(field(file, sidecar, "source")), seed, counts, faults)
+    return MaskFolder(folder, str(require_field(file, sidecar, "source")), seed, counts, faults)
 
 
-def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
-    """Labels 1…n in random order for the n instances (> 0) of a frame; the order depends on seed and frame key only.
+def shuffle_labels(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[ndarray, "h w"]:
+    """Give labels 1…n in random order to the n instances (> 0) of a frame; the order depends on seed and frame key
+    only.
 
     Raises ValueError for more instances than 16 bits hold.
     """
@@ -160,14 +164,14 @@ def shuffled(instances: Integer[ndarray, "h w"], key: str, seed: int) -> UInt16[
     count = int((present > 0).sum())
     if count > np.iinfo(np.uint16).max:
         raise ValueError(f"{count} instances in one frame do not fit into 16 bits")
-    rng = np.random.default_rng([seed, zlib.crc32(key.encode())])
+    rng = make_generator(seed, Stream.MASK_LABELS, zlib.crc32(key.encode()))
     labels = np.zeros(len(present), np.uint16)
     labels[present > 0] = rng.permutation(count) + 1
     return labels[positions].reshape(instances.shape)
 
 
-def nearest(raster: ndarray, width: int, height: int) -> ndarray:
-    """The raster (h, w) sampled at the pixel centres of a raster of another size."""
+def resample_nearest(raster: ndarray, width: int, height: int) -> ndarray:
+    """Sample a raster (h, w) at the pixel centres of a raster of another size."""
     if raster.shape == (height, width):
         return raster
     rows = ((np.arange(height) + 0.5) * raster.shape[0] / height).astype(int)
@@ -175,26 +179,26 @@ def nearest(raster: ndarray, width: int, height: int) -> ndarray:
     return raster[rows[:, None], columns[None, :]]
 
 
-def label_path(folder: Path, key: str) -> Path:
+def locate_label_map(folder: Path, key: str) -> Path:
     """File of a frame's label map."""
     return folder / f"{key}.png"
 
 
-def sky_path(folder: Path, key: str) -> Path:
+def locate_sky_mask(folder: Path, key: str) -> Path:
     """File of a frame's sky mask."""
     return folder / f"{key}_sky.png"
 
 
 def read_label_map(file: Path) -> Integer[ndarray, "h w"]:
-    """A grey PNG of 8 or 16 bits as it is. Raises DataError where it is missing, damaged or of another kind."""
+    """Read a grey PNG of 8 or 16 bits as it is. Raises DataError where it is missing, damaged or of another kind."""
     raster, mode = _read_png(file)
     if mode not in ("L", "I;16", "I"):
         raise DataError(file, f"has the image mode {mode}, expected 16-bit grey", _REMEDY)
     return raster
 
 
-def read_sky(file: Path) -> Bool[ndarray, "h w"]:
-    """A sky mask: 0 = no sky. Raises DataError as `read_label_map`."""
+def read_sky_mask(file: Path) -> Bool[ndarray, "h w"]:
+    """Read a sky mask: 0 = no sky. Raises DataError where it is missing, damaged or of another kind."""
     raster, mode = _read_png(file)
     if mode not in ("L", "1"):
         raise DataError(file, f"has the image mode {mode}, expected 8-bit grey", _REMEDY)
@@ -213,11 +217,11 @@ def _read_png(file: Path) -> tuple[ndarray, str]:
 
 
 def _write_png(file: Path, raster: ndarray) -> None:
-    with atomic_path(file) as temporary:
+    with replace_atomically(file) as temporary:
         Image.fromarray(raster).save(temporary, "PNG")
 
 
-def _checked_key(file: Path, key: str) -> str:
+def _check_key(file: Path, key: str) -> str:
     """A key becomes part of a path: it must stay in the folder."""
     parts = key.split("/")
     if len(parts) != 2 or any(part in ("", ".", "..") or "\\" in part for part in parts):

@@ -1,8 +1,8 @@
-"""What makes masks: each way of making them is one class with this shape, in a file of its own."""
+"""Shape of what makes masks: each way of making them is a class of its own with these methods."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
@@ -10,6 +10,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Frame
 
 
+@runtime_checkable
 class LabelSource(Protocol):
     """Makes the masks of one photo at a time; `sources.make_masks` writes them."""
 
@@ -19,10 +20,10 @@ class LabelSource(Protocol):
         ...
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, also on the ego vehicle. Numbers need not agree between
+        """Load a number per mask at the frame's size; 0 = none, also on the ego vehicle. Numbers need not agree between
         frames."""
         ...
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """Load the sky at the frame's size."""
         ...

@@ -1,61 +1,62 @@
-"""Where masks come from: the sources by name, and which folder a training run takes them from."""
+"""Every source of masks, registered once: the command line's choices, its help and what is said to a clip that lacks
+something derive from these records."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.errors import OptionError
+from instdrive_core.datasets.clip import Clip
+from instdrive_core.errors import DataError, OptionError
 from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations
-from instdrive_core.masks.exact import ExactLabels
-from instdrive_core.masks.faults import FAULT_MODELS, FaultModel, with_faults
-from instdrive_core.masks.journal import Journal
-from instdrive_core.masks.label_map_folder import (
-    SIDECAR,
-    FrameMasks,
-    MaskFolder,
-    label_path,
-    open_masks,
-    shuffled,
-    sky_path,
-    write_masks,
-)
+from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.label_source import LabelSource
-from instdrive_core.masks.sam.labels import SamOptions
-
-Source = Literal["exact", "annotations", "lidar", "sam", "import"]
+from instdrive_core.masks.sam.options import SamOptions
 
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What some sources need to know besides the clip."""
+    """Options of sources, besides the clip."""
 
     imported: Path | None = None
-    """`import`: the folder to read."""
+    """Folder that `import` reads."""
     sam: SamOptions = SamOptions()  # noqa: RUF009 (frozen)
-    """`sam`: how."""
+    """Options of `sam`."""
 
 
-def open_source(clip: Clip, source: Source, options: SourceOptions = SourceOptions()) -> LabelSource:
-    """What makes a clip's masks; modules and packages that only one source needs are loaded for it alone.
+@dataclass(frozen=True)
+class MaskSource:
+    """A way to make masks; modules and packages that only this source needs are loaded when it is opened."""
 
-    Raises DataError where the clip lacks what the source needs, OptionError where an option does.
-    """
-    if source == "exact":
-        return ExactLabels(clip.path)
-    if source == "annotations":
-        return AnnotationLabels(clip, held_out=False)
-    if source == "lidar":
-        from instdrive_core.masks.lidar.labels import LidarLabels
+    name: str
+    """Word on the command line and in the sidecar of a folder of masks."""
+    summary: str
+    """Words on what the masks are made from, for the command line's help."""
+    needs: str
+    """Words on what a clip must have, after "has no"; empty = photos are enough."""
+    fits: Callable[[Clip], bool]
+    """Whether a clip has it; cheap."""
+    open: Callable[[Clip, SourceOptions], LabelSource]
+    """Raises DataError where the clip lacks what the source needs, OptionError where an option does."""
+    list_options: Callable[[SourceOptions], dict[str, Any]] = lambda options: {}
+    """Options that the masks depend on, as JSON can hold them: others make other masks."""
 
-        return LidarLabels(clip)
-    if source == "sam":
-        from instdrive_core.masks.sam.labels import SamLabels
 
-        return SamLabels(clip, options.sam)
+def _open_lidar(clip: Clip, options: SourceOptions) -> LabelSource:
+    from instdrive_core.masks.lidar.labels import LidarLabels
+
+    return LidarLabels(clip)
+
+
+def _open_sam(clip: Clip, options: SourceOptions) -> LabelSource:
+    from instdrive_core.masks.sam.labels import SamLabels
+
+    return SamLabels(clip, options.sam)
+
+
+def _open_imported(clip: Clip, options: SourceOptions) -> LabelSource:
     if options.imported is None:
         raise OptionError("The source 'import' reads a folder of masks: name it with --from")
     from instdrive_core.masks.imported.labels import ImportedLabels
@@ -63,87 +64,71 @@ def open_source(clip: Clip, source: Source, options: SourceOptions = SourceOptio
     return ImportedLabels(clip, options.imported)
 
 
-def make_masks(
-    clip: Clip,
-    source: Source,
-    folder: str | Path,
-    seed: int = 0,
-    on_frame: Callable[[int], None] = lambda done: None,
-    faults: FaultModel | None = None,
-    options: SourceOptions = SourceOptions(),
-) -> MaskFolder:
-    """Write masks of a clip's training frames. Nothing of held-out time steps is written or used.
+def _list_import_options(options: SourceOptions) -> dict[str, Any]:
+    return {} if options.imported is None else {"from": str(options.imported.resolve())}
 
-    A folder that was left unfinished by the same call goes on where it stopped.
 
-    Args:
-        clip: the clip, with the cameras and at the image scale that are wanted.
-        source: how to make them.
-        folder: where to.
-        seed: of the labels' order and of the faults.
-        on_frame: is told the number of frames done, first of all that of frames done before.
-        faults: what to get wrong on purpose.
-        options: what some sources need.
+MASK_SOURCES = (
+    MaskSource(
+        "exact",
+        "a synthetic clip's labels",
+        "exact labels ('labels/instances.json'), which only synthetic clips keep",
+        lambda clip: has_exact_labels(clip.path),
+        lambda clip, options: ExactLabels(clip.path),
+    ),
+    MaskSource(
+        "annotations",
+        "made from cuboids, semantic classes and LiDAR",
+        "annotations: LiDAR with cuboids or semantic classes is needed",
+        has_annotations,
+        lambda clip, options: AnnotationLabels(clip, held_out=False),
+    ),
+    MaskSource(
+        "lidar",
+        "from LiDAR and photos alone",
+        "LiDAR sweeps to make masks of",
+        lambda clip: bool(clip.training_sweeps),
+        _open_lidar,
+    ),
+    MaskSource(
+        "sam",
+        "by Segment Anything",
+        "",
+        lambda clip: True,
+        _open_sam,
+        lambda options: {"sam": asdict(options.sam)},
+    ),
+    MaskSource("import", "made elsewhere, see --from", "", lambda clip: True, _open_imported, _list_import_options),
+)
+"""Sources in the order in which help and errors list them. A new source is its file or room, a record here, and its
+test."""
 
-    Raises DataError where the clip lacks what the source needs or the folder cannot be written, OptionError where an
-    option is missing.
+
+def find_mask_source(name: str) -> MaskSource:
+    """Look a source up. Raises OptionError where there is none of this name."""
+    for source in MASK_SOURCES:
+        if source.name == name:
+            return source
+    raise OptionError(f"There is no source of masks '{name}'; choose {_list_names(MASK_SOURCES)}")
+
+
+def open_mask_source(clip: Clip, name: str, options: SourceOptions = SourceOptions()) -> LabelSource:
+    """Open what makes a clip's masks.
+
+    Raises DataError where the clip lacks what the source needs, OptionError where an option does.
     """
-    folder, frames = Path(folder), clip.training_frames()
-    journal = Journal(folder, _recipe(clip, source, seed, faults, options))
-    sizes = {frame.key: (frame.view.camera.width, frame.view.camera.height) for frame in frames}
-    journal.keep(lambda key, entry: sizes.get(key) == (entry["width"], entry["height"]) and _has_files(folder, key))
-    left = [frame for frame in frames if frame.key not in journal.entries]
-    labels = open_source(clip, source, options)
-
-    def masks() -> Iterator[tuple[str, FrameMasks]]:
-        for done, frame in enumerate(left, len(frames) - len(left)):
-            on_frame(done)
-            yield frame.key, _frame_masks(labels, frame, seed, faults)
-        on_frame(len(frames))
-
-    return write_masks(folder, masks(), source, seed, faults, journal)
+    source = find_mask_source(name)
+    if not source.fits(clip):
+        others = [other for other in MASK_SOURCES if other is not source and other.fits(clip)]
+        raise DataError(clip.path, f"has no {source.needs}", f"Use --source {_list_names(others)}")
+    return source.open(clip, options)
 
 
-def ensure_masks(
-    clip_path: str | Path,
-    clip: Clip,
-    run_dir: str | Path,
-    masks: Path | None,
-    on_frame: Callable[[int], None] = lambda done: None,
-) -> MaskFolder | None:
-    """The masks a run trains on: the given folder, else the clip's own ``masks/``, else ones made from its annotations
-    in the run's folder (kept there from an earlier start of the run); None where the clip has no annotations either.
-    `on_frame` is told the number of frames done while masks are made.
-
-    Raises DataError where a folder of masks is damaged.
-    """
-    if masks is not None:
-        return open_masks(masks)
-    for folder in (Path(clip_path) / "masks", Path(run_dir) / "masks"):
-        if (folder / SIDECAR).is_file():
-            return open_masks(folder)
-    if not has_annotations(clip):
-        return None
-    return make_masks(clip, "annotations", Path(run_dir) / "masks", on_frame=on_frame)
+def describe_mask_sources() -> str:
+    """All sources in one line, for the command line's help."""
+    return "; ".join(f"`{source.name}`: {source.summary}" for source in MASK_SOURCES)
 
 
-def _frame_masks(labels: LabelSource, frame: Frame, seed: int, faults: FaultModel | None) -> FrameMasks:
-    found, sky = labels.load(frame), labels.sky(frame)
-    if faults is not None:
-        closed = sky if frame.valid is None else sky | ~frame.valid
-        found = with_faults(found, closed, FAULT_MODELS[faults], frame.key, seed)
-    return FrameMasks(shuffled(found, frame.key, seed), sky)
-
-
-def _recipe(clip: Clip, source: Source, seed: int, faults: FaultModel | None, options: SourceOptions) -> dict[str, Any]:
-    """All that the masks of a frame depend on, but for its size."""
-    recipe: dict[str, Any] = {"clip": str(Path(clip.path).resolve()), "source": source, "seed": seed, "faults": faults}
-    if source == "sam":
-        return recipe | {"sam": asdict(options.sam)}
-    if source == "import" and options.imported is not None:
-        return recipe | {"from": str(options.imported.resolve())}
-    return recipe
-
-
-def _has_files(folder: Path, key: str) -> bool:
-    return label_path(folder, key).is_file() and sky_path(folder, key).is_file()
+def _list_names(sources: tuple[MaskSource, ...] | list[MaskSource]) -> str:
+    *most, last = [source.name for source in sources]
+    return f"{', '.join(most)} or {last}" if most else last

@@ -17,7 +17,7 @@ _SPREADING = (
 )
 
 
-def morton_codes(
+def compute_morton_codes(
     points: Float[ndarray, "n 3"], low: Float[ndarray, "3"], high: Float[ndarray, "3"]
 ) -> UInt64[ndarray, " n"]:
     """The code of each point (finite) in the box from `low` to `high`; points outside count as on its side."""
@@ -26,11 +26,11 @@ def morton_codes(
     codes = np.zeros(len(points), np.uint64)
     for axis in range(3):
         place = np.clip((points[:, axis].astype(np.float64) - low[axis]) / sizes[axis], 0, 1)
-        codes |= _spread((place * cells).astype(np.uint64)) << np.uint64(axis)
+        codes |= _spread_bits((place * cells).astype(np.uint64)) << np.uint64(axis)
     return codes
 
 
-def _spread(values: UInt64[ndarray, " n"]) -> UInt64[ndarray, " n"]:
+def _spread_bits(values: UInt64[ndarray, " n"]) -> UInt64[ndarray, " n"]:
     """Two zero bits between the 21 bits of each value (Warren, Hacker's Delight, ch. 7)."""
     for shift, mask in _SPREADING:
         values = (values | values << np.uint64(shift)) & np.uint64(mask)

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy import ndarray
 
 
-def normalized(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
+def normalize_quaternions(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
     """Unit quaternions; a zero quaternion becomes the identity."""
     norms = np.linalg.norm(quats, axis=-1, keepdims=True)
     identity = np.zeros_like(quats)
@@ -17,7 +17,7 @@ def normalized(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
 
 def matrix_from_quaternion(quats: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 3 3"]:
     """Rotation matrices from quaternions wxyz of any length."""
-    w, x, y, z = np.moveaxis(normalized(quats), -1, 0)
+    w, x, y, z = np.moveaxis(normalize_quaternions(quats), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -42,29 +42,29 @@ def quaternion_from_matrix(matrices: Float[ndarray, "*n 3 3"]) -> Float[ndarray,
     )
     sizes = np.stack([candidates[..., k, k] for k in range(4)], axis=-1)
     best = np.argmax(sizes, axis=-1)
-    quats = normalized(np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :])
+    quats = normalize_quaternions(np.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :])
     return np.where(quats[..., :1] < 0, -quats, quats)
 
 
-def multiplication_matrices(left: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4 4"]:
+def build_multiplication_matrices(left: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4 4"]:
     """Matrices M with M @ right = left x right (Hamilton product)."""
     w, x, y, z = np.moveaxis(left, -1, 0)
     rows = [[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def multiplied(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
+def multiply_quaternions(left: Float[ndarray, "*n 4"], right: Float[ndarray, "*n 4"]) -> Float[ndarray, "*n 4"]:
     """Hamilton product: rotate by `right`, then by `left`."""
-    return np.einsum("...ij,...j->...i", multiplication_matrices(left), right)
+    return np.einsum("...ij,...j->...i", build_multiplication_matrices(left), right)
 
 
 def slerp(start: Float[ndarray, "4"], end: Float[ndarray, "4"], fraction: float) -> Float[ndarray, "4"]:
     """Spherical interpolation along the shorter arc; `fraction` 0 gives `start`, 1 gives `end`."""
-    start, end = normalized(start), normalized(end)
+    start, end = normalize_quaternions(start), normalize_quaternions(end)
     cosine = float(start @ end)
     if cosine < 0:
         end, cosine = -end, -cosine
     if cosine > 0.9995:
-        return normalized(start + fraction * (end - start))
+        return normalize_quaternions(start + fraction * (end - start))
     angle = np.arccos(cosine)
     return (np.sin((1 - fraction) * angle) * start + np.sin(fraction * angle) * end) / np.sin(angle)

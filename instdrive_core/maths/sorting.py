@@ -1,4 +1,8 @@
-"""Sorting depths by two passes of a 16-bit counting sort: exact for float32 and several times faster than argsort."""
+"""Sorting depths by two passes of a counting sort: exact for float32 and several times faster than argsort.
+
+Positive floats compare as their bits do. What the bits of the nearest and the farthest depth differ in is split into
+two digits of equal width, and the rows are sorted by the lower digit, then by the higher one.
+"""
 
 from __future__ import annotations
 
@@ -6,52 +10,174 @@ from typing import no_type_check
 
 import numba
 import numpy as np
-from jaxtyping import Float32, UInt32
+from jaxtyping import Float32, Int32, UInt32
 from numpy import ndarray
 
-_BINS = 1 << 16
+from instdrive_core.maths.workspace import Workspace
+
+_CHUNKS = 4
+"""Rows are dealt to this many parallel counters; the result does not depend on it."""
 
 
-def back_to_front(depths: Float32[ndarray, " n"], near: float) -> UInt32[ndarray, " m"]:
-    """Rows of depths above `near` (≥ 0), farthest first; equal depths in falling row order, non-finite ones left out.
+def sort_front_to_back(depths: Float32[ndarray, " n"], near: float = 0.0) -> Int32[ndarray, " m"]:
+    """Find the rows of depths above `near` (≥ 0), nearest first; equal depths in rising row order.
 
-    Reversed, this is the stable front-to-back order: nearest first, equal depths in rising row order.
+    Depths that are not finite are left out. It runs on the calling thread alone, without the interpreter's lock.
     """
-    return _front_to_back(np.ascontiguousarray(depths, np.float32), np.float32(max(near, 0.0)))[::-1].copy()
+    return _sort(np.ascontiguousarray(depths, np.float32), np.float32(max(near, 0.0)))
+
+
+def sort_back_to_front(depths: Float32[ndarray, " n"], near: float) -> UInt32[ndarray, " m"]:
+    """Find the rows of depths above `near` (≥ 0), farthest first; equal depths in falling row order.
+
+    It is the reverse of `sort_front_to_back`.
+    """
+    return sort_front_to_back(depths, near)[::-1].astype(np.uint32)
+
+
+def sort_in_parallel(depths: Float32[ndarray, " n"], workspace: Workspace) -> Int32[ndarray, " m"]:
+    """Find the rows of depths above 0 as `sort_front_to_back` does, on all cores.
+
+    The answer lies in the workspace: it lasts until the next call with the same one.
+    """
+    kept, lowest, highest = (np.zeros(_CHUNKS, np.int64) for _ in range(3))
+    _survey(depths, np.float32(0), kept, lowest, highest)
+    total = int(kept.sum())
+    if total == 0:
+        return np.zeros(0, np.int32)
+    base = int(lowest[kept > 0].min())
+    digits = _choose_digits(base, int(highest.max()))
+    first = np.concatenate([np.zeros(1, np.int64), np.cumsum(kept)])
+    rows, half_rows = (workspace.get_array(f"order {name}", (total,), np.int32) for name in "ab")
+    keys, half_keys = (workspace.get_array(f"order keys {name}", (total,), np.uint32) for name in "ab")
+    counters = np.zeros((_CHUNKS, 1 << digits), np.int32)
+    _compact(depths, np.float32(0), np.uint32(base), first, rows, keys, counters)
+    _turn_into_cursors(counters)
+    _scatter(rows, keys, first, 0, counters, half_rows, half_keys)
+    even = np.arange(_CHUNKS + 1) * total // _CHUNKS
+    counters[:] = 0
+    _count(half_keys, even, digits, counters)
+    _turn_into_cursors(counters)
+    _scatter(half_rows, half_keys, even, digits, counters, rows, keys)
+    return rows
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check  # the tests' shape checks cannot be compiled
+def _sort(depths, near):
+    """Run the passes of `sort_in_parallel` one after the other, with a single chunk."""
+    count, low, high = _survey_chunk(depths, near, 0, len(depths))
+    rows, half_rows = np.empty(count, np.int32), np.empty(count, np.int32)
+    if count == 0:
+        return rows
+    keys, half_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
+    digits = _choose_digits(low, high)
+    counters = np.zeros((1, 1 << digits), np.int32)
+    _compact_chunk(depths, near, np.uint32(low), 0, len(depths), 0, rows, keys, counters[0])
+    _turn_into_cursors(counters)
+    _scatter_chunk(rows, keys, 0, count, 0, counters[0], half_rows, half_keys)
+    counters[:] = 0
+    _count_chunk(half_keys, 0, count, digits, counters[0])
+    _turn_into_cursors(counters)
+    _scatter_chunk(half_rows, half_keys, 0, count, digits, counters[0], rows, keys)
+    return rows
 
 
 @numba.njit(cache=True, nogil=True)
-@no_type_check  # the tests' shape checks cannot be compiled
-def _front_to_back(depths: ndarray, near: float) -> ndarray:
-    kept = 0
-    for row in range(len(depths)):
-        if near < depths[row] < np.inf:
-            kept += 1
-    rows, keys = np.empty(kept, np.uint32), np.empty(kept, np.uint32)
-    bits = depths.view(np.uint32)  # positive floats compare as their bits do
-    place = 0
-    for row in range(len(depths)):
-        if near < depths[row] < np.inf:
-            rows[place], keys[place] = row, bits[row]
-            place += 1
-    low_order = _counting_pass(keys, rows, 0)
-    high_order = _counting_pass(low_order[1], low_order[0], 16)
-    return high_order[0]
+@no_type_check
+def _choose_digits(low, high):
+    """Half the number of bits, rounded up, that keys from 0 to `high` - `low` have; at least 1."""
+    bits, rest = 0, high - low
+    while rest > 0:
+        bits, rest = bits + 1, rest >> 1
+    return max(1, (bits + 1) // 2)
 
 
-@numba.njit(cache=True, nogil=True)
-@no_type_check  # the tests' shape checks cannot be compiled
-def _counting_pass(keys: ndarray, rows: ndarray, shift: int) -> tuple[ndarray, ndarray]:
-    """Stable sort by 16 bits of the keys; returns rows and keys."""
-    starts = np.zeros(_BINS + 1, np.int64)
-    for place in range(len(keys)):
-        starts[((keys[place] >> shift) & 0xFFFF) + 1] += 1
-    for digit in range(_BINS):
-        starts[digit + 1] += starts[digit]
-    sorted_rows, sorted_keys = np.empty_like(rows), np.empty_like(keys)
-    for place in range(len(keys)):
-        digit = (keys[place] >> shift) & 0xFFFF
-        target = starts[digit]
-        starts[digit] += 1
-        sorted_rows[target], sorted_keys[target] = rows[place], keys[place]
-    return sorted_rows, sorted_keys
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def _turn_into_cursors(counters):
+    """Turn counts into where each chunk's first entry of a digit goes: digit by digit, within it chunk by chunk."""
+    place = np.int32(0)
+    for digit in range(counters.shape[1]):
+        for chunk in range(counters.shape[0]):
+            count = counters[chunk, digit]
+            counters[chunk, digit] = place
+            place += count
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def _survey_chunk(depths, near, start, stop):
+    """Number of depths that count, and the least and the greatest of their bits."""
+    bits = depths.view(np.uint32)
+    number, low, high = np.int64(0), np.int64(0xFFFFFFFF), np.int64(0)
+    for row in range(start, stop):
+        if near < depths[row] < np.float32(np.inf):
+            number += 1
+            low, high = min(low, np.int64(bits[row])), max(high, np.int64(bits[row]))
+    return number, low, high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def _compact_chunk(depths, near, base, start, stop, first, rows, keys, counters):
+    """Write the rows that count and their keys from place `first` on, and count the keys' lower digits."""
+    bits, mask, place = depths.view(np.uint32), np.uint32(len(counters) - 1), np.uint64(first)
+    for row in range(start, stop):
+        if near < depths[row] < np.float32(np.inf):
+            key = np.uint32(bits[row] - base)
+            rows[place], keys[place] = row, key
+            counters[np.uint64(key & mask)] += 1
+            place += np.uint64(1)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def _count_chunk(keys, start, stop, shift, counters):
+    mask = np.uint32(len(counters) - 1)
+    for place in range(np.uint64(start), np.uint64(stop)):
+        counters[np.uint64((keys[place] >> np.uint32(shift)) & mask)] += 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def _scatter_chunk(rows, keys, start, stop, shift, cursors, out_rows, out_keys):
+    mask = np.uint32(len(cursors) - 1)
+    for place in range(np.uint64(start), np.uint64(stop)):
+        digit = np.uint64((keys[place] >> np.uint32(shift)) & mask)
+        target = np.uint64(cursors[digit])
+        cursors[digit] += 1
+        out_rows[target], out_keys[target] = rows[place], keys[place]
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _survey(depths, near, kept, lowest, highest):
+    count = len(depths)
+    for chunk in numba.prange(_CHUNKS):
+        start, stop = count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS
+        kept[chunk], lowest[chunk], highest[chunk] = _survey_chunk(depths, near, start, stop)
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _compact(depths, near, base, first, rows, keys, counters):
+    count = len(depths)
+    for chunk in numba.prange(_CHUNKS):
+        start, stop = count * chunk // _CHUNKS, count * (chunk + 1) // _CHUNKS
+        _compact_chunk(depths, near, base, start, stop, first[chunk], rows, keys, counters[chunk])
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _count(keys, bounds, shift, counters):
+    for chunk in numba.prange(_CHUNKS):
+        _count_chunk(keys, bounds[chunk], bounds[chunk + 1], shift, counters[chunk])
+
+
+@numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
+@no_type_check
+def _scatter(rows, keys, bounds, shift, cursors, out_rows, out_keys):
+    for chunk in numba.prange(_CHUNKS):
+        start, stop = bounds[chunk], bounds[chunk + 1]
+        _scatter_chunk(rows, keys, start, stop, shift, cursors[chunk], out_rows, out_keys)

@@ -24,7 +24,7 @@ def color_from_dc(sh_dc: Float[ndarray, "*n 3"]) -> Float[ndarray, "*n 3"]:
     return 0.5 + Y0 * sh_dc
 
 
-def rest_basis(directions: Float[ndarray, "n 3"], count: int) -> Float[ndarray, "n {count}"]:
+def evaluate_rest_basis(directions: Float[ndarray, "n 3"], count: int) -> Float[ndarray, "n {count}"]:
     """The first `count` (0, 3, 8 or 15) basis values above the constant, for unit directions camera → Gaussian."""
     x, y, z = directions.T
     xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
@@ -52,11 +52,11 @@ def rest_basis(directions: Float[ndarray, "n 3"], count: int) -> Float[ndarray, 
     return np.stack(values, axis=-1)
 
 
-def view_colors(
+def evaluate_view_colors(
     sh_dc: Float[ndarray, "n 3"], sh_rest: Float[ndarray, "n k 3"], directions: Float[ndarray, "n 3"]
 ) -> Float[ndarray, "n 3"]:
     """RGB (≥ 0) of each Gaussian seen along its unit direction camera → Gaussian."""
     colors = color_from_dc(sh_dc)
     if sh_rest.shape[1]:
-        colors = colors + np.einsum("nk,nkc->nc", rest_basis(directions, sh_rest.shape[1]), sh_rest)
+        colors = colors + np.einsum("nk,nkc->nc", evaluate_rest_basis(directions, sh_rest.shape[1]), sh_rest)
     return np.maximum(colors, 0).astype(sh_dc.dtype)

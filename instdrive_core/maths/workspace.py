@@ -18,20 +18,20 @@ class Workspace:
     def __init__(self) -> None:
         self._buffers: dict[str, ndarray] = {}
 
-    def array(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> ndarray:
+    def get_array(self, name: str, shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> ndarray:
         """An array of this shape, C-contiguous, that begins with a cache line; its contents are undefined."""
         count, buffer = math.prod(shape), self._buffers.get(name)
         if buffer is None or len(buffer) < count or buffer.dtype != np.dtype(dtype):
-            buffer = self._buffers[name] = _aligned(count + count // _SPARE, np.dtype(dtype))
+            buffer = self._buffers[name] = _allocate_aligned(count + count // _SPARE, np.dtype(dtype))
         return buffer[:count].reshape(shape)
 
-    def size(self, name: str) -> int:
+    def get_size(self, name: str) -> int:
         """How many entries there is room for under this name, 0 where it was never asked for."""
         buffer = self._buffers.get(name)
         return 0 if buffer is None else len(buffer)
 
 
-def _aligned(count: int, dtype: np.dtype, line: int = 64) -> ndarray:
+def _allocate_aligned(count: int, dtype: np.dtype, line: int = 64) -> ndarray:
     raw = np.empty(count * dtype.itemsize + line, np.uint8)
     skip = -raw.ctypes.data % line
     return raw[skip : skip + count * dtype.itemsize].view(dtype)

@@ -1,4 +1,4 @@
-"""A history as a series of differences: what an autosave journal holds, and how it is read back.
+"""The history as a series of differences: what an autosave journal holds, and how it is read back.
 
 A line says how many edits of the list before it are kept, which follow, and how many of all are done. An undo is a
 cursor, a slider's drag the last value that was written, and nothing has to be undone or redone to read it.
@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.serialize import EDITS
-from instdrive_core.project.large_lists import Numbers, packed, unpacked
+from instdrive_core.edits.registry import EDIT_KINDS
+from instdrive_core.project.packed_lists import Numbers, pack_lists, unpack_lists
 
 
 @dataclass(frozen=True)
-class Logged:
+class LoggedHistory:
     """A history at one moment."""
 
     edits: tuple[Edit, ...] = ()
@@ -31,19 +31,19 @@ class Logged:
         return self.edits[: self.cursor]
 
 
-def difference(before: Logged, after: Logged) -> dict[str, Any] | None:
+def diff_histories(before: LoggedHistory, after: LoggedHistory) -> dict[str, Any] | None:
     """The line that leads from one to the other; None where they are the same."""
-    keep = shared_length(before.edits, after.edits)
+    keep = count_shared_edits(before.edits, after.edits)
     added = after.edits[keep:]
     if keep == len(before.edits) and not added and before.cursor == after.cursor:
         return None
     line: dict[str, Any] = {"cursor": after.cursor}
     if keep < len(before.edits) or added:
-        line |= {"keep": keep, "add": [packed(edit, _to_text) for edit in added]}
+        line |= {"keep": keep, "add": [pack_lists(edit, _to_text) for edit in added]}
     return line
 
 
-def shared_length(left: tuple[Edit, ...], right: tuple[Edit, ...]) -> int:
+def count_shared_edits(left: tuple[Edit, ...], right: tuple[Edit, ...]) -> int:
     """How many edits both begin with: the same ones, not equal ones."""
     for number, (mine, theirs) in enumerate(zip(left, right, strict=False)):
         if mine is not theirs:
@@ -56,21 +56,21 @@ class ReadLog:
     """The history that lines lead to."""
 
     entries: list[Any] = field(default_factory=list)
-    """Edits as `packed` JSON."""
+    """Edits as `pack_lists` JSON."""
     cursor: int = 0
     _numbers: list[int] = field(default_factory=list)
     """One per entry, never given twice."""
     _count: int = 0
     _saved: list[int] | None = None
 
-    def take(self, line: Mapping[str, Any]) -> None:
-        """Follow a line of `difference`. Raises KeyError, TypeError or ValueError where it is none."""
+    def apply_line(self, line: Mapping[str, Any]) -> None:
+        """Follow a line of `diff_histories`. Raises KeyError, TypeError or ValueError where it is none."""
         keep = line.get("keep", len(self.entries))
         added = line.get("add", [])
         whole = type(keep) is int and type(line["cursor"]) is int
         if not (whole and 0 <= keep <= len(self.entries) and 0 <= line["cursor"] <= keep + len(added)):
             raise ValueError(f"a line keeps {keep} of {len(self.entries)} edits and does {line['cursor']}")
-        unknown = [entry for entry in added if not isinstance(entry, dict) or entry.get("kind") not in EDITS]
+        unknown = [entry for entry in added if not isinstance(entry, dict) or entry.get("kind") not in EDIT_KINDS]
         if unknown:
             raise ValueError(f"a line holds {str(unknown[0])[:80]!r}, which is no edit of this version")
         del self.entries[keep:], self._numbers[keep:]
@@ -79,7 +79,7 @@ class ReadLog:
         self._count += len(added)
         self.cursor = line["cursor"]
 
-    def mark_saved(self, done: int | None) -> None:
+    def set_saved(self, done: int | None) -> None:
         """So many of the edits were done when the document was saved; None = no file holds it. Raises ValueError."""
         if done is not None and not (type(done) is int and 0 <= done <= len(self.entries)):
             raise ValueError(f"a line says that {done!r} of {len(self.entries)} edits were saved")
@@ -91,13 +91,13 @@ class ReadLog:
         work = set(self._work(self.cursor))
         return len(work if self._saved is None else work ^ set(self._saved))
 
-    def full_entries(self) -> list[Any]:
+    def unpack_entries(self) -> list[Any]:
         """The edits as `Edit.to_json` gave them."""
-        return [unpacked(entry, _from_text) for entry in self.entries]
+        return [unpack_lists(entry, _from_text) for entry in self.entries]
 
     def _work(self, done: int) -> list[int]:
         numbered = zip(self._numbers[:done], self.entries[:done], strict=True)
-        return [number for number, entry in numbered if not EDITS[entry["kind"]].selects_only]
+        return [number for number, entry in numbered if not EDIT_KINDS[entry["kind"]].selects_only]
 
 
 def _to_text(numbers: Numbers) -> dict[str, Any]:

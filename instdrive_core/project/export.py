@@ -13,16 +13,16 @@ from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.parts import actor_alone, baked_part
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.scene_parts import bake_actor, bake_part
 from instdrive_core.errors import DataError, InstDriveError, OptionError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.objects.poses import write_poses
-from instdrive_core.formats.read_back import save_verified
-from instdrive_core.progress import CancelledError, part_of_work
+from instdrive_core.formats.read_back import save_and_verify
+from instdrive_core.progress import CancelledError, report_span
 
 BAKING = 0.25
-"""Of the time that baking and saving take together."""
+"""Baking's share of the time that baking and saving take together."""
 LISTING = "instances.json"
 """Written last, so that a folder without it is unfinished."""
 POSES_SUFFIX = ".poses.json"
@@ -34,7 +34,7 @@ class ExportedParts:
     """What was written into a folder."""
 
     files: tuple[Path, ...]
-    """Of splats."""
+    """Files of splats."""
     splats: int
     skipped: int
     """Instances of which nothing is there at the time."""
@@ -59,12 +59,12 @@ def export_scene(
 
     Raises DataError; what was at `path` is then still there, and whole.
     """
-    with part_of_work(0.0, BAKING):
-        scene = baked(document, time, to_read=True) if rows is None else baked_part(document, rows, time)
+    with report_span(0.0, BAKING):
+        scene = bake_document(document, time, to_read=True) if rows is None else bake_part(document, rows, time)
     if rows is not None and not len(scene):
         raise OptionError(f"nothing of what is selected is there at {time:g} s; choose another time step")
-    with part_of_work(BAKING, 1.0):
-        save_verified(path, scene, sibr=sibr)
+    with report_span(BAKING, 1.0):
+        save_and_verify(path, scene, sibr=sibr)
     return len(scene)
 
 
@@ -87,17 +87,17 @@ def export_instances(
 
     def write(number: int) -> tuple[Path, int] | None:
         instance = table[number]
-        part = baked_part(document, document.rows_of((number,)), time)
+        part = bake_part(document, document.find_rows((number,)), time)
         if not len(part):
             return None
-        path = folder / f"{number:04d}_{file_name(instance.name)}{suffix}"
-        save_verified(path, part, sibr=sibr)
+        path = folder / f"{number:04d}_{make_file_name(instance.name)}{suffix}"
+        save_and_verify(path, part, sibr=sibr)
         fields = {"id": number, "name": instance.name, "class": instance.class_name, "codeword": instance.codeword}
         listed.append({"file": path.name, **fields, "count": len(part)})
         return path, len(part)
 
     _remove_listing(folder)
-    written = _each(folder, tuple(ids), write)
+    written = _write_each(folder, tuple(ids), write)
     _write_listing(folder, {"time": time, "origin": document.scene.origin.tolist(), "instances": listed})
     return written
 
@@ -113,35 +113,35 @@ def export_actors(
     scene = document.scene
 
     def write(node: int) -> tuple[Path, int]:
-        track, part = scene.actors[node - 1], actor_alone(document, node)
-        stem = f"{node:03d}_{file_name(track.label)}"
+        track, part = scene.actors[node - 1], bake_actor(document, node)
+        stem = f"{node:03d}_{make_file_name(track.label)}"
         path = folder / f"{stem}{suffix}"
-        save_verified(path, part, sibr=sibr)
+        save_and_verify(path, part, sibr=sibr)
         write_poses(folder / f"{stem}{POSES_SUFFIX}", track, scene.origin, path.name)
         return path, len(part)
 
-    return _each(folder, tuple(nodes), write)
+    return _write_each(folder, tuple(nodes), write)
 
 
-def file_name(text: str) -> str:
+def make_file_name(text: str) -> str:
     """Letters, digits, hyphens and underscores of a name that users may have typed."""
     return re.sub(r"[^\w-]+", "_", text).strip("_")[:_NAME_LENGTH] or "unnamed"
 
 
-def _each(folder: Path, numbers: Sequence[int], write: Callable[[int], tuple[Path, int] | None]) -> ExportedParts:
+def _write_each(folder: Path, numbers: Sequence[int], write: Callable[[int], tuple[Path, int] | None]) -> ExportedParts:
     if folder.exists() and not folder.is_dir():
         raise DataError(folder, "this is a file, and many files are to be written", "Give the name of a folder")
     written: list[tuple[Path, int]] = []
     for place, number in enumerate(numbers):
         try:
-            with part_of_work(place / len(numbers), (place + 1) / len(numbers)):
+            with report_span(place / len(numbers), (place + 1) / len(numbers)):
                 done = write(number)
         except CancelledError:
             raise
         except InstDriveError as error:
-            told = f"{len(written)} of {len(numbers)} files were written before"
+            written_before = f"{len(written)} of {len(numbers)} files were written before"
             if isinstance(error, DataError):
-                raise DataError(error.path, f"{error.problem}; {told}", error.remedy) from error
+                raise DataError(error.path, f"{error.problem}; {written_before}", error.remedy) from error
             raise
         if done is not None:
             written.append(done)

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from instdrive_core.files.json_value import json_value
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.json_value import parse_json
+from instdrive_core.files.plain_file import require_plain_file
 
 _CHECKSUM = 8
 """Hexadecimal digits before each line, and a space."""
 
 
-class Journal:
+class EditJournal:
     """Appends lines. Every method raises OSError where the disk refuses; what was written before stays whole."""
 
     def __init__(self, path: Path) -> None:
@@ -51,9 +51,9 @@ class Journal:
 
 def read_journal(path: Path) -> Iterator[dict[str, Any]]:
     """The lines up to the first that is torn or damaged. Raises OSError where the file cannot be read."""
-    with plain_file(path).open("rb") as file:
+    with require_plain_file(path).open("rb") as file:
         for line in file:
             checksum, _, text = line[:-1].partition(b" ")
             if not line.endswith(b"\n") or checksum != b"%0*x" % (_CHECKSUM, zlib.crc32(text)):
                 return
-            yield json_value(text)
+            yield parse_json(text)

@@ -12,17 +12,17 @@ from safetensors import SafetensorError
 from safetensors.numpy import load
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.errors import DataError, OptionError, ordinal
-from instdrive_core.files.archive import REMEDY, Archive, opened_archive
-from instdrive_core.files.bounded_json import parsed_json
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.errors import DataError, OptionError, format_ordinal
+from instdrive_core.files.archive import ARCHIVE_REMEDY, Archive, open_project_archive
+from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.project.document_check import check_of
-from instdrive_core.project.large_lists import Numbers, unpacked
+from instdrive_core.project.document_check import compute_check
 from instdrive_core.project.manifest import Manifest, OtherVersionError, manifest_from_json
-from instdrive_core.project.replay import KeptHistory, replayed
+from instdrive_core.project.packed_lists import Numbers, unpack_lists
+from instdrive_core.project.replay import KeptHistory, replay_history
 from instdrive_core.project.save import ARRAY, EDITS, MANIFEST, VIEW, is_project
-from instdrive_core.project.sources import SceneSources, open_source
+from instdrive_core.project.sources import SceneSources, open_scene_source
 from instdrive_core.scene.scene import Scene
 
 _MAX_MANIFEST, _MAX_VIEW, _MAX_LINE = 16 << 20, 16 << 20, 16 << 20
@@ -36,7 +36,7 @@ class OpenedProject:
 
     document: Document
     view: dict[str, Any] | None
-    """As it was handed to `save_project`."""
+    """The view that was handed to `save_project`."""
     notes: tuple[str, ...] = ()
     """What is not as it was, in sentences for the user; edits left out among them."""
 
@@ -59,7 +59,7 @@ def open_document(
         check_whole(path, keep_every)
         project = open_project(path, accept_changed)
         return project.document, project.view
-    scene, source = open_source(path, keep_every)
+    scene, source = open_scene_source(path, keep_every)
     document = Document(scene)
     document.open_scene = SceneSources(source)
     return document, None
@@ -76,23 +76,23 @@ def open_project(path: str | Path, accept_changed: bool = False) -> OpenedProjec
     Raises DataError where the project is damaged, or its scene is not found; SceneChangedError where it is another.
     """
     path = Path(path)
-    with opened_archive(path) as archive:
-        manifest = _manifest(archive)
-        view = _view(archive) if VIEW in archive.names else None
+    with open_project_archive(path) as archive:
+        manifest = _read_manifest(archive)
+        view = _read_view(archive) if VIEW in archive.names else None
         # The user vouches for a project whose scene has changed: its lists may be longer than this scene.
         splats = manifest.check.splats if accept_changed else 0
 
         def entries(document: Document) -> Iterator[object]:
-            return _entries(archive, manifest, document, splats)
+            return _read_entries(archive, manifest, document, splats)
 
         kept = KeptHistory(path, manifest.base, manifest.inserted, manifest.cursor, entries)
-        document, notes = replayed(kept, accept_changed)
-    if not notes and check_of(document) != manifest.check:
+        document, notes = replay_history(kept, accept_changed)
+    if not notes and compute_check(document) != manifest.check:
         notes = (f"The edits gave another result than when they were saved (by version {manifest.program})",)
     return OpenedProject(document, view, notes)
 
 
-def open_edited(path: str | Path, keep_every: int = 1) -> Scene:
+def open_edited_scene(path: str | Path, keep_every: int = 1) -> Scene:
     """Open a scene, or the scene that the edits of a project make; tracks stay tracks.
 
     Raises DataError, SceneTooLargeError; other arguments as in `open_scene`.
@@ -101,73 +101,75 @@ def open_edited(path: str | Path, keep_every: int = 1) -> Scene:
     if not is_project(path):
         return open_scene(path, keep_every)
     check_whole(path, keep_every)
-    return baked(open_project(path).document)
+    return bake_document(open_project(path).document)
 
 
 def check_whole(path: Path, keep_every: int) -> None:
     """Raises OptionError where a part of a project is asked for."""
     if keep_every != 1:
         raise OptionError(
-            f"{path} cannot be opened in part, as its edits name splats; open every {ordinal(keep_every)} splat of the "
-            "scene itself and save that as another project"
+            f"{path} cannot be opened in part, as its edits name splats; open every "
+            f"{format_ordinal(keep_every)} splat of the scene itself and save that as another project"
         )
 
 
-def _manifest(archive: Archive) -> Manifest:
+def _read_manifest(archive: Archive) -> Manifest:
     try:
         manifest = manifest_from_json(archive.read(MANIFEST, _MAX_MANIFEST))
     except OtherVersionError as error:
         raise DataError(archive.path, str(error), "Update InstDrive") from error
     except ValueError as error:
-        raise DataError(archive.path, f"{MANIFEST} is damaged: {error}", REMEDY) from error
+        raise DataError(archive.path, f"{MANIFEST} is damaged: {error}", ARCHIVE_REMEDY) from error
     if unlike := archive.names ^ {MANIFEST, *manifest.members}:
         problem = f"the archive and its manifest do not agree about {min(unlike)[:200]!r}"
-        raise DataError(archive.path, problem, REMEDY)
+        raise DataError(archive.path, problem, ARCHIVE_REMEDY)
     return manifest
 
 
-def _view(archive: Archive) -> dict[str, Any]:
+def _read_view(archive: Archive) -> dict[str, Any]:
     try:
-        view = parsed_json(archive.read(VIEW, _MAX_VIEW))
+        view = parse_bounded_json(archive.read(VIEW, _MAX_VIEW))
     except ValueError as error:
-        raise DataError(archive.path, f"{VIEW} is damaged: {error}", REMEDY) from error
+        raise DataError(archive.path, f"{VIEW} is damaged: {error}", ARCHIVE_REMEDY) from error
     if not isinstance(view, dict):
-        raise DataError(archive.path, f"{VIEW} holds a {type(view).__name__}, not an object", REMEDY)
+        raise DataError(archive.path, f"{VIEW} holds a {type(view).__name__}, not an object", ARCHIVE_REMEDY)
     return view
 
 
-def _entries(archive: Archive, manifest: Manifest, document: Document, splats: int) -> Iterator[object]:
+def _read_entries(archive: Archive, manifest: Manifest, document: Document, splats: int) -> Iterator[object]:
     """The edits one by one: a history that unfolds absurdly far is refused by its first edit that does not fit."""
 
     def numbers(name: object) -> Numbers:
-        return _numbers(archive, name, _NUMBERS_PER_SPLAT * max(splats, len(document.scene)))
+        return _read_numbers(archive, name, _NUMBERS_PER_SPLAT * max(splats, len(document.scene)))
 
     number = 0
-    with archive.opened(EDITS) as lines:
+    with archive.open_member(EDITS) as lines:
         while line := lines.readline(_MAX_LINE + 1):
             number += 1
             try:
                 if len(line) > _MAX_LINE:
                     raise ValueError(f"it has more than {_MAX_LINE} bytes")
-                entry = parsed_json(line)
+                entry = parse_bounded_json(line)
             except ValueError as error:
-                raise DataError(archive.path, f"line {number} of {EDITS} is damaged: {error}", REMEDY) from error
-            yield unpacked(entry, numbers)
+                raise DataError(
+                    archive.path, f"line {number} of {EDITS} is damaged: {error}", ARCHIVE_REMEDY
+                ) from error
+            yield unpack_lists(entry, numbers)
     if number != manifest.edits:
-        raise DataError(archive.path, f"{EDITS} holds {number} edits, not {manifest.edits}", REMEDY)
+        raise DataError(archive.path, f"{EDITS} holds {number} edits, not {manifest.edits}", ARCHIVE_REMEDY)
 
 
-def _numbers(archive: Archive, name: object, limit: int) -> Numbers:
+def _read_numbers(archive: Archive, name: object, limit: int) -> Numbers:
     """A list of at most `limit` numbers."""
     if not isinstance(name, str):
-        raise DataError(archive.path, f"{name!r} stands where an array's name should", REMEDY)
+        raise DataError(archive.path, f"{name!r} stands where an array's name should", ARCHIVE_REMEDY)
     data = archive.read(name, 8 * limit + 4096)
     try:
         # The array's size is checked against the member's before anything is allocated.
         numbers = load(data)[ARRAY]
     except (SafetensorError, KeyError, ValueError, TypeError) as error:
-        raise DataError(archive.path, f"{name!r} is damaged ({error})", REMEDY) from error
+        raise DataError(archive.path, f"{name!r} is damaged ({error})", ARCHIVE_REMEDY) from error
     if numbers.dtype.kind != "i" or numbers.ndim not in (1, 2) or math.prod(numbers.shape) > limit:
         problem = f"{name!r} is a {numbers.dtype} array of shape {numbers.shape}, no list of whole numbers"
-        raise DataError(archive.path, problem, REMEDY)
+        raise DataError(archive.path, problem, ARCHIVE_REMEDY)
     return numbers

@@ -1,4 +1,4 @@
-"""What editors that died have left, for the next one to offer."""
+"""Sessions of editors that died, for the next editor to offer."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
 from instdrive_core.files.file_lock import FileLock
-from instdrive_core.files.user_folders import state_folder
-from instdrive_core.project.replay import KeptHistory, replayed
+from instdrive_core.files.user_folders import find_state_folder
+from instdrive_core.project.replay import KeptHistory, replay_history
 from instdrive_core.project.session_folder import (
     JOURNAL,
     LOCK,
@@ -45,7 +45,7 @@ class RecoverableSession:
 
 
 @dataclass(frozen=True)
-class Restored:
+class RestoredSession:
     """A recovered document. Its old session stays until `Recovery.begin` is given this object."""
 
     document: Document
@@ -62,43 +62,43 @@ class Restored:
         self._lock.release()
 
 
-def session_root(root: Path | None = None) -> Path:
+def find_session_root(root: Path | None = None) -> Path:
     """The folder of all sessions of this user, unless another is named."""
-    return state_folder() / "recovery" if root is None else root
+    return find_state_folder() / "recovery" if root is None else root
 
 
-def pending(root: Path | None = None) -> list[RecoverableSession]:
+def find_pending_sessions(root: Path | None = None) -> list[RecoverableSession]:
     """Sessions of editors that no longer run and have unsaved edits, the latest first; the others' are cleared away."""
-    root = session_root(root)
+    root = find_session_root(root)
     folders = [folder for folder in root.iterdir() if folder.is_dir()] if root.is_dir() else []
-    found = [session for folder in folders if (session := _looked_at(folder)) is not None]
+    found = [session for folder in folders if (session := _inspect_folder(folder)) is not None]
     return sorted(found, key=lambda session: session.changed, reverse=True)
 
 
-def restore(session: RecoverableSession, accept_changed: bool = False) -> Restored:
+def restore_session(session: RecoverableSession, accept_changed: bool = False) -> RestoredSession:
     """Open the scene of a session and do its edits again; the session stays, locked, until a new one holds its edits.
 
     Args:
-        session: from `pending`.
+        session: from `find_pending_sessions`.
         accept_changed: as for `open_project`.
 
     Raises DataError where it is taken by another editor or cannot be read, SceneChangedError for another scene.
     """
-    lock = _locked(session.folder)
+    lock = _lock_session(session.folder)
     try:
         read = read_session(session.folder)
-        entries = read.log.full_entries()
+        entries = read.log.unpack_entries()
         kept = KeptHistory(read.path, read.base, read.inserted, read.log.cursor, lambda _: entries)
-        document, notes = replayed(kept, accept_changed)
+        document, notes = replay_history(kept, accept_changed)
     except BaseException:
         lock.release()
         raise
-    return Restored(document, read.path, notes, session.folder, lock)
+    return RestoredSession(document, read.path, notes, session.folder, lock)
 
 
-def discard(session: RecoverableSession) -> None:
+def discard_session(session: RecoverableSession) -> None:
     """Remove a session for good. Raises DataError where another editor has taken it or it cannot be removed."""
-    lock = _locked(session.folder)
+    lock = _lock_session(session.folder)
     try:
         remove_session(session.folder)
     except OSError as error:
@@ -107,17 +107,17 @@ def discard(session: RecoverableSession) -> None:
         lock.release()
 
 
-def _locked(folder: Path) -> FileLock:
-    lock = FileLock.taken(folder / LOCK) if is_session(folder) else None
+def _lock_session(folder: Path) -> FileLock:
+    lock = FileLock.acquire(folder / LOCK) if is_session(folder) else None
     if lock is None:
         raise DataError(folder, "another editor has taken this session", "Look for the document there")
     return lock
 
 
-def _looked_at(folder: Path) -> RecoverableSession | None:
+def _inspect_folder(folder: Path) -> RecoverableSession | None:
     """The session of a folder; None where its editor runs, or nothing would be lost with it."""
     try:
-        lock = FileLock.taken(folder / LOCK)
+        lock = FileLock.acquire(folder / LOCK)
     except OSError:  # removed just now, or somebody else's
         return None
     if lock is None:
@@ -128,10 +128,10 @@ def _looked_at(folder: Path) -> RecoverableSession | None:
             return None
         read = read_session(folder)
         if read.log.unsaved:
-            return RecoverableSession(folder, read.path, _changed(folder), read.log.unsaved)
+            return RecoverableSession(folder, read.path, _find_change_time(folder), read.log.unsaved)
         remove_session(folder)
     except DataError as error:
-        return RecoverableSession(folder, folder, _changed(folder), 0, str(error))
+        return RecoverableSession(folder, folder, _find_change_time(folder), 0, str(error))
     finally:
         lock.release()
     return None
@@ -143,7 +143,7 @@ def _remove_junk(folder: Path) -> None:
         remove_session(folder)
 
 
-def _changed(folder: Path) -> datetime:
+def _find_change_time(folder: Path) -> datetime:
     for name in (JOURNAL, SESSION):
         if (folder / name).exists():
             return datetime.fromtimestamp((folder / name).stat().st_mtime).astimezone()

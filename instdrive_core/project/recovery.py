@@ -10,18 +10,18 @@ from typing import Any
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError
 from instdrive_core.files.file_lock import FileLock
-from instdrive_core.project.edit_log import Logged, difference, shared_length
-from instdrive_core.project.journal import Journal
-from instdrive_core.project.manifest import recorded_to_json
-from instdrive_core.project.recoverable import Restored, session_root
+from instdrive_core.project.edit_log import LoggedHistory, count_shared_edits, diff_histories
+from instdrive_core.project.journal import EditJournal
+from instdrive_core.project.manifest import source_to_json
+from instdrive_core.project.recoverable import RestoredSession, find_session_root
 from instdrive_core.project.save import ProjectState
 from instdrive_core.project.session_folder import (
     JOURNAL,
-    new_session_folder,
+    make_session_folder,
     remove_session,
     write_session,
 )
-from instdrive_core.project.sources import recorded_source, sources_of
+from instdrive_core.project.sources import get_sources, record_source
 
 WRITE_INTERVAL = 0.1
 """Seconds at least between two lines: of a slider's drag only what stands at the end of each is written."""
@@ -36,13 +36,15 @@ class Recovery:
     power cut, `SYNC_INTERVAL` more.
     """
 
-    def __init__(self, document: Document, path: Path, folder: Path, lock: FileLock, restored: Restored | None) -> None:
+    def __init__(
+        self, document: Document, path: Path, folder: Path, lock: FileLock, restored: RestoredSession | None
+    ) -> None:
         """Use `begin`."""
         self.folder = folder
         self._document, self._path, self._lock = document, path, lock
-        self._sources = sources_of(document)
-        self._journal = Journal(folder / JOURNAL)
-        self._written, self._named = Logged(), set[str]()
+        self._sources = get_sources(document)
+        self._journal = EditJournal(folder / JOURNAL)
+        self._written, self._named = LoggedHistory(), set[str]()
         """What the journal tells; the thread's own."""
         self._replaced, self._is_announced = restored, False
         self._changed = threading.Condition()
@@ -55,12 +57,12 @@ class Recovery:
         """Why nothing can be written now."""
         self._failures = 0
         self._problem: DataError | None = None
-        """The same, until it was told."""
+        """The failure that `take_problem` has not returned yet."""
         self._thread = threading.Thread(target=self._run, name="autosave", daemon=True)
 
     @classmethod
     def begin(
-        cls, document: Document, path: str | Path, *, restored: Restored | None = None, root: Path | None = None
+        cls, document: Document, path: str | Path, *, restored: RestoredSession | None = None, root: Path | None = None
     ) -> Recovery:
         """Start the journal of a document that has just been opened, with what it has done so far.
 
@@ -72,19 +74,19 @@ class Recovery:
 
         Raises DataError where the document comes from no file, or the folder cannot be made.
         """
-        sources_of(document)
-        root, path = session_root(root), Path(path)
+        get_sources(document)
+        root, path = find_session_root(root), Path(path)
         try:
-            recovery = cls(document, path, *new_session_folder(root), restored)
+            recovery = cls(document, path, *make_session_folder(root), restored)
         except OSError as error:
-            raise _not_written(root, error) from error
+            raise _not_written_error(root, error) from error
         recovery._thread.start()
         return recovery
 
     def record(self) -> None:
-        """Tell that the document may have changed: after each edit, undo, redo and jump, or once a frame.
+        """Note that the document may have changed: call it after each edit, undo, redo and jump, or once a frame.
 
-        Takes microseconds; the thread finds out what is new. What the disk refuses is told by `take_problem`.
+        Takes microseconds; the thread finds out what is new. `take_problem` returns what the disk refused.
         """
         with self._changed:
             now = self._now()
@@ -92,13 +94,13 @@ class Recovery:
                 self._wanted = now
                 self._wake()
 
-    def saved(self, path: str | Path, state: ProjectState) -> None:
-        """Tell that `state` of the document was written to `path`, which names the session from now on."""
+    def mark_saved(self, path: str | Path, state: ProjectState) -> None:
+        """Note that `state` of the document was written to `path`, which names the session from now on."""
         with self._changed:
             self._wanted = self._now()
             done = state.edits[: state.cursor]
             # Undone and edited on meanwhile, the saved state may be none that the journal knows: nothing is saved then.
-            is_known = shared_length(done, self._wanted.edits) == len(done)
+            is_known = count_shared_edits(done, self._wanted.edits) == len(done)
             mark = {"saved": len(done) if is_known else None, "path": str(Path(path).absolute())}
             self._marks.append(mark)
             self._wake()
@@ -118,7 +120,7 @@ class Recovery:
             return problem
 
     def end(self) -> None:
-        """The document is closed, by the user's will: nothing is left to recover. Done twice, it changes nothing."""
+        """End the session, as the user closed the document: nothing is left to recover. A second call does nothing."""
         self._stop()
         remove_session(self.folder)
         self._lock.release()
@@ -133,8 +135,8 @@ class Recovery:
             self._thread.join()
         self._journal.close()
 
-    def _now(self) -> Logged:
-        return Logged(self._document.history.edits, self._document.history.cursor)
+    def _now(self) -> LoggedHistory:
+        return LoggedHistory(self._document.history.edits, self._document.history.cursor)
 
     def _wake(self) -> None:
         self._behind = True
@@ -153,9 +155,9 @@ class Recovery:
                 if time.monotonic() >= next_sync:
                     self._journal.sync()
                     next_sync = time.monotonic() + SYNC_INTERVAL
-                    self._synced()
+                    self._note_synced()
             except (OSError, DataError) as error:
-                self._failed(error)
+                self._note_failure(error)
             with self._changed:
                 # Edits that come close after one another become one line.
                 self._changed.wait_for(lambda: self._ending, SYNC_INTERVAL if self._failure else WRITE_INTERVAL)
@@ -163,12 +165,12 @@ class Recovery:
     def _write(self) -> None:
         with self._changed:
             wanted, marks = self._wanted, list(self._marks)
-        line = difference(self._written, wanted)
+        line = diff_histories(self._written, wanted)
         if line is not None:
             new = {name: source for name, source in dict(self._sources.inserted).items() if name not in self._named}
             if new:
-                recorded = {name: recorded_source(source, self._path) for name, source in new.items()}
-                line["inserted"] = {name: recorded_to_json(source) for name, source in recorded.items()}
+                recorded = {name: record_source(source, self._path) for name, source in new.items()}
+                line["inserted"] = {name: source_to_json(source) for name, source in recorded.items()}
             self._journal.append(line)
             self._named |= set(new)
         self._written = wanted
@@ -182,27 +184,27 @@ class Recovery:
         if self._is_announced:
             return
         self._journal.sync()
-        write_session(self.folder, self._path, recorded_source(self._sources.base, self._path))
+        write_session(self.folder, self._path, record_source(self._sources.base, self._path))
         if self._replaced is not None:
             self._replaced.remove()
             self._replaced = None
         self._is_announced = True
 
-    def _synced(self) -> None:
+    def _note_synced(self) -> None:
         with self._changed:
             self._behind = self._wanted is not self._written or bool(self._marks)
             self._failure = None
             self._changed.notify_all()
 
-    def _failed(self, error: OSError | DataError) -> None:
+    def _note_failure(self, error: OSError | DataError) -> None:
         with self._changed:
             if self._failure is None:
-                self._failure = self._problem = _not_written(self.folder, error)
+                self._failure = self._problem = _not_written_error(self.folder, error)
             self._failures += 1
             self._changed.notify_all()
 
 
-def _not_written(folder: Path, error: OSError | DataError) -> DataError:
+def _not_written_error(folder: Path, error: OSError | DataError) -> DataError:
     reason = error.problem if isinstance(error, DataError) else error.strerror or error
     problem = f"edits cannot be kept for recovery ({reason})"
     return DataError(folder, problem, "Save the project, and free some space")

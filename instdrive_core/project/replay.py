@@ -1,4 +1,4 @@
-"""Doing kept edits again on the scene that they were made for."""
+"""Replaying kept edits on the scene that they were made for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, EditError, SceneChangedError
-from instdrive_core.project.sources import RecordedScenes, RecordedSource, SceneSources, open_recorded
+from instdrive_core.project.sources import RecordedScenes, RecordedSource, SceneSources, open_recorded_source
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class KeptHistory:
     """The edits as `Edit.to_json` gave them, read while they are done; gets the document as it is by then."""
 
 
-def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[str, ...]]:
+def replay_history(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[str, ...]]:
     """Open the base scene, do all edits, then undo those from the cursor on, so that they can be redone.
 
     Args:
@@ -37,7 +37,7 @@ def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[s
     Returns: the document, and one sentence for each edit that was left out.
     Raises DataError where the scene is not found or an edit does not fit, SceneChangedError for a scene that changed.
     """
-    scene, source = open_recorded(kept.base, kept.path, accept_changed)
+    scene, source = open_recorded_source(kept.base, kept.path, accept_changed)
     document = Document(scene)
     document.open_scene = scenes = RecordedScenes(kept.inserted, kept.path, accept_changed)
     left_out: list[str] = []
@@ -50,8 +50,8 @@ def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[s
                 if isinstance(error, SceneChangedError):
                     raise
                 remedy = "Open with accept_changed to leave such edits out"
-                raise DataError(kept.path, _left_out(number, error), remedy) from error
-            left_out.append(_left_out(number, error))
+                raise DataError(kept.path, _describe_left_out(number, error), remedy) from error
+            left_out.append(_describe_left_out(number, error))
         else:
             done += number <= kept.cursor
     while document.history.cursor > done:
@@ -60,7 +60,7 @@ def replayed(kept: KeptHistory, accept_changed: bool) -> tuple[Document, tuple[s
     return document, tuple(left_out)
 
 
-def _left_out(number: int, error: Exception) -> str:
+def _describe_left_out(number: int, error: Exception) -> str:
     return f"edit {number} of the history cannot be done ({error})"
 
 

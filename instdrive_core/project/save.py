@@ -16,11 +16,11 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import DataError
 from instdrive_core.files.archive import MAX_MEMBERS, add_member
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.project.document_check import DocumentCheck, check_of
-from instdrive_core.project.large_lists import Numbers, packed
-from instdrive_core.project.manifest import Manifest, manifest_to_json, program_version
-from instdrive_core.project.sources import SceneSource, recorded_source, sources_of
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.project.document_check import DocumentCheck, compute_check
+from instdrive_core.project.manifest import Manifest, find_program_version, manifest_to_json
+from instdrive_core.project.packed_lists import Numbers, pack_lists
+from instdrive_core.project.sources import SceneSource, get_sources, record_source
 
 SUFFIX = ".instdrive"
 MANIFEST, EDITS, VIEW = "manifest.json", "edits.jsonl", "view.json"
@@ -46,7 +46,7 @@ def is_project(path: Path) -> bool:
     return path.name.lower().endswith(SUFFIX)
 
 
-def project_state(document: Document, view: Mapping[str, Any] | None = None) -> ProjectState:
+def capture_project_state(document: Document, view: Mapping[str, Any] | None = None) -> ProjectState:
     """All edits of a document, those undone included, and the editor's view of it.
 
     Args:
@@ -55,13 +55,14 @@ def project_state(document: Document, view: Mapping[str, Any] | None = None) -> 
 
     Raises DataError where the document does not come from a file.
     """
-    history, sources = document.history, sources_of(document)
-    return ProjectState(history.edits, history.cursor, sources.base, dict(sources.inserted), check_of(document), view)
+    history, sources = document.history, get_sources(document)
+    check, inserted = compute_check(document), dict(sources.inserted)
+    return ProjectState(history.edits, history.cursor, sources.base, inserted, check, view)
 
 
 def save_project(path: str | Path, document: Document, view: Mapping[str, Any] | None = None) -> None:
     """Write the project of a document, atomically. Arguments and errors as those of the two functions it calls."""
-    write_project(path, project_state(document, view))
+    write_project(path, capture_project_state(document, view))
 
 
 def write_project(path: str | Path, state: ProjectState) -> None:
@@ -76,12 +77,12 @@ def write_project(path: str | Path, state: ProjectState) -> None:
         view = None if state.view is None else json.dumps(state.view, allow_nan=False).encode()
     except (TypeError, ValueError, RecursionError) as error:
         raise DataError(path, f"the view cannot be kept as JSON ({error})", "Give plain values only") from error
-    with atomic_file(path) as file, zipfile.ZipFile(file, "w") as archive:
+    with open_atomically(path) as file, zipfile.ZipFile(file, "w") as archive:
         members = _write_edits(path, archive, state.edits)
         if view is not None:
             add_member(archive, VIEW, view)
             members.append(VIEW)
-        add_member(archive, MANIFEST, manifest_to_json(_manifest(path, state, members)))
+        add_member(archive, MANIFEST, manifest_to_json(_make_manifest(path, state, members)))
 
 
 def _write_edits(path: Path, archive: zipfile.ZipFile, edits: tuple[Edit, ...]) -> list[str]:
@@ -95,17 +96,17 @@ def _write_edits(path: Path, archive: zipfile.ZipFile, edits: tuple[Edit, ...]) 
         add_member(archive, members[-1], save({ARRAY: numbers}))
         return members[-1]
 
-    lines = [json.dumps(packed(edit, keep)) + "\n" for edit in edits]
+    lines = [json.dumps(pack_lists(edit, keep)) + "\n" for edit in edits]
     add_member(archive, EDITS, "".join(lines).encode())
     return [*members, EDITS]
 
 
-def _manifest(path: Path, state: ProjectState, members: list[str]) -> Manifest:
+def _make_manifest(path: Path, state: ProjectState, members: list[str]) -> Manifest:
     return Manifest(
-        program_version(),
+        find_program_version(),
         datetime.now(UTC).astimezone().isoformat(timespec="seconds"),
-        recorded_source(state.base, path),
-        {name: recorded_source(source, path) for name, source in state.inserted.items()},
+        record_source(state.base, path),
+        {name: record_source(source, path) for name, source in state.inserted.items()},
         len(state.edits),
         state.cursor,
         state.check,

@@ -14,12 +14,12 @@ from typing import Any
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
-from instdrive_core.files.bounded_json import parsed_json
+from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.files.file_lock import FileLock
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.project.edit_log import ReadLog
 from instdrive_core.project.journal import read_journal
-from instdrive_core.project.manifest import recorded_from_json, recorded_to_json
+from instdrive_core.project.manifest import source_from_json, source_to_json
 from instdrive_core.project.sources import RecordedSource
 
 LOCK, SESSION, JOURNAL = "lock", "session.json", "journal.jsonl"
@@ -40,13 +40,13 @@ class ReadSession:
     log: ReadLog
 
 
-def new_session_folder(root: Path) -> tuple[Path, FileLock]:
+def make_session_folder(root: Path) -> tuple[Path, FileLock]:
     """A folder for a session, and the lock that tells others that its editor runs. Raises OSError."""
     name = f"{datetime.now():%Y%m%d-%H%M%S}-{os.getpid()}-{secrets.token_hex(3)}"
     folder = root / name
     folder.mkdir(parents=True, mode=0o700)
     for _ in range(_ATTEMPTS):
-        lock = FileLock.taken(folder / LOCK)
+        lock = FileLock.acquire(folder / LOCK)
         if lock is not None:
             return folder, lock
         time.sleep(_WAIT)  # an editor that has just started looks whether this one is dead
@@ -60,7 +60,7 @@ def write_session(folder: Path, path: Path, base: RecordedSource) -> None:
         "version": FORMAT_VERSION,
         "pid": os.getpid(),
         "path": str(path.absolute()),
-        "base": recorded_to_json(base),
+        "base": source_to_json(base),
     }
     write_bytes(folder / SESSION, (json.dumps(entry, indent=1) + "\n").encode())
 
@@ -68,14 +68,14 @@ def write_session(folder: Path, path: Path, base: RecordedSource) -> None:
 def read_session(folder: Path) -> ReadSession:
     """What can be recovered from a folder: edits up to the first line that is torn. Raises DataError."""
     try:
-        entry = parsed_json(plain_file(folder / SESSION).read_bytes())
+        entry = parse_bounded_json(require_plain_file(folder / SESSION).read_bytes())
         if (entry["format"], entry["version"]) != (FORMAT_NAME, FORMAT_VERSION):
             raise ValueError(f"it is of version {entry['version']!r}, this program reads {FORMAT_VERSION}")
-        path, base = Path(entry["path"]), recorded_from_json(entry["base"])
+        path, base = Path(entry["path"]), source_from_json(entry["base"])
         inserted: dict[str, RecordedSource] = {}
         log = ReadLog()
         for line in read_journal(folder / JOURNAL):
-            _take(line, log, inserted)
+            _take_line(line, log, inserted)
             path = Path(line.get("path", path))
         return ReadSession(path, base, inserted, log)
     except _BAD as error:
@@ -94,9 +94,9 @@ def remove_session(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def _take(line: dict[str, Any], log: ReadLog, inserted: dict[str, RecordedSource]) -> None:
-    inserted |= {name: recorded_from_json(source) for name, source in line.get("inserted", {}).items()}
+def _take_line(line: dict[str, Any], log: ReadLog, inserted: dict[str, RecordedSource]) -> None:
+    inserted |= {name: source_from_json(source) for name, source in line.get("inserted", {}).items()}
     if "cursor" in line:
-        log.take(line)
+        log.apply_line(line)
     if "saved" in line:
-        log.mark_saved(line["saved"])
+        log.set_saved(line["saved"])

@@ -1,4 +1,4 @@
-"""Where a document's splats come from: its base scene and the files that edits insert, each with what it held."""
+"""Sources of a document's splats: its base scene and the files that edits insert, each with a digest."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path, PurePosixPath
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import DataError, SceneChangedError, SceneTooLargeError
-from instdrive_core.formats.allocation import TO_EDIT
+from instdrive_core.formats.allocation import MEMORY_TO_EDIT
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.formats.scene_files import FileIdentity, identity_of, scene_files, size_of
+from instdrive_core.formats.scene_files import FileIdentity, identify_scene, list_scene_files, sum_file_sizes
 from instdrive_core.scene.scene import Scene
 
 _ATTEMPTS = 3
@@ -38,9 +38,9 @@ class RecordedSource:
     absolute: str
     identity: FileIdentity
     keep_every: int = 1
-    """As of `SceneSource`: edits name the splats that were opened."""
+    """k where only every k-th splat was opened: edits name the splats that were opened."""
 
-    def places(self, project: Path) -> list[Path]:
+    def list_places(self, project: Path) -> list[Path]:
         """Where it may be, the likeliest first: beside the project as before, where it was, or in its folder."""
         folder = project.parent
         name = PurePosixPath(self.relative or Path(self.absolute).as_posix()).name
@@ -68,7 +68,7 @@ class SceneSources:
         return scene
 
 
-def is_source_of(path: Path, document: Document) -> bool:
+def is_source(path: Path, document: Document) -> bool:
     """Whether a document's edits build on the file or folder `path`: written over, they would be done twice."""
     sources = document.open_scene
     if not isinstance(sources, SceneSources):
@@ -77,7 +77,7 @@ def is_source_of(path: Path, document: Document) -> bool:
 
 
 class RecordedScenes:
-    """The same while a project's edits are done again: what it recorded is looked for, and must be what it was.
+    """How a project's edits open files while they are done again: recorded files must hold what they held.
 
     Args:
         recorded: by the names that edits give them.
@@ -93,13 +93,13 @@ class RecordedScenes:
     def __call__(self, path: Path) -> Scene:
         """Open what a project means by a name. Raises DataError, SceneChangedError."""
         recorded = self._recorded.get(str(path))
-        opened = open_recorded(recorded, self._project, self._accept_changed) if recorded else _open_whole(path)
+        opened = open_recorded_source(recorded, self._project, self._accept_changed) if recorded else _open_whole(path)
         scene, self.found[str(path)] = opened
         return scene
 
 
-def sources_of(document: Document) -> SceneSources:
-    """Where a document comes from. Raises DataError where it was not opened by `open_document`."""
+def get_sources(document: Document) -> SceneSources:
+    """The sources of a document. Raises DataError where `open_document` did not open it."""
     if isinstance(document.open_scene, SceneSources):
         return document.open_scene
     raise DataError(
@@ -107,7 +107,7 @@ def sources_of(document: Document) -> SceneSources:
     )
 
 
-def open_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
+def open_scene_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
     """Open a scene, or every k-th splat of it, and digest its files meanwhile.
 
     Raises DataError, SceneTooLargeError where there is not the memory to edit it.
@@ -117,10 +117,10 @@ def open_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
         # Both read the file; the digest, outside of Python's lock, costs no time of its own.
         with ThreadPoolExecutor(1) as digester:
             for _ in range(_ATTEMPTS):
-                before = _stamps(path)
-                identity = digester.submit(identity_of, path)
-                scene = open_scene(path, keep_every, TO_EDIT)
-                if _stamps(path) == before:
+                before = _list_stamps(path)
+                identity = digester.submit(identify_scene, path)
+                scene = open_scene(path, keep_every, MEMORY_TO_EDIT)
+                if _list_stamps(path) == before:
                     return scene, SceneSource(path, identity.result(), keep_every)
     except OSError as error:
         raise DataError(path, f"it cannot be read ({error.strerror or error})", "Check its permissions") from error
@@ -128,14 +128,14 @@ def open_source(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
 
 
 def _open_whole(path: Path, keep_every: int = 1) -> tuple[Scene, SceneSource]:
-    """As `open_source`; where it is too large, no smaller part is offered, as edits name the splats they mean."""
+    """Open a scene, but offer no smaller part of one that is too large: edits name the splats they mean."""
     try:
-        return open_source(path, keep_every)
+        return open_scene_source(path, keep_every)
     except SceneTooLargeError as error:
         raise SceneTooLargeError(path, error.count, error.needed, error.available, None) from error
 
 
-def open_recorded(recorded: RecordedSource, project: Path, accept_changed: bool) -> tuple[Scene, SceneSource]:
+def open_recorded_source(recorded: RecordedSource, project: Path, accept_changed: bool) -> tuple[Scene, SceneSource]:
     """Find a recorded scene and open it.
 
     Args:
@@ -145,23 +145,23 @@ def open_recorded(recorded: RecordedSource, project: Path, accept_changed: bool)
 
     Raises DataError where it is not found, SceneChangedError where it is another one.
     """
-    places = recorded.places(project)
+    places = recorded.list_places(project)
     there = [place for place in places if place.is_file() or place.is_dir()]
     if not there:
         problem = f"a scene that it needs is not at {' nor at '.join(map(str, places))}"
         raise DataError(project, problem, f"Put it back, or into the folder {project.parent}")
     for place in there:
-        if size_of(scene_files(place)) == recorded.identity.size:
+        if sum_file_sizes(list_scene_files(place)) == recorded.identity.size:
             scene, source = _open_whole(place, recorded.keep_every)
             if source.identity == recorded.identity:
                 return scene, source
             del scene
     if accept_changed:
         return _open_whole(there[0], recorded.keep_every)
-    raise SceneChangedError(project, there[0], recorded.identity.sha256, identity_of(there[0]).sha256)
+    raise SceneChangedError(project, there[0], recorded.identity.sha256, identify_scene(there[0]).sha256)
 
 
-def recorded_source(source: SceneSource, project: Path) -> RecordedSource:
+def record_source(source: SceneSource, project: Path) -> RecordedSource:
     """How a project file names a scene."""
     try:
         relative = Path(os.path.relpath(source.path, project.absolute().parent)).as_posix()
@@ -170,6 +170,6 @@ def recorded_source(source: SceneSource, project: Path) -> RecordedSource:
     return RecordedSource(relative, str(source.path), source.identity, source.keep_every)
 
 
-def _stamps(path: Path) -> list[tuple[str, int, int]]:
-    found = ((file, file.stat()) for file in scene_files(path))
+def _list_stamps(path: Path) -> list[tuple[str, int, int]]:
+    found = ((file, file.stat()) for file in list_scene_files(path))
     return [(str(file), stat.st_mtime_ns, stat.st_size) for file, stat in found]

@@ -8,7 +8,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.kernels.project import camera_row
+from instdrive_core.rasterize.kernels.project import camera_to_row
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -20,7 +20,7 @@ _FAINTEST = np.float32(-16)
 """Binary logarithm of the least importance that is told from none."""
 
 
-def most_important(
+def select_most_important(
     means: Float32[ndarray, "n 3"],
     areas: Float32[ndarray, " n"],
     opacities: Float32[ndarray, " n"],
@@ -29,7 +29,7 @@ def most_important(
     settings: RasterSettings,
     workspace: Workspace,
 ) -> Float32[ndarray, " n"]:
-    """Opacities with 0 for all but about the `budget` most important splats that lie in the view.
+    """Select about the `budget` most important splats in the view: returns opacities, 0 for all others.
 
     Importance is opacity times area in the picture; splats whose importance is equal to an eighth of a power of two
     are taken or left together, and none is left where all fit.
@@ -39,10 +39,10 @@ def most_important(
         budget: how many splats are wanted.
     """
     count = len(means)
-    keys, kept = workspace.array("importance", (count,), np.uint8), workspace.array("important", (count,))
+    keys, kept = workspace.get_array("importance", (count,), np.uint8), workspace.get_array("important", (count,))
     histograms = np.zeros((-(-count // _CHUNK), _KEYS), np.int64)
-    view = camera_row(camera)
-    _rank((means, areas, opacities), view, settings.as_row(), keys, histograms)
+    view = camera_to_row(camera)
+    _rank((means, areas, opacities), view, settings.to_row(), keys, histograms)
     from_top = np.cumsum(histograms.sum(axis=0)[:0:-1])  # of keys 255 … 1; key 0 is out of view
     least = _KEYS - 1 - int(np.searchsorted(from_top, budget, side="right"))
     _keep(keys, np.uint8(min(max(least + 1, 1), _KEYS - 1)), opacities, kept)

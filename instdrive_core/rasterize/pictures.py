@@ -1,4 +1,4 @@
-"""What a camera sees of a scene, as pixels to look at."""
+"""Pictures of a preview to look at: colour, instances, codewords or depth."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids
 from instdrive_core.rasterize.preview import Preview
-from instdrive_core.rasterize.scene_view import instance_map
+from instdrive_core.rasterize.scene_view import build_instance_map
 from instdrive_core.scene.scene import Scene
 
 Mode = Literal["color", "instance", "codeword", "depth"]
@@ -20,24 +20,24 @@ _RAMP = np.array(
 """Colours from near to far, evenly spaced in the logarithm of depth."""
 
 
-def picture(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 3"]:
-    """The pixels of one mode; IDs in exact colours, depth as a ramp over the logarithm of what is there."""
+def colorize_preview(scene: Scene, shown: Preview, mode: Mode) -> UInt8[ndarray, "h w 3"]:
+    """Draw the pixels of one mode; IDs in exact colours, depth as a ramp over the logarithm of the depths present."""
     match mode:
         case "color":
             return np.round(np.clip(shown.color, 0, 1) * 255).astype(np.uint8)
         case "instance":
-            return colors_from_ids(instance_map(scene, shown))
+            return colors_from_ids(build_instance_map(scene, shown))
         case "codeword":
             # As in the editor: the colour map holds 24 bits, a longer codeword shows its low ones.
             codewords = np.zeros(shown.winner.shape, np.uint32)
             codewords[shown.winner >= 0] = scene.codewords[shown.winner[shown.winner >= 0]]
             return colors_from_ids(codewords & np.uint32(ID_LIMIT - 1))
         case "depth":
-            return depth_colors(shown.depth, shown.alpha >= 0.5)
+            return colorize_depth(shown.depth, shown.alpha >= 0.5)
 
 
-def depth_colors(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    """Near is violet, far is red, nothing is black; the ramp spans 1 % to 99 % of the depths that are there."""
+def colorize_depth(depth: Float[ndarray, "h w"], there: Bool[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+    """Draw depth in colours: near violet, far red, nothing black; the ramp spans 1 % to 99 % of the depths present."""
     colors = np.zeros((*depth.shape, 3), np.uint8)
     if there.any():
         logs = np.log(np.maximum(depth[there], 1e-6))

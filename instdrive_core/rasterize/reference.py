@@ -23,7 +23,7 @@ class Fragments:
     """opacity · exp(-½ dᵀ·Σ⁻¹·d), neither clamped nor skipped."""
 
 
-def fragments(
+def evaluate_fragments(
     means: ndarray,
     quats: ndarray,
     log_scales: ndarray,
@@ -62,8 +62,8 @@ def fragments(
     return Fragments(rows, z, drawn[:, None, None] * np.exp(-powers))
 
 
-def kept(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[ndarray, "v h w"]:
-    """Which fragments are blended: bright enough, and not behind the one that would have finished the pixel."""
+def find_blended_fragments(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[ndarray, "v h w"]:
+    """Find the fragments that are blended: bright enough, and not behind the one that would have finished the pixel."""
     alphas = np.minimum(found.raw_alphas, settings.max_alpha)
     bright = found.raw_alphas >= settings.min_alpha
     alive = np.ones(alphas.shape[1:], bool)
@@ -77,10 +77,10 @@ def kept(found: Fragments, settings: RasterSettings = DEFAULT_SETTINGS) -> Bool[
     return result
 
 
-def weights(
+def compute_fragment_weights(
     found: Fragments, blended: Bool[ndarray, "v h w"], settings: RasterSettings = DEFAULT_SETTINGS
 ) -> Float64[ndarray, "v h w"]:
-    """w = α′ · Π (1 - α′) over the nearer fragments, for a given choice of which are blended."""
+    """Compute w = α′ · Π (1 - α′) over the nearer fragments, for a given choice of which are blended."""
     alphas = np.where(blended, np.minimum(found.raw_alphas, settings.max_alpha), 0)
     passed = np.cumprod(1 - alphas, axis=0)
     return alphas * np.concatenate([np.ones((1, *alphas.shape[1:])), passed[:-1]])
@@ -95,14 +95,16 @@ def render_reference(
     camera: Camera,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> tuple[Float64[ndarray, "h w c"], Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
-    """Image, depth and alpha as `render` defines them."""
-    found = fragments(means, quats, log_scales, opacities, camera, settings)
-    return composed(found, weights(found, kept(found, settings), settings), channels)
+    """Render image, depth and alpha as `render` defines them."""
+    found = evaluate_fragments(means, quats, log_scales, opacities, camera, settings)
+    return sum_fragments(
+        found, compute_fragment_weights(found, find_blended_fragments(found, settings), settings), channels
+    )
 
 
-def composed(
+def sum_fragments(
     found: Fragments, weight: Float64[ndarray, "v h w"], channels: ndarray
 ) -> tuple[Float64[ndarray, "h w c"], Float64[ndarray, "h w"], Float64[ndarray, "h w"]]:
-    """Σ w·channels, Σ w·z and Σ w."""
+    """Sum fragments to image Σ w·channels, depth Σ w·z and alpha Σ w."""
     image = np.einsum("vhw,vc->hwc", weight, channels[found.rows].astype(np.float64))
     return image, np.einsum("vhw,v->hw", weight, found.depths), weight.sum(axis=0)

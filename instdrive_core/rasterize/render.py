@@ -10,11 +10,11 @@ from numpy import ndarray
 from instdrive_core.rasterize.kernels.backward import blend_backward
 from instdrive_core.rasterize.kernels.bin import TileLists, bin_splats
 from instdrive_core.rasterize.kernels.blend import Blended, blend
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.project import Projection, project
 from instdrive_core.rasterize.kernels.project_backward import RasterGradients, project_backward
-from instdrive_core.rasterize.kernels.records import pack_records
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.kernels.splat_records import pack_records
 from instdrive_core.scene.camera import Camera
 
 __all__ = ["Raster", "RasterContext", "RasterGradients", "RasterSettings", "render", "render_backward"]
@@ -22,7 +22,7 @@ __all__ = ["Raster", "RasterContext", "RasterGradients", "RasterSettings", "rend
 
 @dataclass(frozen=True)
 class RasterContext:
-    """What the backward pass needs. It refers to the arrays rendered: do not change them before `render_backward`."""
+    """State for the backward pass. It refers to the arrays rendered: do not change them before `render_backward`."""
 
     means: Float32[ndarray, "n 3"]
     quats: Float32[ndarray, "n 4"]
@@ -37,7 +37,7 @@ class RasterContext:
 
 @dataclass(frozen=True)
 class Raster:
-    """What a camera sees, with nothing behind the Gaussians: neither image nor depth is divided by alpha."""
+    """A camera's picture, with nothing behind the Gaussians: neither image nor depth is divided by alpha."""
 
     image: Float32[ndarray, "h w c"]
     """Σ w·channels."""
@@ -69,12 +69,12 @@ def render(
     Non-finite Gaussians, those nearer than the near plane and those off the image are not drawn.
     """
     means, quats, log_scales, channels = (
-        kernel_array(means),
-        kernel_array(quats),
-        kernel_array(log_scales),
-        kernel_array(channels),
+        to_kernel_array(means),
+        to_kernel_array(quats),
+        to_kernel_array(log_scales),
+        to_kernel_array(channels),
     )
-    projection = project(means, quats, log_scales, kernel_array(opacities), camera, settings)
+    projection = project(means, quats, log_scales, to_kernel_array(opacities), camera, settings)
     tiles = bin_splats(projection, camera.width, camera.height)
     records = pack_records(projection, channels, settings)
     blended = blend(records, tiles, channels.shape[1], camera.width, camera.height, settings)
@@ -89,7 +89,7 @@ def render_backward(
     grad_alpha: Float[ndarray, "h w"],
     geometry_channels: int,
 ) -> RasterGradients:
-    """Gradients of a loss, given its gradients with respect to image, depth and alpha of `render`.
+    """Compute gradients of a loss, given its gradients with respect to image, depth and alpha of `render`.
 
     Depth, alpha and the first `geometry_channels` channels send gradient into means, quaternions, scales and
     opacities; every channel gets its own gradient. The same input gives the same bits.
@@ -103,7 +103,7 @@ def render_backward(
     count = context.blended.image.shape[2]
     if not 0 <= geometry_channels <= count:
         raise ValueError(f"geometry_channels is {geometry_channels}, expected 0 … {count}")
-    grads = (kernel_array(grad_image), kernel_array(grad_depth), kernel_array(grad_alpha))
+    grads = (to_kernel_array(grad_image), to_kernel_array(grad_depth), to_kernel_array(grad_alpha))
     with blend_backward(
         context.records, context.tiles, context.blended, grads, geometry_channels, context.settings
     ) as pair_sums:

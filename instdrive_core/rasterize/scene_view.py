@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.settings import RasterSettings, settings_for
-from instdrive_core.rasterize.kernels.sky_behind import sky_behind
-from instdrive_core.rasterize.kernels.view_colors import view_colors
-from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, preview
+from instdrive_core.rasterize.kernels.settings import RasterSettings, choose_raster_settings
+from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
+from instdrive_core.rasterize.kernels.view_colors import compute_colors
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule, Preview, render_preview
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.scene.scene import Scene, place_in_world
 
 
 def view_scene(
@@ -32,21 +32,21 @@ def view_scene(
         settings: those that the scene was trained for by default.
     """
     gaussians = scene.gaussians
-    poses, present = scene.at(time)
-    means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
-    colors = view_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
+    poses, present = scene.find_node_poses(time)
+    means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
+    colors = compute_colors(means, gaussians.sh_dc, gaussians.sh_rest, camera.position, scene.nodes, poses)
     opacities = gaussians.opacities
     if drawn is not None:
         opacities = np.where(drawn, opacities, np.float32(0))
     if not present.all():
         opacities = np.where(present[scene.nodes], opacities, np.float32(0))
-    settings = settings or settings_for(scene)
-    frame = preview(means, quats, gaussians.log_scales, opacities, colors, camera, settings, rule)
-    return replace(frame, color=frame.color + sky_behind(scene.sky, camera, frame.alpha))
+    settings = settings or choose_raster_settings(scene)
+    frame = render_preview(means, quats, gaussians.log_scales, opacities, colors, camera, settings, rule)
+    return replace(frame, color=frame.color + render_sky_behind(scene.sky, camera, frame.alpha))
 
 
-def instance_map(scene: Scene, frame: Preview) -> UInt32[ndarray, "h w"]:
-    """The instance that each pixel stands for, 0 for none."""
+def build_instance_map(scene: Scene, frame: Preview) -> UInt32[ndarray, "h w"]:
+    """Find the instance that each pixel stands for, 0 for none."""
     if not len(scene):
         return np.zeros(frame.winner.shape, np.uint32)
     return np.where(frame.winner >= 0, scene.instance_ids[frame.winner], 0).astype(np.uint32)

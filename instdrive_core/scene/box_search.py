@@ -8,7 +8,7 @@ from jaxtyping import Float32, Float64, Int32
 from numpy import ndarray
 
 
-def box_of_points(
+def find_box_of_points(
     points: Float32[ndarray, "n 3"],
     world_from_boxes: Float64[ndarray, "b 4 4"],
     dimensions: Float64[ndarray, "b 3"],
@@ -17,8 +17,8 @@ def box_of_points(
 ) -> Int32[ndarray, " n"]:
     """Number of the last box that holds each point, -1 where none does.
 
-    Boxes are grown as by `scene.track.points_inside`: by `margin` metres, at the lower face by `bottom` if given. The
-    interpreter's lock is released while it searches.
+    Boxes are grown as by `scene.track.find_points_inside`: by `margin` metres, at the lower face by `bottom` if given.
+    The interpreter's lock is released while it searches.
     """
     half = np.asarray(dimensions, np.float64).reshape(-1, 3) / 2
     lower, upper = -half - margin, half + margin
@@ -26,11 +26,11 @@ def box_of_points(
         lower[:, 2] = -half[:, 2] - bottom
     poses = np.asarray(world_from_boxes, np.float64).reshape(-1, 4, 4)
     reach = np.linalg.norm(np.maximum(np.abs(lower), np.abs(upper)), axis=1)
-    return _last_box(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(poses), lower, upper, reach)
+    return _find_last_box(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(poses), lower, upper, reach)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _last_box(
+def _find_last_box(
     points: Float32[ndarray, "n 3"],
     poses: Float64[ndarray, "b 4 4"],
     lower: Float64[ndarray, "b 3"],

@@ -41,16 +41,16 @@ class Camera:
         """The matrix K."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
-    def resized(self, width: int, height: int) -> Camera:
+    def resize(self, width: int, height: int) -> Camera:
         """The same view on another raster."""
         sx, sy = width / self.width, height / self.height
         return replace(
             self, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy, width=width, height=height
         )
 
-    def scaled(self, factor: float) -> Camera:
+    def scale(self, factor: float) -> Camera:
         """The same view at `factor` times the resolution, rounded to whole pixels."""
-        return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
+        return self.resize(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
 
     def project(self, points: Float[ndarray, "n 3"]) -> tuple[Float64[ndarray, "n 2"], Float64[ndarray, " n"]]:
         """Pixel coordinates and depths (z, metres) of world points; points at z ≤ 0 project to meaningless pixels."""
@@ -61,12 +61,12 @@ class Camera:
         pixels = local[:, :2] / safe[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
         return pixels, depth
 
-    def ray_directions(self) -> Float64[ndarray, "h w 3"]:
+    def compute_ray_directions(self) -> Float64[ndarray, "h w 3"]:
         """Unit viewing directions in the world through all pixel centres."""
         pixels = np.arange(self.width * self.height)
-        return self.rays_of_pixels(pixels).reshape(self.height, self.width, 3)
+        return self.compute_pixel_rays(pixels).reshape(self.height, self.width, 3)
 
-    def rays_of_pixels(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
+    def compute_pixel_rays(self, pixels: Int[ndarray, " p"]) -> Float64[ndarray, "p 3"]:
         """Unit viewing directions in the world through some pixels' centres; `pixels` are flat row-major indices."""
         rows = pixels // self.width
         x = (pixels - rows * self.width + 0.5 - self.cx) / self.fx

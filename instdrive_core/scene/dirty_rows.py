@@ -30,11 +30,11 @@ class DirtyRows:
         clipped = ((serial, start, min(stop, count)) for serial, start, stop in self._log)
         self._log = [entry for entry in clipped if entry[1] < entry[2]]
 
-    def reader(self) -> DirtyReader:
+    def create_reader(self) -> DirtyReader:
         """A reader of its own; to it all rows are dirty at first."""
         return DirtyReader(self)
 
-    def since(self, serial: int) -> tuple[tuple[int, int] | None, int]:
+    def collect_since(self, serial: int) -> tuple[tuple[int, int] | None, int]:
         """The range that holds all rows touched after `serial` (0 = from the beginning), and the present serial."""
         newer = [(start, stop) for number, start, stop in self._log if number > serial and start < stop]
         if not newer:
@@ -50,5 +50,5 @@ class DirtyReader:
 
     def take(self) -> tuple[int, int] | None:
         """The range ``(start, stop)`` that holds all rows touched since this reader's last call, or None."""
-        taken, self._serial = self._rows.since(self._serial)
+        taken, self._serial = self._rows.collect_since(self._serial)
         return taken

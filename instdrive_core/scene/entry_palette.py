@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int, Int64, UInt16
 from numpy import ndarray
 
-from instdrive_core.scene.named_entries import named_entries
-from instdrive_core.scene.per_splat import PerSplatArray, read_only
+from instdrive_core.scene.named_entries import find_named_entries
+from instdrive_core.scene.splat_array import PerSplatArray, create_read_only_view
 
 MAX_ENTRIES = 1 << 16
 
@@ -36,12 +36,12 @@ class EntryPalette(PerSplatArray):
     @property
     def indices(self) -> UInt16[ndarray, " n"]:
         """The palette entry of each splat, a read-only view."""
-        return read_only(self._rows)
+        return create_read_only_view(self._rows)
 
     @property
     def values(self) -> Float[ndarray, "p w"]:
         """The numbers of each entry, a read-only view."""
-        return read_only(self._values[: len(self._keys)])
+        return create_read_only_view(self._values[: len(self._keys)])
 
     def __len__(self) -> int:
         """The number of entries."""
@@ -79,7 +79,7 @@ class EntryPalette(PerSplatArray):
             self.version += 1
         return found
 
-    def add_changed(
+    def add_changes(
         self,
         rows: Int[ndarray, " m"],
         bounds: Int64[ndarray, " p"],
@@ -95,7 +95,7 @@ class EntryPalette(PerSplatArray):
         Returns the entry that each row should name instead. Raises PaletteFullError, with nothing added, where they do
         not all fit.
         """
-        named = named_entries(self._rows, np.asarray(rows, np.int64), bounds, len(self))
+        named = find_named_entries(self._rows, np.asarray(rows, np.int64), bounds, len(self))
         if not len(named.entries):
             return np.zeros(0, np.uint16)
         return np.array(self.add_all(change(self._values[named.entries], named.parts)), np.uint16)[named.place]

@@ -34,28 +34,28 @@ class Exposures:
             if not (np.isfinite(time) and np.isfinite(matrix).all()):
                 raise ValueError(f"the exposure of photo {key} is not finite")
 
-    def at(self, camera_name: str, time: float) -> Float32[ndarray, "3 4"]:
+    def interpolate(self, camera_name: str, time: float) -> Float32[ndarray, "3 4"]:
         """Exposure of a camera at `time` (seconds): a photo's own at its time, else linear between the camera's
         neighbouring photos, clamped at the ends; the identity for a camera without photos."""
-        rows = np.array([row for row, key in enumerate(self.keys) if camera_of(key) == camera_name], np.int64)
+        rows = np.array([row for row, key in enumerate(self.keys) if parse_photo_camera(key) == camera_name], np.int64)
         if not len(rows):
-            return identity_exposure()
+            return create_identity_exposure()
         rows = rows[np.argsort(self.times[rows], kind="stable")]
         times, matrices = self.times[rows], self.matrices[rows].reshape(-1, 12)
         found = [np.interp(time, times, matrices[:, entry]) for entry in range(12)]
         return np.array(found, np.float32).reshape(3, 4)
 
 
-def camera_of(key: str) -> str:
+def parse_photo_camera(key: str) -> str:
     """The camera's name in a photo's key ``camera_name/NN``."""
     return key.rpartition("/")[0]
 
 
-def identity_exposure() -> Float32[ndarray, "3 4"]:
+def create_identity_exposure() -> Float32[ndarray, "3 4"]:
     """The exposure that changes nothing."""
     return np.eye(3, 4, dtype=np.float32)
 
 
-def exposed(image: Float32[ndarray, "h w 3"], exposure: Float32[ndarray, "3 4"]) -> Float32[ndarray, "h w 3"]:
+def apply_exposure(image: Float32[ndarray, "h w 3"], exposure: Float32[ndarray, "3 4"]) -> Float32[ndarray, "h w 3"]:
     """The image as a photo with this exposure shows it; not clamped."""
     return image @ exposure[:, :3].T + exposure[:, 3]

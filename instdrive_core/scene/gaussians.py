@@ -74,13 +74,13 @@ class Gaussians:
         return Gaussians(**{name: array.copy() for name, array in self.arrays().items()})
 
 
-def concatenated(parts: list[Gaussians]) -> Gaussians:
+def concatenate_gaussians(parts: list[Gaussians]) -> Gaussians:
     """All parts in order; SH degree and feature dimension must agree."""
     names = [entry.name for entry in fields(Gaussians)]
     return Gaussians(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def empty_gaussians(sh_rest_count: int = 0, feature_dim: int = 0) -> Gaussians:
+def create_empty_gaussians(sh_rest_count: int = 0, feature_dim: int = 0) -> Gaussians:
     """No Gaussians, with the given column counts."""
     shapes = [(0, 3), (0, 4), (0, 3), (0,), (0, 3), (0, sh_rest_count, 3), (0, feature_dim)]
     return Gaussians(*(np.zeros(shape, np.float32) for shape in shapes))

@@ -14,7 +14,9 @@ MIN_STEP = 0.05
 """Metres: shorter steps between two photos are noise of a standing car."""
 
 
-def travel_direction(paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
+def estimate_travel_direction(
+    paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray, "3"]
+) -> Float64[ndarray, "3"] | None:
     """Horizontal unit direction of the drive past `near`; None where nothing drove.
 
     Args:
@@ -33,20 +35,20 @@ def travel_direction(paths: Sequence[Float[ndarray, "t 3"]], near: Float[ndarray
     distances = np.linalg.norm(middles[kept] - np.asarray(near)[:2], axis=1)
     # Relative to the nearest step, so that a place far from the drive has a lane, too.
     weights = np.exp((distances.min() ** 2 - distances**2) / (2 * NEAR**2))
-    return _main_axis(steps, weights / lengths, weights @ steps)
+    return _find_main_axis(steps, weights / lengths, weights @ steps)
 
 
-def street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
+def estimate_street_direction(points: Float[ndarray, "n 3"], near: Float[ndarray, "3"]) -> Float64[ndarray, "3"] | None:
     """Horizontal unit direction along which points within twice `NEAR` metres extend most; None for fewer than two."""
     offsets = points[:, :2] - np.asarray(near, points.dtype)[:2]
     close = offsets[(offsets**2).sum(axis=1) < (2 * NEAR) ** 2].astype(np.float64)
     if len(close) < 2:
         return None
     close -= close.mean(axis=0)
-    return _main_axis(close, np.ones(len(close)), np.array([1.0, 1.0]))
+    return _find_main_axis(close, np.ones(len(close)), np.array([1.0, 1.0]))
 
 
-def _main_axis(
+def _find_main_axis(
     vectors: Float64[ndarray, "n 2"], weights: Float64[ndarray, " n"], towards: Float64[ndarray, "2"]
 ) -> Float64[ndarray, "3"]:
     axis = np.linalg.eigh((vectors * weights[:, None]).T @ vectors)[1][:, 1]

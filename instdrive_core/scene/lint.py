@@ -11,13 +11,13 @@ from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
-FindingKind = Literal[
+DefectKind = Literal[
     "not_finite", "zero_quaternion", "giant_scale", "far_outlier", "never_shown", "duplicate", "empty_sh"
 ]
 
-HARMFUL: tuple[FindingKind, ...] = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
+HARMFUL: tuple[DefectKind, ...] = ("not_finite", "zero_quaternion", "giant_scale", "far_outlier")
 """What shows, or breaks programs; the other kinds only waste memory."""
 
 VISIBLE_OPACITY = 1 / 255
@@ -34,10 +34,10 @@ CHUNK_ROWS = 65536
 
 
 @dataclass(frozen=True)
-class Finding:
+class Defect:
     """One kind of oddity."""
 
-    kind: FindingKind
+    kind: DefectKind
     what: str
     """A sentence with its figures, without a full stop."""
     count: int
@@ -62,51 +62,51 @@ class _Extent:
 _PLURALS = {"has": "have", "holds": "hold", "is": "are", "lies": "lie", "repeats": "repeat"}
 
 
-def linted(scene: Scene) -> tuple[Finding, ...]:
+def find_defects(scene: Scene) -> tuple[Defect, ...]:
     """Everything odd about a scene, the most harmful first; nothing is changed.
 
     Infinite opacity logits are opacities of exactly 0 or 1 and are no fault. Extents are measured on the background
     only: actors lie in frames of their own.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        extent = _extent(scene)
+        extent = _measure_extent(scene)
         findings = (
-            _not_finite(scene),
-            _zero_quaternions(scene),
-            _giant_scales(scene, extent),
-            _far_outliers(scene, extent),
-            _never_shown(scene),
-            _duplicates(scene),
-            _empty_sh(scene),
+            _find_not_finite(scene),
+            _find_zero_quaternions(scene),
+            _find_giant_scales(scene, extent),
+            _find_far_outliers(scene, extent),
+            _find_never_shown(scene),
+            _find_duplicates(scene),
+            _find_empty_sh(scene),
         )
     return tuple(finding for finding in findings if finding is not None)
 
 
-def _finding(kind: FindingKind, wrong: Bool[ndarray, " n"], verb: str, what: str, remedy: str) -> Finding | None:
+def _create_defect(kind: DefectKind, wrong: Bool[ndarray, " n"], verb: str, what: str, remedy: str) -> Defect | None:
     """`verb` is that of one splat; several have another form of it."""
     rows = np.flatnonzero(wrong)
     if not len(rows):
         return None
     form = verb if len(rows) == 1 else _PLURALS[verb]
-    return Finding(kind, f"{counted(len(rows), 'splat')} {form} {what}", len(rows), rows, remedy)
+    return Defect(kind, f"{format_count(len(rows), 'splat')} {form} {what}", len(rows), rows, remedy)
 
 
-def _not_finite(scene: Scene) -> Finding | None:
+def _find_not_finite(scene: Scene) -> Defect | None:
     wrong, parts = np.zeros(len(scene), bool), []
     for name, values in scene.gaussians.arrays().items():
-        broken = np.isnan(values) if name == "opacity_logits" else _rows_not_finite(values)
+        broken = np.isnan(values) if name == "opacity_logits" else _find_rows_not_finite(values)
         if broken.any():
             parts.append(f"{name} of {np.count_nonzero(broken):,}")
             wrong |= broken
     what = f"values that are not finite ({', '.join(parts)})"
     remedy = "Best deleted: most viewers draw nothing or fail where one is in view"
-    return _finding("not_finite", wrong, "holds", what, remedy)
+    return _create_defect("not_finite", wrong, "holds", what, remedy)
 
 
-def _rows_not_finite(values: ndarray) -> Bool[ndarray, " n"]:
+def _find_rows_not_finite(values: ndarray) -> Bool[ndarray, " n"]:
     """Rows with NaN or infinity; chunk by chunk, as a mask of all SH coefficients would be as large as the scene."""
     wrong = np.zeros(len(values), bool)
-    flat = _flat(values)
+    flat = _flatten_rows(values)
     for start in range(0, len(flat), CHUNK_ROWS):
         finite = np.isfinite(flat[start : start + CHUNK_ROWS])
         if not finite.all():
@@ -114,23 +114,23 @@ def _rows_not_finite(values: ndarray) -> Bool[ndarray, " n"]:
     return wrong
 
 
-def _flat(values: ndarray) -> ndarray:
+def _flatten_rows(values: ndarray) -> ndarray:
     """One row per splat, also where there is none, which leaves -1 undefined."""
     return values.reshape(len(values), int(np.prod(values.shape[1:])))
 
 
-def _zero_quaternions(scene: Scene) -> Finding | None:
+def _find_zero_quaternions(scene: Scene) -> Defect | None:
     quats = scene.gaussians.quats
     squares = np.einsum("ni,ni->n", quats, quats)
     what = "a rotation of length 0"
     remedy = "Best deleted, or set to 1 0 0 0: programs that normalise rotations get NaN"
-    return _finding("zero_quaternion", squares < SHORTEST_QUATERNION**2, "has", what, remedy)
+    return _create_defect("zero_quaternion", squares < SHORTEST_QUATERNION**2, "has", what, remedy)
 
 
-def _extent(scene: Scene) -> _Extent | None:
+def _measure_extent(scene: Scene) -> _Extent | None:
     """None where too few splats, or most of them in one point, leave nothing to measure by."""
     means = scene.gaussians.means
-    rows = np.flatnonzero((scene.nodes == 0) & ~_rows_not_finite(means))
+    rows = np.flatnonzero((scene.nodes == 0) & ~_find_rows_not_finite(means))
     if len(rows) < MIN_ROWS:
         return None
     offsets = means[rows].astype(np.float64)
@@ -140,41 +140,43 @@ def _extent(scene: Scene) -> _Extent | None:
     return _Extent(rows, distances, radius) if radius > 0 else None
 
 
-def _giant_scales(scene: Scene, extent: _Extent | None) -> Finding | None:
+def _find_giant_scales(scene: Scene, extent: _Extent | None) -> Defect | None:
     if extent is None:
         return None
     longest = scene.gaussians.log_scales.max(axis=1)
     wrong = np.isfinite(longest) & (longest > np.log(extent.radius))
     what = f"larger than the scene (standard deviation above {extent.radius:.3g} m)"
     remedy = "Best deleted where the view is veiled; sky belongs into a sky map"
-    return _finding("giant_scale", wrong, "is", what, remedy)
+    return _create_defect("giant_scale", wrong, "is", what, remedy)
 
 
-def _far_outliers(scene: Scene, extent: _Extent | None) -> Finding | None:
+def _find_far_outliers(scene: Scene, extent: _Extent | None) -> Defect | None:
     if extent is None:
         return None
     limit = FAR_RADII * extent.radius
     wrong = np.zeros(len(scene), bool)
     wrong[extent.rows] = extent.distances > limit
     what = f"more than {limit:.3g} m from the middle; {CORE_SHARE:.0%} of all are within {extent.radius:.3g} m"
-    return _finding("far_outlier", wrong, "lies", what, "Best deleted: framing, bounds and quantised formats suffer")
+    return _create_defect(
+        "far_outlier", wrong, "lies", what, "Best deleted: framing, bounds and quantised formats suffer"
+    )
 
 
-def _never_shown(scene: Scene) -> Finding | None:
+def _find_never_shown(scene: Scene) -> Defect | None:
     # logit(1/255): comparing logits spares a million exponentials.
     limit = np.float32(np.log(VISIBLE_OPACITY / (1 - VISIBLE_OPACITY)))
     wrong = scene.gaussians.opacity_logits < limit
     what = "an opacity below 1/255, too faint to show"
-    return _finding("never_shown", wrong, "has", what, "Deleting saves memory")
+    return _create_defect("never_shown", wrong, "has", what, "Deleting saves memory")
 
 
-def _duplicates(scene: Scene) -> Finding | None:
+def _find_duplicates(scene: Scene) -> Defect | None:
     """Splats of the same place, shape, opacity and base colour, bit by bit, as an earlier one."""
     gaussians = scene.gaussians
     names = ("means", "quats", "log_scales", "opacity_logits", "sh_dc")
-    words = [_flat(getattr(gaussians, name)).view(np.uint32) for name in names]
+    words = [_flatten_rows(getattr(gaussians, name)).view(np.uint32) for name in names]
     words.append(scene.nodes.astype(np.uint32)[:, None])
-    hashes = _hashes(words)
+    hashes = _hash_rows(words)
     ordered = np.sort(hashes)
     if not (ordered[1:] == ordered[:-1]).any():
         return None
@@ -187,12 +189,12 @@ def _duplicates(scene: Scene) -> Finding | None:
         same &= (part[later] == part[earlier]).all(axis=1)
     wrong = np.zeros(len(scene), bool)
     wrong[later[same]] = True
-    return _finding(
+    return _create_defect(
         "duplicate", wrong, "repeats", "an earlier one exactly", "Best deleted: the picture gets too opaque"
     )
 
 
-def _hashes(parts: list[ndarray]) -> UInt64[ndarray, " n"]:
+def _hash_rows(parts: list[ndarray]) -> UInt64[ndarray, " n"]:
     """One number per row of 32-bit words: multiply and add, with a shift that carries high bits down (splitmix)."""
     hashes = np.zeros(len(parts[0]), np.uint64)
     for part in parts:
@@ -203,7 +205,7 @@ def _hashes(parts: list[ndarray]) -> UInt64[ndarray, " n"]:
     return hashes
 
 
-def _empty_sh(scene: Scene) -> Finding | None:
+def _find_empty_sh(scene: Scene) -> Defect | None:
     """SH columns above the degree that the scene makes use of."""
     rest = scene.gaussians.sh_rest
     if not rest.size:
@@ -219,4 +221,4 @@ def _empty_sh(scene: Scene) -> Finding | None:
     if not empty:
         return None
     what = f"{empty} of {rest.shape[1]} SH coefficients are zero in every splat (degree {degree} would do)"
-    return Finding("empty_sh", what, empty, np.zeros(0, np.int64), "Nothing is wrong; the file is larger than needed")
+    return Defect("empty_sh", what, empty, np.zeros(0, np.int64), "Nothing is wrong; the file is larger than needed")

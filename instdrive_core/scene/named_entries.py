@@ -19,22 +19,22 @@ class NamedEntries(NamedTuple):
     """The pair of each row, in the order of the rows that were asked about."""
 
 
-def named_entries(
+def find_named_entries(
     indices: UInt16[ndarray, " n"], rows: Int64[ndarray, " m"], bounds: Int64[ndarray, " p"], size: int
 ) -> NamedEntries:
     """The entries that rows name, of a palette of `size` entries; part k of the rows begins at ``bounds[k]``."""
-    return NamedEntries(*_pairs(indices, rows, bounds, size))
+    return NamedEntries(*_find_pairs(indices, rows, bounds, size))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _pairs(indices, rows, bounds, size):
+def _find_pairs(indices, rows, bounds, size):
     parts = len(bounds) - 1
     pair_of = np.full(size, -1, np.int64)
     place = np.empty(len(rows), np.int32)
     entries, owners, count = np.empty(2 * parts + 16, np.int64), np.empty(2 * parts + 16, np.int64), 0
     for part in range(parts):
         first, last = np.uint64(bounds[part]), np.uint64(bounds[part + 1])
-        alike = _leading_alike(indices, rows, first, last, place, count)
+        alike = _number_leading_alike(indices, rows, first, last, place, count)
         if count + last - first > len(entries):
             room = np.int64(last - first) + len(entries)
             entries = np.concatenate((entries, np.empty(room, np.int64)))
@@ -58,7 +58,7 @@ def _pairs(indices, rows, bounds, size):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _leading_alike(indices, rows, first, last, place, number):
+def _number_leading_alike(indices, rows, first, last, place, number):
     """Number the rows from the first on as long as they name the entry that it names; where that ends."""
     k = first
     while k < last and indices[np.uint64(rows[k])] == indices[np.uint64(rows[first])]:

@@ -18,7 +18,7 @@ from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_colo
 from instdrive_core.scene.entry_palette import MAX_ENTRIES, EntryPalette, PaletteFullError
 from instdrive_core.scene.gaussians import Gaussians
 
-__all__ = ["MAX_ENTRIES", "ColorPalette", "PaletteFullError", "baked_colors", "color_values", "stacked_values"]
+__all__ = ["MAX_ENTRIES", "ColorPalette", "PaletteFullError", "bake_colors", "pack_color_entries", "pack_color_entry"]
 
 DRAWN = 13
 """Numbers of an entry that are drawn: [A | b] row by row, then the opacity factor."""
@@ -32,7 +32,7 @@ class ColorPalette(EntryPalette):
     name = "colour palette"
 
     def __init__(self, count: int) -> None:
-        super().__init__(count, color_values(np.eye(3, 4, dtype=np.float32), 1.0))
+        super().__init__(count, pack_color_entry(np.eye(3, 4, dtype=np.float32), 1.0))
 
     @property
     def matrices(self) -> Float32[ndarray, "p 3 4"]:
@@ -59,10 +59,10 @@ class ColorPalette(EntryPalette):
 
         Raises PaletteFullError where all 65,536 entries are taken.
         """
-        return self.add_values(color_values(matrix, alpha))
+        return self.add_values(pack_color_entry(matrix, alpha))
 
 
-def color_values(
+def pack_color_entry(
     matrix: Float[ndarray, "3 4"],
     alpha: float,
     base: Float[ndarray, "3 4"] | None = None,
@@ -73,16 +73,16 @@ def color_values(
     Without `base` and `adjusted` the colours count as not adjusted: the base is the matrix itself.
     """
     one = None if base is None else base[None]
-    return stacked_values(matrix[None], np.array([alpha]), one, None if adjusted is None else adjusted[None])[0]
+    return pack_color_entries(matrix[None], np.array([alpha]), one, None if adjusted is None else adjusted[None])[0]
 
 
-def stacked_values(
+def pack_color_entries(
     matrices: Float[ndarray, "k 3 4"],
     alphas: Float[ndarray, " k"],
     bases: Float[ndarray, "k 3 4"] | None = None,
     adjusted: Float[ndarray, "k a"] | None = None,
 ) -> Float32[ndarray, "k w"]:
-    """`color_values` of k entries."""
+    """`pack_color_entry` of k entries."""
     count = len(matrices)
     bases = matrices if bases is None else bases
     adjusted = np.zeros((count, ADJUSTMENTS)) if adjusted is None else adjusted
@@ -90,7 +90,7 @@ def stacked_values(
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
-def baked_colors(
+def bake_colors(
     gaussians: Gaussians, palette: ColorPalette, rows: Int[ndarray, " m"]
 ) -> tuple[Float32[ndarray, "m 3"], Float32[ndarray, "m k 3"], Float32[ndarray, " m"]]:
     """sh_dc, sh_rest and opacity_logits of `rows` with their palette entries applied.

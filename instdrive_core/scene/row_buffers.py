@@ -11,10 +11,10 @@ from numpy.typing import DTypeLike
 SPARE_SHARE = 8
 """A new buffer has room for one more row per so many."""
 _UNOWNED: WeakValueDictionary[int, ndarray] = WeakValueDictionary()
-"""Buffers behind arrays `with_room`, by their addresses, until one of `RowBuffers` takes them."""
+"""Buffers behind arrays `allocate_with_spare`, by their addresses, until one of `RowBuffers` takes them."""
 
 
-def with_room(shape: tuple[int, ...], dtype: DTypeLike) -> ndarray:
+def allocate_with_spare(shape: tuple[int, ...], dtype: DTypeLike) -> ndarray:
     """An array to be filled that can grow without being copied: memory behind its end, which is taken when written."""
     buffer = np.empty((shape[0] + shape[0] // SPARE_SHARE, *shape[1:]), dtype)
     _UNOWNED[id(buffer)] = buffer
@@ -27,7 +27,7 @@ class RowBuffers:
     def __init__(self) -> None:
         self._buffers: dict[str, ndarray] = {}
 
-    def extended(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
+    def extend(self, name: str, array: ndarray, tail: ndarray) -> ndarray:
         """`array` with the rows of `tail` after it: a view of the same memory where it came from here and has room.
 
         Views taken of a longer array before rows were dropped and others appended see the new rows.

@@ -7,12 +7,12 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def exchanged(numbers, rows, values):
+def exchange_values(numbers, rows, values):
     """Write values, in place; returns what rows held before, and the bounds of the rows.
 
     No row may be named twice. Raises IndexError, with nothing written, for a row that is not there.
     """
-    low, high = _bounds_of(rows, len(numbers))
+    low, high = _find_bounds(rows, len(numbers))
     if len(rows) != len(values):
         raise IndexError("there are not as many values as rows")
     before = np.empty(len(rows), numbers.dtype)
@@ -28,7 +28,7 @@ def change_bits(flags, rows, bits, on):
 
     Raises IndexError, with nothing written, for a row that is not there.
     """
-    _bounds_of(rows, len(flags))
+    _find_bounds(rows, len(flags))
     changed, count, low, high = np.empty(len(rows), np.int64), 0, np.int64(len(flags)), np.int64(0)
     for row in rows:
         if ((flags[row] & bits) == bits) != on:
@@ -39,7 +39,7 @@ def change_bits(flags, rows, bits, on):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _bounds_of(rows, length):
+def _find_bounds(rows, length):
     """The lowest row and one more than the highest: compiled code would write anywhere."""
     low, high = np.int64(length), np.int64(0)
     for row in rows:

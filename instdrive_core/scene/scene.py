@@ -9,7 +9,12 @@ from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.instances.table import InstanceTable
-from instdrive_core.maths.rotations import matrix_from_quaternion, multiplied, normalized, quaternion_from_matrix
+from instdrive_core.maths.rotations import (
+    matrix_from_quaternion,
+    multiply_quaternions,
+    normalize_quaternions,
+    quaternion_from_matrix,
+)
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
@@ -26,7 +31,7 @@ class Scene:
 
     gaussians: Gaussians
     instance_ids: UInt32[ndarray, " n"]
-    """0 = none. Sole writer: `edits/instances.py`."""
+    """0 = none. Sole writer: `edits/bases/relabel.py`."""
     codewords: UInt32[ndarray, " n"]
     """Written by training only."""
     nodes: UInt16[ndarray, " n"]
@@ -60,9 +65,9 @@ class Scene:
     def __len__(self) -> int:
         return len(self.gaussians)
 
-    def at(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+    def find_node_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
         """The pose palette at `time` (s): world_from_node of background and actors, and which of them exist then."""
-        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
         present = [True, *(actor.covers(time) for actor in self.actors)]
         return np.stack(poses), np.array(present, np.uint8)
 
@@ -74,7 +79,7 @@ def scene_from_gaussians(gaussians: Gaussians) -> Scene:
     return Scene(gaussians, zeros, zeros.copy(), np.zeros(count, np.uint16))
 
 
-def placed(
+def place_in_world(
     means: Float32[ndarray, "n 3"],
     quats: Float32[ndarray, "n 4"],
     nodes: UInt16[ndarray, " n"],
@@ -89,10 +94,10 @@ def placed(
     rotated = np.einsum("nij,nj->ni", matrices[:, :3, :3], means[moved]) + matrices[:, :3, 3]
     turns = quaternion_from_matrix(poses[:, :3, :3])[nodes[moved]]
     means[moved] = rotated
-    quats[moved] = multiplied(turns, normalized(quats[moved]))
+    quats[moved] = multiply_quaternions(turns, normalize_quaternions(quats[moved]))
     return means, quats
 
 
-def node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:
+def extract_node_rotations(poses: Float64[ndarray, "m 4 4"]) -> Float64[ndarray, "m 3 3"]:
     """The rotation part of a pose palette, orthonormalised through quaternions."""
     return matrix_from_quaternion(quaternion_from_matrix(poses[:, :3, :3]))

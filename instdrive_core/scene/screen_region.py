@@ -10,7 +10,7 @@ from numpy import ndarray
 from instdrive_core.scene.camera import Camera
 
 
-def polygon_mask(corners: Float[ndarray, "v 2"], width: int, height: int) -> Bool[ndarray, "h w"]:
+def rasterize_polygon(corners: Float[ndarray, "v 2"], width: int, height: int) -> Bool[ndarray, "h w"]:
     """Pixels whose centres lie in the closed polygon with these corners (pixels; any winding, may cross itself).
 
     What the outline runs around more than once is inside too (non-zero winding): a lasso has no holes.
@@ -32,7 +32,7 @@ def polygon_mask(corners: Float[ndarray, "v 2"], width: int, height: int) -> Boo
     return np.cumsum(turns[:, :width], axis=1) != 0
 
 
-def points_in_region(
+def find_points_in_region(
     points: Float32[ndarray, "n 3"], camera: Camera, region: Bool[ndarray, "h w"], near: float
 ) -> Bool[ndarray, " n"]:
     """Whether each world point is projected into the region, from at least `near` metres before the camera.

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 from numpy import ndarray
 
-from instdrive_core.scene.per_splat import PerSplatArray, read_only
 from instdrive_core.scene.row_writes import change_bits
+from instdrive_core.scene.splat_array import PerSplatArray, create_read_only_view
 
 
 class Flag(IntFlag):
@@ -33,13 +33,13 @@ class SplatState(PerSplatArray):
     @property
     def flags(self) -> UInt8[ndarray, " n"]:
         """A read-only view."""
-        return read_only(self._rows)
+        return create_read_only_view(self._rows)
 
-    def rows_with(self, flag: Flag) -> Int[ndarray, " m"]:
+    def find_rows(self, flag: Flag) -> Int[ndarray, " m"]:
         """Rows that have any of the bits of `flag`."""
         return np.flatnonzero(self._rows & np.uint8(flag))
 
-    def mask(self, flag: Flag) -> Bool[ndarray, " n"]:
+    def find_mask(self, flag: Flag) -> Bool[ndarray, " n"]:
         """Whether each row has any of the bits of `flag`."""
         return (self._rows & np.uint8(flag)) != 0
 

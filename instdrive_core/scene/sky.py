@@ -15,16 +15,16 @@ class Sky:
     """Six square faces in the order +x, -x, +y, -y, +z, -z of the world."""
 
     faces: Float32[ndarray, "6 r r 3"]
-    """RGB in [0, 1]; row v and column u grow with the face's second and first tangent axis (see `cube_taps`)."""
+    """RGB in [0, 1]; row v and column u grow with the face's second and first tangent axis (see `find_cube_taps`)."""
 
-    def colors(self, directions: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
+    def sample(self, directions: Float[ndarray, "*n 3"]) -> Float32[ndarray, "*n 3"]:
         """Bilinear colour along world directions of any length."""
-        indices, weights = cube_taps(directions.reshape(-1, 3), self.faces.shape[1])
+        indices, weights = find_cube_taps(directions.reshape(-1, 3), self.faces.shape[1])
         taken = self.faces.reshape(-1, 3)[indices]
         return np.einsum("nk,nkc->nc", weights, taken).reshape(*directions.shape[:-1], 3)
 
 
-def texel_directions(resolution: int) -> Float64[ndarray, "6 {resolution} {resolution} 3"]:
+def compute_texel_directions(resolution: int) -> Float64[ndarray, "6 {resolution} {resolution} 3"]:
     """World directions, of lengths from 1 to √3, through the middles of all texels, in the order of `Sky.faces`."""
     across = (np.arange(resolution) + 0.5) * 2 / resolution - 1
     directions = np.empty((6, resolution, resolution, 3))
@@ -36,7 +36,7 @@ def texel_directions(resolution: int) -> Float64[ndarray, "6 {resolution} {resol
     return directions
 
 
-def cube_taps(
+def find_cube_taps(
     directions: Float[ndarray, "n 3"], resolution: int
 ) -> tuple[Int32[ndarray, "n 4"], Float32[ndarray, "n 4"]]:
     """The four texels (row-major over 6 × resolution²) and bilinear weights that each direction reads.
@@ -46,19 +46,19 @@ def cube_taps(
     """
     directions = np.ascontiguousarray(directions, np.float32)
     indices, weights = np.empty((len(directions), 4), np.int32), np.empty((len(directions), 4), np.float32)
-    _cube_taps(directions, resolution, indices, weights)
+    _find_cube_taps(directions, resolution, indices, weights)
     return indices, weights
 
 
 @numba.njit(error_model="numpy", cache=True)
-def _cube_taps(directions, resolution, indices, weights):
+def _find_cube_taps(directions, resolution, indices, weights):
     for i in range(len(directions)):
-        cube_tap(directions[i, 0], directions[i, 1], directions[i, 2], resolution, indices[i], weights[i])
+        find_cube_tap(directions[i, 0], directions[i, 1], directions[i, 2], resolution, indices[i], weights[i])
 
 
 @numba.njit(error_model="numpy", cache=True)
-def cube_tap(x, y, z, resolution, indices, weights):
-    """`cube_taps` of one direction, for other kernels; writes 4 texels and 4 weights."""
+def find_cube_tap(x, y, z, resolution, indices, weights):
+    """`find_cube_taps` of one direction, for other kernels; writes 4 texels and 4 weights."""
     axis, major, first, second = 2, z, x, y
     if abs(x) >= abs(y) and abs(x) >= abs(z):
         axis, major, first, second = 0, x, y, z

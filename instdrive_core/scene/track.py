@@ -25,7 +25,7 @@ class Track:
     world_from_box: Float64[ndarray, "t 4 4"]
     moving: bool = False
 
-    def path_length(self) -> float:
+    def compute_path_length(self) -> float:
         """Metres travelled by the centre over the whole track."""
         return float(np.linalg.norm(np.diff(self.world_from_box[:, :3, 3], axis=0), axis=1).sum())
 
@@ -33,7 +33,7 @@ class Track:
         """Whether `time` lies within the track, up to `slack` seconds (half a 10 Hz step)."""
         return bool(self.times[0] - slack <= time <= self.times[-1] + slack)
 
-    def pose_at(self, time: float) -> Float64[ndarray, "4 4"]:
+    def interpolate_pose(self, time: float) -> Float64[ndarray, "4 4"]:
         """world_from_box at `time`: linear and slerp between neighbours, extrapolated by nothing (clamped)."""
         upper = int(np.searchsorted(self.times, time))
         if upper == 0 or upper == len(self.times):
@@ -48,7 +48,7 @@ class Track:
         return pose
 
 
-def points_inside(
+def find_points_inside(
     points: Float[ndarray, "n 3"],
     world_from_box: Float64[ndarray, "4 4"],
     dimensions: Float64[ndarray, "3"],

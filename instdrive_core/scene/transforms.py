@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int, UInt16
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import multiplied, normalized, quaternion_from_matrix
-from instdrive_core.maths.sh_rotation import rotated_rest
+from instdrive_core.maths.rotations import multiply_quaternions, normalize_quaternions, quaternion_from_matrix
+from instdrive_core.maths.sh_rotation import rotate_rest
 from instdrive_core.scene.entry_palette import EntryPalette
 from instdrive_core.scene.gaussians import Gaussians
 
@@ -47,12 +47,12 @@ class TransformPalette(EntryPalette):
         """[s R | t] of each entry's home, a read-only view."""
         return self.values[:, 12:].reshape(-1, 3, 4)
 
-    def move_of(self, entry: int) -> Similarity:
+    def get_move(self, entry: int) -> Similarity:
         """[s R | t] from an entry's home to where it moves things."""
         matrix, home = self.matrices[entry], self.homes[entry]
-        return matrix if np.array_equal(home, np.eye(3, 4)) else composed(matrix, inverted(home))
+        return matrix if np.array_equal(home, np.eye(3, 4)) else compose_transforms(matrix, invert_transform(home))
 
-    def entry_at_home(self, home: Similarity) -> int:
+    def find_entry_at_home(self, home: Similarity) -> int:
         """The entry of what is at this home; 0 where there is none."""
         same = (self.matrices == home).all(axis=(1, 2)) & (self.homes == home).all(axis=(1, 2))
         return int(same.argmax())
@@ -62,44 +62,44 @@ class TransformPalette(EntryPalette):
         return self.add_values(np.concatenate([matrix.reshape(-1), np.eye(3, 4).reshape(-1)]))
 
 
-def moved(matrix: Similarity) -> EntryChange:
+def move_entry(matrix: Similarity) -> EntryChange:
     """A move on top of what an entry does; its home stays."""
-    return lambda values: np.concatenate([_composed_part(matrix, values[:12]), values[12:]])
+    return lambda values: np.concatenate([_compose_part(matrix, values[:12]), values[12:]])
 
 
-def rehomed(matrix: Similarity) -> EntryChange:
+def rebase_entry(matrix: Similarity) -> EntryChange:
     """The same for the entry and its home: whatever was moved has the same way back."""
-    return lambda values: np.concatenate([_composed_part(matrix, part) for part in (values[:12], values[12:])])
+    return lambda values: np.concatenate([_compose_part(matrix, part) for part in (values[:12], values[12:])])
 
 
-def sent_home(values: Float64[ndarray, "24"]) -> Float64[ndarray, "24"]:
+def reset_entry(values: Float64[ndarray, "24"]) -> Float64[ndarray, "24"]:
     """The entry of what is at home."""
     return np.tile(values[12:], 2)
 
 
-def _composed_part(matrix: Similarity, part: Float64[ndarray, "12"]) -> Float64[ndarray, "12"]:
-    return composed(matrix, part.reshape(3, 4)).reshape(-1)
+def _compose_part(matrix: Similarity, part: Float64[ndarray, "12"]) -> Float64[ndarray, "12"]:
+    return compose_transforms(matrix, part.reshape(3, 4)).reshape(-1)
 
 
-def composed(outer: Similarity, inner: Similarity) -> Similarity:
+def compose_transforms(outer: Similarity, inner: Similarity) -> Similarity:
     """First `inner`, then `outer`."""
     result = outer[:, :3] @ inner
     result[:, 3] += outer[:, 3]
     return result
 
 
-def inverted(matrix: Similarity) -> Similarity:
+def invert_transform(matrix: Similarity) -> Similarity:
     """The way back."""
     linear = matrix[:, :3].T / (matrix[:, 0] @ matrix[:, 0])
     return np.c_[linear, -linear @ matrix[:, 3]]
 
 
-def scale_of(matrix: Float[ndarray, "3 4"]) -> float:
+def extract_scale(matrix: Float[ndarray, "3 4"]) -> float:
     """The uniform scale s of [s R | t]."""
     return float(np.linalg.norm(matrix[:, 0]))
 
 
-def current_means(
+def compute_current_means(
     gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"] | None = None
 ) -> Float32[ndarray, "m 3"]:
     """Means of `rows` (of all by default) with their moves applied, in their nodes' frames; read only."""
@@ -109,11 +109,11 @@ def current_means(
     if not entries.any():
         return means
     inputs = (np.ascontiguousarray(array) for array in (means, entries, palette.matrices))
-    return _moved(*inputs)
+    return _move_means(*inputs)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _moved(
+def _move_means(
     means: Float32[ndarray, "n 3"], entries: UInt16[ndarray, " n"], matrices: Float64[ndarray, "p 3 4"]
 ) -> Float32[ndarray, "n 3"]:
     """Each mean after the matrix that its row names; those with entry 0 stay bit by bit."""
@@ -128,14 +128,14 @@ def _moved(
     return result
 
 
-def transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"]) -> Gaussians:
+def copy_transformed(gaussians: Gaussians, palette: TransformPalette, rows: Int[ndarray, " m"]) -> Gaussians:
     """Copies of `rows` with their moves applied: what is drawn of them, in their nodes' frames."""
     part = gaussians.select(rows)
-    transform_rows(part, palette, palette.indices[rows])
+    bake_transforms(part, palette, palette.indices[rows])
     return part
 
 
-def transform_rows(gaussians: Gaussians, palette: TransformPalette, entries: UInt16[ndarray, " n"]) -> None:
+def bake_transforms(gaussians: Gaussians, palette: TransformPalette, entries: UInt16[ndarray, " n"]) -> None:
     """Bake moves: write means, quaternions, scales and SH rest of all rows whose entry is not 0. `entries` (n,)."""
     moved = np.flatnonzero(entries)
     if not len(moved):
@@ -144,11 +144,11 @@ def transform_rows(gaussians: Gaussians, palette: TransformPalette, entries: UIn
     named, starts = np.unique(entries[order], return_index=True)
     for entry, rows in zip(named.tolist(), np.split(order, starts[1:]), strict=True):
         matrix = palette.matrices[entry]
-        scale = scale_of(matrix)
+        scale = extract_scale(matrix)
         rotation = matrix[:, :3] / scale
         gaussians.means[rows] = gaussians.means[rows] @ matrix[:, :3].T + matrix[:, 3]
         gaussians.log_scales[rows] += np.float32(np.log(scale))
         if not np.array_equal(rotation, np.eye(3)):
             turns = np.broadcast_to(quaternion_from_matrix(rotation), (len(rows), 4))
-            gaussians.quats[rows] = multiplied(turns, normalized(gaussians.quats[rows]))
-            gaussians.sh_rest[rows] = rotated_rest(gaussians.sh_rest[rows], rotation)
+            gaussians.quats[rows] = multiply_quaternions(turns, normalize_quaternions(gaussians.quats[rows]))
+            gaussians.sh_rest[rows] = rotate_rest(gaussians.sh_rest[rows], rotation)

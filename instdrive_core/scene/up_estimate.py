@@ -17,7 +17,7 @@ from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
-from instdrive_core.scene.upright import UP, Axis, axis_title, direction_of, nearest_axis
+from instdrive_core.scene.upright import UP, Axis, compute_axis_direction, find_nearest_axis, format_axis
 
 LOOKED_AT = 20_000
 """Splats that decide, evenly chosen."""
@@ -58,17 +58,17 @@ class UpEstimate:
     @property
     def axis(self) -> Axis:
         """The nearest axis."""
-        return nearest_axis(self.direction)[0]
+        return find_nearest_axis(self.direction)[0]
 
     @property
     def tilt(self) -> float:
         """Degrees from that axis; 0 where it is meant exactly."""
-        return nearest_axis(self.direction)[1]
+        return find_nearest_axis(self.direction)[1]
 
     @property
     def words(self) -> str:
         """``−Y``, or ``12° from −Y``."""
-        return f"{self.tilt:.0f}° from {axis_title(self.axis)}" if self.tilt else axis_title(self.axis)
+        return f"{self.tilt:.0f}° from {format_axis(self.axis)}" if self.tilt else format_axis(self.axis)
 
 
 @dataclass(frozen=True)
@@ -84,35 +84,37 @@ class _Surfaces:
     """Areas times flatness, of the same total."""
 
 
-def estimated_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
+def estimate_up(scene: Scene, stated: Axis | None = None) -> UpEstimate:
     """Which way is up in a scene; `stated` is what its file's format says, in this program's axes.
 
     Cameras are believed first, then a clear ground, then the format. What has instances was made by this program, and
     has z up; else the most common axis is given, without confidence.
     """
-    cameras = _up_of_cameras(scene.views)
+    cameras = _estimate_up_from_cameras(scene.views)
     if cameras is not None:
-        return UpEstimate(_snapped(cameras), True, "the photos' cameras")
-    ground = up_of_splats(scene.gaussians, np.flatnonzero(scene.nodes == 0))
+        return UpEstimate(_snap_direction(cameras), True, "the photos' cameras")
+    ground = estimate_up_from_splats(scene.gaussians, np.flatnonzero(scene.nodes == 0))
     if ground is not None:
-        return UpEstimate(_snapped(ground), True, "the ground")
+        return UpEstimate(_snap_direction(ground), True, "the ground")
     if stated is not None:
-        return UpEstimate(direction_of(stated), True, "the file's format")
-    return UpEstimate(direction_of(UP if len(scene.table) else _CUSTOM), False, "custom")
+        return UpEstimate(compute_axis_direction(stated), True, "the file's format")
+    return UpEstimate(compute_axis_direction(UP if len(scene.table) else _CUSTOM), False, "custom")
 
 
-def up_of_splats(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "3"] | None:
+def estimate_up_from_splats(gaussians: Gaussians, rows: Int64[ndarray, " k"]) -> Float64[ndarray, "3"] | None:
     """Unit normal, upwards, of the ground that these rows make; None where no plane is clearly the ground."""
-    surfaces = _surfaces_of(gaussians.select(rows[:: 1 + len(rows) // LOOKED_AT]))
+    surfaces = _collect_surfaces(gaussians.select(rows[:: 1 + len(rows) // LOOKED_AT]))
     if surfaces is None:
         return None
-    found = sorted((_ground_of(surfaces, normal) for normal in _plane_normals(surfaces)), key=lambda pair: -pair[0])
+    found = sorted(
+        (_rate_ground(surfaces, normal) for normal in _find_plane_normals(surfaces)), key=lambda pair: -pair[0]
+    )
     (score, up), others = found[0], found[1:]
     apart = [other for other, normal in others if abs(normal @ up) < _APART]
     return up if score >= _SURE and score >= _SURER_THAN_OTHERS * max(apart, default=0.0) else None
 
 
-def _up_of_cameras(views: Sequence[CameraView]) -> Float64[ndarray, "3"] | None:
+def _estimate_up_from_cameras(views: Sequence[CameraView]) -> Float64[ndarray, "3"] | None:
     """Level across all pictures: what no camera's x axis points along, on the side of their tops.
 
     Cameras that look down all the same, e.g. from a drone that went in circles, have tops that lean in every direction.
@@ -128,7 +130,7 @@ def _up_of_cameras(views: Sequence[CameraView]) -> Float64[ndarray, "3"] | None:
     return mean / np.linalg.norm(mean) if np.linalg.norm(mean) > _ALIKE else None
 
 
-def _surfaces_of(part: Gaussians) -> _Surfaces | None:
+def _collect_surfaces(part: Gaussians) -> _Surfaces | None:
     """Of the splats that count: finite, not faint, not among the farthest 3 %. None for fewer than 200.
 
     Nothing here depends on the axes, so that a scene is judged the same however it lies.
@@ -138,7 +140,7 @@ def _surfaces_of(part: Gaussians) -> _Surfaces | None:
     if len(part) < 200:
         return None
     means = part.means.astype(np.float64)
-    means -= _middle(means)
+    means -= _compute_middle(means)
     distances = np.linalg.norm(means, axis=1)
     size = float(np.median(distances))
     if not size > 0:
@@ -156,7 +158,7 @@ def _surfaces_of(part: Gaussians) -> _Surfaces | None:
     return _Surfaces(means, normals, areas / areas.sum(), flat / flat.sum())
 
 
-def _middle(means: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
+def _compute_middle(means: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
     """The geometric median (Weiszfeld's iteration): strays do not count, and neither do the axes."""
     middle = np.median(means, axis=0)
     for _ in range(10):
@@ -165,22 +167,22 @@ def _middle(means: Float64[ndarray, "n 3"]) -> Float64[ndarray, "3"]:
     return middle
 
 
-def _plane_normals(surfaces: _Surfaces) -> list[Float64[ndarray, "3"]]:
+def _find_plane_normals(surfaces: _Surfaces) -> list[Float64[ndarray, "3"]]:
     """The directions that most of the flat area faces, one way or the other, `_APART` from each other."""
     normals, weights = surfaces.normals, surfaces.flat_areas
     few = slice(None, None, 1 + len(normals) // 4000)
-    directions = _half_sphere(400)
+    directions = _build_half_sphere(400)
     facing = (np.abs(directions @ normals[few].T) > _ALIGNED) @ weights[few]
     chosen: list[Float64[ndarray, "3"]] = []
     for index in np.argsort(-facing):
         if all(abs(directions[index] @ other) < _APART for other in chosen):
-            chosen.append(_refined(surfaces, directions[index]))
+            chosen.append(_refine_normal(surfaces, directions[index]))
         if len(chosen) == 6:
             break
     return chosen
 
 
-def _refined(surfaces: _Surfaces, direction: Float64[ndarray, "3"], rounds: int = 6) -> Float64[ndarray, "3"]:
+def _refine_normal(surfaces: _Surfaces, direction: Float64[ndarray, "3"], rounds: int = 6) -> Float64[ndarray, "3"]:
     """The mean normal of what faces that way: mean shift, in a cone that is narrower each time."""
     for angle in np.linspace(30, 8, rounds):  # wider at first than what chose the direction: the plane may be off it
         cosines = surfaces.normals @ direction
@@ -192,33 +194,33 @@ def _refined(surfaces: _Surfaces, direction: Float64[ndarray, "3"], rounds: int 
     return direction
 
 
-def _ground_of(surfaces: _Surfaces, normal: Float64[ndarray, "3"]) -> tuple[float, Float64[ndarray, "3"]]:
+def _rate_ground(surfaces: _Surfaces, normal: Float64[ndarray, "3"]) -> tuple[float, Float64[ndarray, "3"]]:
     """How much a plane near this normal looks like the ground (0 … 1), and its unit normal away from it.
 
     It is the share of the densest layer, less where there is as much below it as above, or where it is narrow.
     """
     for _ in range(4):
-        layer, lying, densest = _densest_layer(surfaces, normal)
-        normal = _fitted_normal(surfaces, lying * (np.abs(layer - densest) <= _BESIDE), normal)
-    layer, lying, densest = _densest_layer(surfaces, normal)
+        layer, lying, densest = _find_densest_layer(surfaces, normal)
+        normal = _fit_normal(surfaces, lying * (np.abs(layer - densest) <= _BESIDE), normal)
+    layer, lying, densest = _find_densest_layer(surfaces, normal)
     ground = lying * (np.abs(layer - densest) <= _BESIDE)
     below = float(surfaces.areas[layer < densest - _BESIDE].sum())
     above = float(surfaces.areas[layer > densest + _BESIDE].sum())
     one_sided = abs(above - below) / max(above + below, 1e-30)
-    score = float(ground.sum()) * one_sided * min(1.0, _breadth(surfaces, ground, normal))
+    score = float(ground.sum()) * one_sided * min(1.0, _measure_breadth(surfaces, ground, normal))
     return score, normal if above >= below else -normal
 
 
-def _breadth(surfaces: _Surfaces, ground: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]) -> float:
+def _measure_breadth(surfaces: _Surfaces, ground: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]) -> float:
     """How far the ground reaches the way it is narrowest, in units of how far the scene reaches up: a facade is as low
     as the scene, and less broad than it is deep."""
-    sizes, _ = _spread(surfaces, ground)
+    sizes, _ = _compute_spread(surfaces, ground)
     heights = surfaces.means @ normal
     middle = surfaces.areas @ heights
     return float(np.sqrt(max(sizes[1], 0.0) / max(surfaces.areas @ (heights - middle) ** 2, 1e-30)))
 
 
-def _spread(
+def _compute_spread(
     surfaces: _Surfaces, weights: Float64[ndarray, " n"]
 ) -> tuple[Float64[ndarray, "3"], Float64[ndarray, "3 3"]]:
     """Variances of weighted splats along their principal axes, rising, and the axes as columns."""
@@ -227,7 +229,7 @@ def _spread(
     return np.linalg.eigh((offsets * weights[:, None]).T @ offsets / total)
 
 
-def _densest_layer(
+def _find_densest_layer(
     surfaces: _Surfaces, normal: Float64[ndarray, "3"]
 ) -> tuple[Int64[ndarray, " n"], Float64[ndarray, " n"], int]:
     """The layer of each splat across `normal`, the flat area of those that lie in them, and which has most with those
@@ -239,17 +241,17 @@ def _densest_layer(
     return layer, lying, int(thick.argmax())
 
 
-def _fitted_normal(
+def _fit_normal(
     surfaces: _Surfaces, weights: Float64[ndarray, " n"], normal: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
     """Of the plane through splats: a layer that is cut out askew straightens as it is fitted."""
     if not weights.sum() > 0:
         return normal
-    fitted = _spread(surfaces, weights)[1][:, 0]
+    fitted = _compute_spread(surfaces, weights)[1][:, 0]
     return fitted if fitted @ normal >= 0 else -fitted
 
 
-def _half_sphere(count: int) -> Float64[ndarray, "{count} 3"]:
+def _build_half_sphere(count: int) -> Float64[ndarray, "{count} 3"]:
     """Directions spread evenly over half a sphere (a Fibonacci lattice), and the axes."""
     steps = np.arange(count - 3) + 0.5
     height, angle = steps / (count - 3), np.pi * (1 + np.sqrt(5)) * steps
@@ -258,6 +260,6 @@ def _half_sphere(count: int) -> Float64[ndarray, "{count} 3"]:
     return np.concatenate([np.eye(3), lattice])
 
 
-def _snapped(direction: Float[ndarray, "3"]) -> Float64[ndarray, "3"]:
-    axis, angle = nearest_axis(direction)
-    return direction_of(axis) if angle < SNAP else np.asarray(direction, np.float64)
+def _snap_direction(direction: Float[ndarray, "3"]) -> Float64[ndarray, "3"]:
+    axis, angle = find_nearest_axis(direction)
+    return compute_axis_direction(axis) if angle < SNAP else np.asarray(direction, np.float64)

@@ -10,34 +10,34 @@ from numpy import ndarray
 
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 AXES: tuple[Axis, ...] = get_args(Axis)
-"""In the order that `direction_of` counts them in."""
+"""In the order that `compute_axis_direction` counts them in."""
 UP: Axis = "+z"
 """What is up in every scene of this program."""
 _EXACT = 1e-9
 """What a quarter turn's matrix may be off by before it is none."""
 
 
-def direction_of(axis: Axis) -> Float64[ndarray, "3"]:
+def compute_axis_direction(axis: Axis) -> Float64[ndarray, "3"]:
     """The unit vector along an axis."""
     direction = np.zeros(3)
     direction["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
     return direction
 
 
-def axis_title(axis: Axis) -> str:
+def format_axis(axis: Axis) -> str:
     """``−Y``, with a sign as wide as the plus: as people write it; commands take ``-y``."""
     return axis.upper().replace("-", "−")
 
 
-def nearest_axis(direction: Float[ndarray, "3"]) -> tuple[Axis, float]:
+def find_nearest_axis(direction: Float[ndarray, "3"]) -> tuple[Axis, float]:
     """The axis next to a direction of any length above 0, and the angle between them in degrees."""
     unit = np.asarray(direction, np.float64) / np.linalg.norm(direction)
-    axis = max(AXES, key=lambda name: float(direction_of(name) @ unit))
-    cross = np.linalg.norm(np.cross(direction_of(axis), unit))  # unlike the cosine, exact for small angles
-    return axis, float(np.degrees(np.arctan2(cross, direction_of(axis) @ unit)))
+    axis = max(AXES, key=lambda name: float(compute_axis_direction(name) @ unit))
+    cross = np.linalg.norm(np.cross(compute_axis_direction(axis), unit))  # unlike the cosine, exact for small angles
+    return axis, float(np.degrees(np.arctan2(cross, compute_axis_direction(axis) @ unit)))
 
 
-def upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
+def compute_upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
     """The shortest rotation that takes `up`, of any length above 0, to +z; exact for axes.
 
     What points along -z is turned about y, so that forward stays forward.
@@ -50,10 +50,10 @@ def upright_rotation(up: Float[ndarray, "3"]) -> Float64[ndarray, "3 3"]:
     # sum 1 + z has lost its digits; the quotient is the same number.
     share = (1 - z) / squared_sine if z < 0 else 1 / (1 + z)
     rotation = np.array([[1 - x * x * share, -x * y * share, -x], [-x * y * share, 1 - y * y * share, -y], [x, y, z]])
-    return snapped(rotation)
+    return snap_rotation(rotation)
 
 
-def snapped(rotation: Float64[ndarray, "3 3"]) -> Float64[ndarray, "3 3"]:
+def snap_rotation(rotation: Float64[ndarray, "3 3"]) -> Float64[ndarray, "3 3"]:
     """The quarter turn where a matrix is one but for rounding, else the matrix: quarter turns keep every coordinate."""
     whole = np.round(rotation)
     return whole + 0.0 if np.abs(rotation - whole).max() < _EXACT else rotation

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from instdrive_core.masks.lidar.clusters import cluster
+from instdrive_core.masks.lidar.clusters import cluster_points
 from instdrive_core.tracks.range_images import Votes
 from instdrive_core.tracks.sweep_clouds import SweepCloud
 
@@ -89,7 +89,7 @@ def _clusters(cloud: SweepCloud, rows: Int64[ndarray, " r"]) -> list[Int64[ndarr
     if not len(rows):
         return []
     reach = np.minimum(REACH + REACH_PER_METRE * cloud.distance[rows], MAX_REACH).astype(np.float32)
-    numbers = _rejoined(cloud.points[rows], cluster(cloud.points[rows], reach), reach)
+    numbers = _rejoined(cloud.points[rows], cluster_points(cloud.points[rows], reach), reach)
     order = np.argsort(numbers, kind="stable")
     return np.split(rows[order], np.flatnonzero(np.diff(numbers[order])) + 1)
 

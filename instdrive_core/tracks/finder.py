@@ -44,7 +44,7 @@ def find_tracks(
 
     Raises DataError where a sweep is damaged.
     """
-    sweeps = clip.sweeps if held_out else clip.training_sweeps()
+    sweeps = clip.sweeps if held_out else clip.training_sweeps
     if not sweeps:
         return FoundTracks((), ("no LiDAR sweeps: moving objects cannot be found without cuboids",))
     on_stage("reading sweeps")

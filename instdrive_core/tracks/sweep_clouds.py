@@ -9,7 +9,7 @@ from jaxtyping import Float32, Float64, UInt8
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
-from instdrive_core.masks.lidar.clusters import thinned
+from instdrive_core.masks.lidar.clusters import thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground
 from instdrive_core.tracks.range_images import RangeImage, build_range_image
 
@@ -73,10 +73,10 @@ def gather_clouds(clip: Clip, sweeps: tuple[Sweep, ...]) -> tuple[list[SweepClou
         found.points[np.linalg.norm(found.points[:, :2] - position[:2], axis=1) < FARTHEST]
         for (_, found), position in zip(loaded, positions, strict=True)
     ]
-    every = np.concatenate([part[thinned(part, GROUND_SPACING)] for part in near])
+    every = np.concatenate([part[thin_rows(part, GROUND_SPACING)] for part in near])
     if not len(every):
         return [], ["no sweep has a point near the cameras: do poses and sweeps belong together?"]
-    ground = find_ground(every[thinned(every, GROUND_SPACING)])
+    ground = find_ground(every[thin_rows(every, GROUND_SPACING)])
     clouds, untimed = [], 0
     for (sweep, found), position in zip(loaded, positions, strict=True):
         times = usable_times(found, sweep.time)
@@ -129,7 +129,7 @@ def _cloud(
     parts = []
     for sensor in np.unique(found.sensor[rows]):
         of_sensor = np.flatnonzero(found.sensor[rows] == sensor)
-        parts.append(of_sensor[thinned(found.points[rows[of_sensor]], SPACING)])
+        parts.append(of_sensor[thin_rows(found.points[rows[of_sensor]], SPACING)])
     chosen = np.concatenate([np.zeros(0, np.int64), *parts])
     rows, above, distance = rows[chosen], above[chosen], distance[chosen]
     points = found.points[rows].copy()

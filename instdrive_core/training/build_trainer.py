@@ -1,4 +1,4 @@
-"""Where a trainer comes from: a clip's first Gaussians, a scene trained before, or a checkpoint."""
+"""Three ways to a trainer: from a clip, from a scene trained before, from a checkpoint."""
 
 from __future__ import annotations
 
@@ -12,53 +12,63 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.registry import open_scene
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.training.backends.backend import Backend
-from instdrive_core.training.checkpoint import Checkpoint, restore
-from instdrive_core.training.gaussians.initialize import initial_scene, mean_sky_color, scene_radius
-from instdrive_core.training.gaussians.model import model_from_gaussians
+from instdrive_core.training.checkpoint import Checkpoint, restore_trainer
+from instdrive_core.training.gaussians.first_gaussians import (
+    build_initial_scene,
+    compute_mean_sky_color,
+    compute_scene_radius,
+)
+from instdrive_core.training.gaussians.model import build_model
 from instdrive_core.training.settings.config import InstanceConfig, TrainConfig
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.view_store import ViewStore
 
-_FEATURES = 3
-"""Stream of random numbers of the first features."""
 
-
-def trainer_from_clip(config: TrainConfig, clip: Clip, store: ViewStore, backend: Backend) -> Trainer:
-    """First Gaussians from LiDAR and photos."""
-    start = initial_scene(
+def build_trainer_from_clip(config: TrainConfig, clip: Clip, store: ViewStore, backend: Backend) -> Trainer:
+    """Build a trainer whose first Gaussians come from the clip's LiDAR and photos."""
+    start = build_initial_scene(
         clip, store, config.init, config.geometry.sh_degree, config.seed, moving_actors=config.init.moving_actors
     )
-    gaussians = with_first_features(start.gaussians, config.instances, config.seed)
-    sky = uniform_sky(mean_sky_color(store), config.geometry.sky_resolution)
-    model = model_from_gaussians(gaussians, start.nodes, start.actors, sky, store.times)
-    return Trainer(model, store, config, scene_radius(store), backend)
+    gaussians = add_first_features(start.gaussians, config.instances, config.seed)
+    sky = make_uniform_sky(compute_mean_sky_color(store), config.geometry.sky_resolution)
+    model = build_model(gaussians, start.nodes, start.actors, sky, store.times)
+    return Trainer(model, store, config, compute_scene_radius(store), backend)
 
 
-def trainer_from_scene(config: TrainConfig, clip: Clip, store: ViewStore, path: Path, backend: Backend) -> Trainer:
-    """Gaussians, actors and sky of a scene file or run; a plain .ply is taken to be in the clip's world coordinates.
+def build_trainer_from_scene(
+    config: TrainConfig, clip: Clip, store: ViewStore, path: Path, backend: Backend
+) -> Trainer:
+    """Build a trainer from the Gaussians, actors and sky of a scene file or run.
+
+    A plain .ply is taken to be in the clip's world coordinates.
 
     Raises DataError where the scene cannot be opened or no camera of the clip sees it.
     """
     scene = open_scene(path)
-    gaussians = with_first_features(moved_to_origin(scene, clip.origin), config.instances, config.seed)
-    if not any_visible(gaussians.means[scene.nodes == 0], store):
+    gaussians = add_first_features(move_to_origin(scene, clip.origin), config.instances, config.seed)
+    if not is_any_visible(gaussians.means[scene.nodes == 0], store):
         raise DataError(
             path,
             f"none of its {len(scene):,} Gaussians lies before a camera of {clip.path}",
             "The scene must be in the clip's world coordinates, in metres; give --init a scene of this clip",
         )
-    sky = scene.sky.faces if scene.sky else uniform_sky(mean_sky_color(store), config.geometry.sky_resolution)
-    model = model_from_gaussians(gaussians, scene.nodes, scene.actors, sky, store.times)
-    return Trainer(model, store, config, scene_radius(store), backend)
+    sky = (
+        scene.sky.faces
+        if scene.sky
+        else make_uniform_sky(compute_mean_sky_color(store), config.geometry.sky_resolution)
+    )
+    model = build_model(gaussians, scene.nodes, scene.actors, sky, store.times)
+    return Trainer(model, store, config, compute_scene_radius(store), backend)
 
 
-def resumed_trainer(
+def resume_trainer(
     config: TrainConfig, store: ViewStore, path: Path, checkpoint: Checkpoint, backend: Backend
 ) -> Trainer:
-    """Exactly where the checkpoint at `path` was saved.
+    """Build a trainer that goes on exactly where the checkpoint at `path` was saved.
 
     Raises OptionError where the run was started with other options, DataError where the clip is another one.
     """
@@ -72,26 +82,26 @@ def resumed_trainer(
             path, "the clip's training photos are not those of the run", "Resume with the clip and cameras of the run"
         )
     trainer = Trainer(checkpoint.model(store.times), store, config, checkpoint.scene_radius, backend)
-    restore(trainer, checkpoint)
+    restore_trainer(trainer, checkpoint)
     return trainer
 
 
-def with_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) -> Gaussians:
-    """The same Gaussians with random features of the configured dimension."""
+def add_first_features(gaussians: Gaussians, config: InstanceConfig, seed: int) -> Gaussians:
+    """Copy the Gaussians with random features (N, d) in place of their own; d is `config.feature_dim`."""
     shape = (len(gaussians), config.feature_dim)
-    features = np.random.default_rng((seed, _FEATURES)).normal(0, config.init_std, shape)
+    features = make_generator(seed, Stream.FIRST_FEATURES).normal(0, config.init_std, shape)
     return replace(gaussians, features=features.astype(np.float32))
 
 
-def moved_to_origin(scene: Scene, origin: Float32[ndarray, "3"]) -> Gaussians:
-    """The scene's Gaussians relative to another origin; actors' Gaussians live in their boxes and stay."""
+def move_to_origin(scene: Scene, origin: Float32[ndarray, "3"]) -> Gaussians:
+    """Copy the scene's Gaussians, moved to another origin; actors' Gaussians live in their boxes and stay."""
     gaussians = scene.gaussians.copy()
     shift = (scene.origin - origin).astype(np.float32)
     gaussians.means[scene.nodes == 0] += shift
     return gaussians
 
 
-def any_visible(means: Float32[ndarray, "n 3"], store: ViewStore) -> bool:
+def is_any_visible(means: Float32[ndarray, "n 3"], store: ViewStore) -> bool:
     """Whether at least one point lies inside an image of the clip."""
     for photo in store.facts:
         pixels, depths = photo.camera.project(means)
@@ -101,6 +111,6 @@ def any_visible(means: Float32[ndarray, "n 3"], store: ViewStore) -> bool:
     return False
 
 
-def uniform_sky(color: Float32[ndarray, "3"], resolution: int) -> Float32[ndarray, "6 r r 3"]:
-    """A cube map of one colour."""
+def make_uniform_sky(color: Float32[ndarray, "3"], resolution: int) -> Float32[ndarray, "6 r r 3"]:
+    """Make a cube map of one colour."""
     return np.broadcast_to(color, (6, resolution, resolution, 3)).astype(np.float32)

@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path
+from instdrive_core.files.atomic import replace_atomically
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.actor_poses import ActorPoses
 from instdrive_core.training.gaussians.model import SceneModel
@@ -32,7 +32,7 @@ _NODES = "nodes"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Everything that a resumed run needs beside the clip itself."""
+    """State of a run: all that a resumed run needs beside the clip itself."""
 
     config: TrainConfig
     stage: Stage
@@ -40,7 +40,7 @@ class Checkpoint:
     seconds: float
     scene_radius: float
     tracks: tuple[Track, ...]
-    """As the actors' corrections refer to them."""
+    """Tracks that the actors' corrections refer to."""
     photo_keys: tuple[str, ...]
     """Keys of the training photos, in the order of their exposures."""
     nodes: UInt16[ndarray, " n"]
@@ -78,7 +78,7 @@ def save_checkpoint(path: Path, trainer: Trainer) -> None:
         "tracks": [_track_facts(track) for track in trainer.model.actor_poses.tracks],
         "photo_keys": [photo.key for photo in trainer.store.facts],
     }
-    with atomic_path(path) as temporary:
+    with replace_atomically(path) as temporary:
         try:
             save_file(tensors, temporary, metadata={"instdrive": json.dumps(facts)})
         except SafetensorError as error:
@@ -109,7 +109,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
     )
 
 
-def restore(trainer: Trainer, checkpoint: Checkpoint) -> None:
+def restore_trainer(trainer: Trainer, checkpoint: Checkpoint) -> None:
     """Put a fresh trainer, built on the checkpoint's model, where the saved one stood."""
     trainer.stage, trainer.iteration = checkpoint.stage, checkpoint.iteration
     trainer.seconds_before = checkpoint.seconds

@@ -1,41 +1,50 @@
-"""Whether a clip's photos can be trained in the memory that there is, before any is read."""
+"""Check, before any photo is read, that a clip can be trained in the memory that there is."""
 
 from __future__ import annotations
 
 import math
+import sys
 from pathlib import Path
 
-from instdrive_core.available_memory import available_memory
+import psutil
+
+from instdrive_core.available_memory import measure_available_memory
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.datasets.photos import photo_size
-from instdrive_core.errors import OptionError, gigabytes
+from instdrive_core.datasets.photos import read_photo_size
+from instdrive_core.errors import OptionError, format_gigabytes
 from instdrive_core.training.views.view_store import DEFAULT_BUDGET
 
 PROGRAM_BYTES = 0.5e9
-"""Of a training process with few Gaussians and small photos; measured: 0.44 GB."""
+"""Memory of a training process with few Gaussians and small photos; measured: 0.44 GB."""
 STEP_BYTES = 242
-"""Per pixel of the photo in a step; measured from 480×270 to 3840×2160."""
+"""Bytes per pixel of the photo in a step; measured from 480×270 to 3840×2160."""
 KEPT_BYTES = 6
-"""Per pixel of each photo kept with its masks; all of them are kept within a budget."""
+"""Bytes per pixel of each photo kept with its masks; all of them are kept within a budget."""
 
 
-def training_bytes(sizes: list[tuple[int, int]]) -> float:
-    """What photos of these widths and heights need at least; Gaussians, some 2 kB each, come on top."""
+def estimate_training_bytes(sizes: list[tuple[int, int]]) -> float:
+    """Estimate the bytes that photos of these widths and heights need at least.
+
+    Gaussians, some 2 kB each, come on top.
+    """
     pixels = [width * height for width, height in sizes]
     return PROGRAM_BYTES + STEP_BYTES * max(pixels, default=0) + min(DEFAULT_BUDGET, KEPT_BYTES * sum(pixels))
 
 
-def check_training_room(clip: Clip) -> None:
-    """Raises OptionError where memory is too small for the clip's photos, with a scale or cameras that would do."""
-    frames = clip.training_frames()
-    needed, available = training_bytes(_sizes(frames)), available_memory()
+def check_training_memory(clip: Clip) -> None:
+    """Check that memory suffices for the clip's photos.
+
+    Raises OptionError where it does not, with a scale or cameras that would do.
+    """
+    frames = clip.training_frames
+    needed, available = estimate_training_bytes(_sizes(frames)), measure_available_memory()
     if needed <= available:
         return
     width, height = max(_sizes(frames), key=math.prod)
-    problem = f"{len(frames)} photos of up to {width}×{height} need at least {gigabytes(needed)} to be trained"
-    ways = [way for way in (_smaller(frames, available), _fewer(clip, available)) if way]
+    problem = f"{len(frames)} photos of up to {width}×{height} need at least {format_gigabytes(needed)} to be trained"
+    ways = [way for way in (_suggest_scale(frames, available), _suggest_cameras(clip, available)) if way]
     remedy = " or ".join(ways) or "use a machine with more memory"
-    raise OptionError(f"{clip.path}: {problem}, {gigabytes(available)} are free; {remedy}")
+    raise OptionError(f"{clip.path}: {problem}, {format_gigabytes(available)} are free; {remedy}")
 
 
 def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, int]]:
@@ -43,20 +52,30 @@ def _sizes(frames: tuple[Frame, ...], factor: float = 1.0) -> list[tuple[int, in
     return [(round(camera.width * factor), round(camera.height * factor)) for camera in cameras]
 
 
-def _smaller(frames: tuple[Frame, ...], available: float) -> str:
-    """The largest scale, in hundredths of the photos on disk, that fits."""
-    now = frames[0].view.camera.width / photo_size(Path(frames[0].view.photo))[0]
+def _suggest_scale(frames: tuple[Frame, ...], available: float) -> str:
+    """Suggest the largest scale, in hundredths of the photos on disk, that fits."""
+    now = frames[0].view.camera.width / read_photo_size(Path(frames[0].view.photo))[0]
     for hundredths in range(math.floor(100 * now), 0, -1):
-        if training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
+        if estimate_training_bytes(_sizes(frames, hundredths / 100 / now)) <= available:
             return f"--scale {hundredths / 100:g} would fit"
     return ""
 
 
-def _fewer(clip: Clip, available: float) -> str:
-    """The first cameras that fit, as many as do."""
+def _suggest_cameras(clip: Clip, available: float) -> str:
+    """Suggest the first cameras that fit, as many as do."""
     for count in range(len(clip.camera_names) - 1, 0, -1):
         names = clip.camera_names[:count]
-        chosen = tuple(frame for frame in clip.training_frames() if frame.view.name in names)
-        if training_bytes(_sizes(chosen)) <= available:
+        chosen = tuple(frame for frame in clip.training_frames if frame.view.name in names)
+        if estimate_training_bytes(_sizes(chosen)) <= available:
             return f"--cameras {','.join(names)} would fit"
     return ""
+
+
+def measure_peak_memory() -> int:
+    """Measure the most memory that this process has held so far, in bytes."""
+    if sys.platform == "win32":
+        return psutil.Process().memory_info().peak_wset
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak  # macOS counts bytes, Linux KiB

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import resource
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,31 +17,35 @@ from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.atomic import write_bytes
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.masks.label_map_folder import MaskFolder
-from instdrive_core.masks.sources import ensure_masks
+from instdrive_core.masks.making import ensure_masks
 from instdrive_core.scene.exposure import Exposures
+from instdrive_core.scene.track import Track
 from instdrive_core.tracks.choice import TrackSource, with_tracks
 from instdrive_core.training.backends.backend import Backend
-from instdrive_core.training.backends.device import chosen_backend
-from instdrive_core.training.build_trainer import resumed_trainer, trainer_from_clip, trainer_from_scene
+from instdrive_core.training.backends.device import choose_backend
+from instdrive_core.training.build_trainer import build_trainer_from_clip, build_trainer_from_scene, resume_trainer
 from instdrive_core.training.checkpoint import load_checkpoint, save_checkpoint
-from instdrive_core.training.gaussians.exposures import finished_exposures
-from instdrive_core.training.instances.instance_stage import InstanceLearner, LearnedInstances, learned_codewords
-from instdrive_core.training.instances.scene_export import finished_scene
-from instdrive_core.training.instances.voted_instances import voted_instances
-from instdrive_core.training.memory_check import check_training_room
+from instdrive_core.training.gaussians.exposures import export_exposures
+from instdrive_core.training.gaussians.first_gaussians import MIN_ACTOR_POINTS
+from instdrive_core.training.instances.instance_learner import InstanceLearner, LearnedInstances, read_codewords
+from instdrive_core.training.instances.scene_export import export_trained_scene
+from instdrive_core.training.instances.voted_instances import vote_instances
+from instdrive_core.training.memory_check import check_training_memory, measure_peak_memory
 from instdrive_core.training.run_log import RunLog
 from instdrive_core.training.settings.config import LEARNED_ELSEWHERE, Device, TrainConfig
 from instdrive_core.training.settings.events import CheckpointDue, Event, StepDone
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.views.view_store import ViewStore, view_store
+from instdrive_core.training.views.view_store import ViewStore, open_view_store
 from instdrive_core.training.warm_up import compile_kernels
 
+_NAMED_TRACKS = 8
+"""Moving objects that a note names one by one."""
 CHECKPOINT, CONFIG, FACTS, LOG = "checkpoint.safetensors", "config.json", "run.json", "log.jsonl"
 
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What to train, from what, into which folder."""
+    """Request to train: the clip, the options, the output folder."""
 
     clip: Path
     out: Path
@@ -60,6 +63,18 @@ class RunRequest:
     """Where moving objects are taken from; None = cuboids where the clip has some, else found in its sweeps."""
 
 
+@dataclass(frozen=True)
+class _Notes:
+    """Notes of a run to its user, passed on at once and kept for `run.json`."""
+
+    on_note: Callable[[str], None]
+    told: list[str] = field(default_factory=list)
+
+    def add(self, note: str) -> None:
+        self.told.append(note)
+        self.on_note(note)
+
+
 def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note: Callable[[str], None]) -> Path:
     """Train a clip into `request.out` and return it.
 
@@ -67,35 +82,39 @@ def run_training(request: RunRequest, on_event: Callable[[Event], None], on_note
     train, TrainingDivergedError where a loss is no longer finite, OptionError for a device that is not there, or where
     memory is too small for the clip's photos.
     """
-    out = request.out
+    out, notes = request.out, _Notes(on_note)
     torch.set_num_threads(1)  # the work is in our kernels' threads; torch's would wait for theirs and take their cores
     _check_output(request)
-    backend = chosen_backend(request.device)
+    backend = choose_backend(request.device)
     out.mkdir(parents=True, exist_ok=True)
-    on_note(f"reading {request.clip}")
+    notes.add(f"reading {request.clip}")
     clip = load_clip(str(request.clip), request.options)
-    if not clip.training_frames():
+    if not clip.training_frames:
         raise DataError(request.clip, "no photo of a training time step was found", "Check cameras and frame range.")
-    check_training_room(clip)
+    check_training_memory(clip)
     masks = ensure_masks(request.clip, clip, out, request.masks)
-    clip = with_tracks(clip, request.tracks, out, on_note)
-    on_note(
-        f"{len(clip.training_frames())} training photos, {len(clip.held_out_frames())} held out; "
+    clip = with_tracks(clip, request.tracks, out, notes.add)
+    notes.add(
+        f"{len(clip.training_frames)} training photos, {len(clip.held_out_frames)} held out; "
         + (f"masks: {masks.source}" if masks else "no masks: training RGB only")
     )
     for note in clip.notes:
-        on_note(note)
-    _say_what_is_missing(clip, request.config, on_note)
-    with view_store(clip, masks) as store:
-        compile_kernels(on_note)
-        trainer = _trainer(request, clip, store, backend, on_note)
+        notes.add(note)
+    _note_what_is_missing(clip, request.config, notes.add)
+    with open_view_store(clip, masks) as store:
+        compile_kernels(notes.add)
+        trainer = _build_trainer(request, clip, store, backend, notes.add)
+        if request.init is None:
+            _note_movers_without_node(clip, request.config, trainer.model.actor_poses.tracks, notes.add)
         _write_json(out / CONFIG, _config_facts(request, masks))
         _train(trainer, out, on_event)
-        learned = _learned(request, trainer, on_note) if trainer.has_masks else None
-        on_note("naming instances and writing the scene")
-        scene = finished_scene(trainer.model, clip, request.config, learned, _exposures(trainer))
+        learned = _learn_instances(request, trainer, notes.add) if trainer.has_masks else None
+        notes.add("naming instances and writing the scene")
+        scene = export_trained_scene(trainer.model, clip, request.config, learned, _export_exposures(trainer))
     write_scene_folder(out, scene)
-    _write_json(out / FACTS, _facts(request, masks, trainer, backend.name, len(scene.table)))
+    _write_json(
+        out / FACTS, _collect_facts(request, masks, trainer, backend.name, len(scene.table)) | {"notes": notes.told}
+    )
     return out
 
 
@@ -109,29 +128,47 @@ def _train(trainer: Trainer, out: Path, on_event: Callable[[Event], None]) -> No
             on_event(event)
 
 
-def _learned(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
+def _learn_instances(request: RunRequest, trainer: Trainer, on_note: Callable[[str], None]) -> LearnedInstances:
     trainer.continue_on_cpu()
     learner = request.learner
     if learner is None and request.config.instances.learned_by == "votes":
-        learner = voted_instances
+        learner = vote_instances
     if learner is None:
-        return learned_codewords(trainer.model.gaussians().features)
+        return read_codewords(trainer.model.gaussians().features)
     return learner(trainer.model, trainer.store, request.config, on_note)
 
 
-def _exposures(trainer: Trainer) -> Exposures | None:
+def _export_exposures(trainer: Trainer) -> Exposures | None:
     if trainer.config.freeze_geometry or not trainer.config.geometry.exposure_lr:
         return None
-    return finished_exposures(trainer.model.shared["exposures"], trainer.store.facts)
+    return export_exposures(trainer.model.shared["exposures"], trainer.store.facts)
 
 
-def _say_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
+def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
     if not clip.tracks:
         on_note("no tracks of moving objects: a static scene, what moves will blur")
     elif not config.init.moving_actors:
         on_note("static-only: moving objects stay in the background and will blur")
     elif not any(track.moving for track in clip.tracks):
         on_note(f"{len(clip.tracks)} tracks, none of which moves: a static scene")
+
+
+def _note_movers_without_node(
+    clip: Clip, config: TrainConfig, actors: tuple[Track, ...], on_note: Callable[[str], None]
+) -> None:
+    """Tell which moving objects got no node of their own, and why: they stay in the background and blur."""
+    known = {track.id for track in actors}
+    missing = [track for track in clip.tracks if track.moving and track.id not in known]
+    if not missing or not config.init.moving_actors:
+        return
+    moving = sum(track.moving for track in clip.tracks)
+    names = ", ".join(f"{track.label} {track.id}" for track in missing[:_NAMED_TRACKS])
+    more = "" if len(missing) <= _NAMED_TRACKS else f" and {len(missing) - _NAMED_TRACKS} more"
+    if clip.training_sweeps:
+        reason = f"fewer than {MIN_ACTOR_POINTS} LiDAR points lie in their boxes"
+    else:
+        reason = "the clip has no LiDAR points to start them from"
+    on_note(f"{len(missing)} of {moving} moving objects will blur, {reason}: {names}{more}")
 
 
 def _check_output(request: RunRequest) -> None:
@@ -146,7 +183,7 @@ def _check_output(request: RunRequest) -> None:
         raise OptionError("--freeze-geometry needs the scene whose geometry to keep: add --init SCENE.")
 
 
-def _trainer(
+def _build_trainer(
     request: RunRequest, clip: Clip, store: ViewStore, backend: Backend, on_note: Callable[[str], None]
 ) -> Trainer:
     path = request.out / CHECKPOINT
@@ -155,12 +192,12 @@ def _trainer(
     if request.resume and path.exists():
         checkpoint = load_checkpoint(path)
         on_note(f"going on after step {checkpoint.iteration:,} of the {checkpoint.stage} stage")
-        return resumed_trainer(request.config, store, path, checkpoint, backend)
+        return resume_trainer(request.config, store, path, checkpoint, backend)
     if request.resume:
         on_note("the run was interrupted before its first checkpoint: starting again")
     if request.init is not None:
-        return trainer_from_scene(request.config, clip, store, request.init, backend)
-    return trainer_from_clip(request.config, clip, store, backend)
+        return build_trainer_from_scene(request.config, clip, store, request.init, backend)
+    return build_trainer_from_clip(request.config, clip, store, backend)
 
 
 def _config_facts(request: RunRequest, masks: MaskFolder | None) -> dict[str, Any]:
@@ -168,13 +205,12 @@ def _config_facts(request: RunRequest, masks: MaskFolder | None) -> dict[str, An
         "clip": str(request.clip.resolve()),
         **asdict(request.options),
         "masks": masks.source if masks else None,
-        "tracks": request.tracks,
         "init": str(request.init.resolve()) if request.init else None,
         "train": request.config.to_json(),
     }
 
 
-def _facts(
+def _collect_facts(
     request: RunRequest, masks: MaskFolder | None, trainer: Trainer, backend: str, instances: int
 ) -> dict[str, Any]:
     config = request.config
@@ -190,7 +226,7 @@ def _facts(
         "init": str(request.init.resolve()) if request.init else None,
         "iterations": (0 if config.freeze_geometry else config.geometry.iterations) + config.instance_iterations,
         "train_seconds": round(trainer.seconds, 1),
-        "peak_rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "peak_rss_mb": round(measure_peak_memory() / 2**20),
         "backend": backend,
         "threads": numba.get_num_threads(),
         "n_gaussians": len(trainer.model),

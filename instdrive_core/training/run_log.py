@@ -17,7 +17,7 @@ class RunLog:
 
     def __init__(self, path: Path, stage: Stage, iteration: int) -> None:
         self.path = path
-        write_bytes(path, "".join(line + "\n" for line in _lines_up_to(path, stage, iteration)).encode())
+        write_bytes(path, "".join(line + "\n" for line in _read_lines_up_to(path, stage, iteration)).encode())
         self._file = path.open("a", encoding="utf-8")
 
     def __enter__(self) -> RunLog:
@@ -30,7 +30,7 @@ class RunLog:
             self._file.close()
         except OSError as failure:
             if error is None:
-                raise self._failed(failure) from failure
+                raise self._describe_failure(failure) from failure
 
     def write(self, step: StepDone) -> None:
         """Append one line and hand it to the system. Raises DataError where it does not fit on the disk."""
@@ -38,14 +38,14 @@ class RunLog:
             self._file.write(json.dumps(asdict(step)) + "\n")
             self._file.flush()
         except OSError as failure:
-            raise self._failed(failure) from failure
+            raise self._describe_failure(failure) from failure
 
-    def _failed(self, failure: OSError) -> DataError:
+    def _describe_failure(self, failure: OSError) -> DataError:
         problem = f"the log cannot be written ({failure.strerror or failure})"
         return DataError(self.path, problem, "Free some space, then go on with --resume")
 
 
-def _lines_up_to(path: Path, stage: Stage, iteration: int) -> list[str]:
+def _read_lines_up_to(path: Path, stage: Stage, iteration: int) -> list[str]:
     kept = []
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
         try:

@@ -11,35 +11,39 @@ import torch
 from torch import Tensor
 
 from instdrive_core.errors import InstDriveError
+from instdrive_core.maths.streams import Stream, make_generator
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.cpu_backend import CpuBackend
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.densify import (
     GrowthStatistics,
-    actor_radii,
-    last_reset,
-    observes_at,
-    refined,
-    refines_at,
+    compute_actor_radii,
+    counts_gradients,
+    densify_and_prune,
+    find_last_reset,
+    is_densifying_due,
+    is_reset_due,
     reset_opacities,
-    resets_at,
 )
-from instdrive_core.training.gaussians.exposures import exposure_penalty
 from instdrive_core.training.gaussians.model import SceneModel
 from instdrive_core.training.gaussians.optimizers import Optimizers
-from instdrive_core.training.gaussians.view_rendering import DrawnView, draw_view
-from instdrive_core.training.instances import instance_losses as inst
-from instdrive_core.training.instances.feature_weights import CachedView, weighted_features
-from instdrive_core.training.instances.instance_stage import cached_views
-from instdrive_core.training.instances.instance_terms import pixel_terms, sampled_pixels, voxel_term
+from instdrive_core.training.gaussians.view_rendering import RenderedView, render_view
+from instdrive_core.training.instances.feature_weights import CachedView, blend_features
+from instdrive_core.training.instances.instance_learner import cache_views
+from instdrive_core.training.instances.instance_losses import segments_from_labels
+from instdrive_core.training.losses.instance_terms import INSTANCE_TERMS, InstanceStep, sample_rendered_pixels
+from instdrive_core.training.losses.loss_term import compute_terms
+from instdrive_core.training.losses.rgb_terms import RGB_TERMS, RgbStep
 from instdrive_core.training.settings.config import TrainConfig
-from instdrive_core.training.settings.events import CheckpointDue, Event, Refined, Stage, StageStarted, StepDone
-from instdrive_core.training.settings.schedule import is_coarse, means_lr, pseudo_is_on, step_rng, view_of_step
+from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, Event, Stage, StageStarted, StepDone
+from instdrive_core.training.settings.schedule import (
+    choose_view,
+    compute_means_lr,
+    is_coarse,
+)
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
-_RGB, _INSTANCES, _GROWTH = 0, 1, 3
-"""Streams of random numbers."""
 _READ_AHEAD = 6
 """Steps whose photos are read while others train."""
 
@@ -119,91 +123,75 @@ class Trainer:
     def rgb_step(self) -> tuple[dict[str, float], float]:
         """One image: draw, compare, descend. With the `joint` schedule the instance losses ride along."""
         config, shared, backend = self.config.geometry, self.model.shared, self.backend
-        number, coarse = self._view_of(self.iteration)
-        self.store.prefetch([self._view_of(self.iteration + ahead) for ahead in range(1, _READ_AHEAD)])
+        number, coarse = self._choose_view(self.iteration)
+        self.store.prefetch([self._choose_view(self.iteration + ahead) for ahead in range(1, _READ_AHEAD)])
         view = self.store.get(number, coarse)
         joint = self.config.instances.schedule == "joint" and view.labels is not None
 
-        drawn = draw_view(self.model, backend, view.camera, view.time, joint)
-        image = backend.over_sky(drawn.color, drawn.alpha, shared["sky"], view.camera)
+        drawn = render_view(self.model, backend, view.camera, view.time, joint)
+        image = backend.composite_over_sky(drawn.color, drawn.alpha, shared["sky"], view.camera)
         if config.exposure_lr:
-            image = backend.exposed(image, shared["exposures"][number])
+            image = backend.expose(image, shared["exposures"][number])
 
-        terms: dict[str, Tensor] = {}
-        terms["rgb"], psnr = backend.photometric_loss(image, view.image, view.valid, config.ssim_weight)
-        if config.depth_weight and len(view.depth_pixels):
-            depth_loss = backend.depth_loss(drawn.depth, drawn.alpha, view.depth_pixels, view.depth_values)
-            terms["depth"] = config.depth_weight * depth_loss
-        if config.sky_weight and view.sky is not None:
-            terms["sky"] = config.sky_weight * backend.sky_loss(drawn.alpha, view.sky)
-        if config.exposure_lr and config.exposure_weight:
-            terms["exposure"] = config.exposure_weight * exposure_penalty(shared["exposures"], number)
+        step = RgbStep(self.config, backend, number, view, drawn, image, shared["exposures"])
+        terms = compute_terms(RGB_TERMS, step)
         if joint:
-            terms |= self._joint_terms(view, drawn)
+            terms |= compute_terms(INSTANCE_TERMS, self._sample_joint_pixels(view, drawn))
 
         values = self._backward(terms)
         self._descend(drawn)
-        return values, psnr
+        return values, step.psnr
 
     def instance_step(self) -> tuple[dict[str, float], None]:
         """One view's sampled pixels, features only: F_pix = W F with the cached weights of the frozen geometry."""
         if not self._cache:
             self.continue_on_cpu()
-            self._cache = cached_views(self.model, self.store, self.config)
-        terms, seen = self._voxel_terms(_INSTANCES), None
+            self._cache = cache_views(self.model, self.store, self.config)
+        step, seen = InstanceStep(self.config, self.iteration, self.model, Stream.INSTANCE_VOXELS), None
         if self._cache:
-            view = self._cache[view_of_step(self.config.seed, _INSTANCES, self.iteration, len(self._cache))]
-            seen = gathered(self.model.parameters["features"], view.rows).requires_grad_(True)
-            pseudo = pseudo_is_on(self.config, self.iteration)
-            terms |= pixel_terms(weighted_features(seen, view), view.segments, self.config.instances, pseudo)
-        values = self._backward(terms)
-        self._descend_features((view.rows, seen.grad, None) if seen is not None and seen.grad is not None else None)
+            view = self._cache[choose_view(self.config.seed, Stream.INSTANCE_VIEWS, self.iteration, len(self._cache))]
+            leaf = gather_rows(self.model.parameters["features"], view.rows).requires_grad_(True)
+            step.features, step.segments = blend_features(leaf, view), view.segments
+            seen = (view.rows, leaf)
+        values = self._backward(compute_terms(INSTANCE_TERMS, step))
+        self._descend_features(None if seen is None or seen[1].grad is None else (seen[0], seen[1].grad, None))
         return values, None
 
     # What the steps are made of.
 
-    def _view_of(self, iteration: int) -> tuple[int, bool]:
-        number = view_of_step(self.config.seed, _RGB, iteration, len(self.store))
+    def _choose_view(self, iteration: int) -> tuple[int, bool]:
+        number = choose_view(self.config.seed, Stream.RGB_VIEWS, iteration, len(self.store))
         return number, is_coarse(self.config.geometry, iteration)
 
-    def _joint_terms(self, view: TrainingView, drawn: DrawnView) -> dict[str, Tensor]:
+    def _sample_joint_pixels(self, view: TrainingView, drawn: RenderedView) -> InstanceStep:
+        """Sample the rendered features of an RGB step for the instance losses that ride along."""
         assert view.labels is not None
         assert drawn.features is not None
-        rng, config = step_rng(self.config.seed, _RGB, self.iteration), self.config.instances
+        rng = make_generator(self.config.seed, Stream.JOINT_PIXELS, self.iteration)
         alpha = drawn.alpha.detach().cpu().numpy()
-        features, labels = sampled_pixels(drawn.features, alpha, view.labels, config, rng)
-        terms = pixel_terms(features, inst.segments_of(labels), config, pseudo_is_on(self.config, self.iteration))
-        return terms | self._voxel_terms(_RGB)
-
-    def _voxel_terms(self, stream: int) -> dict[str, Tensor]:
-        """The voxel loss of all features where it is due. Its gradient is left with them at once: see `voxel_loss`."""
-        features, config = self.model.parameters["features"], self.config.instances
-        if not config.voxel_weight or self.iteration % config.voxel_every:
-            return {}
-        means = self.model.parameters["means"].detach().cpu().numpy()
-        rng = step_rng(self.config.seed, stream, self.iteration)
-        value, features.grad = voxel_term(features, means, self.model.nodes, config, rng)
-        return {"voxel": torch.tensor(value)}
+        features, labels = sample_rendered_pixels(drawn.features, alpha, view.labels, self.config.instances, rng)
+        segments = segments_from_labels(labels)
+        return InstanceStep(self.config, self.iteration, self.model, Stream.JOINT_VOXELS, features, segments)
 
     def _backward(self, terms: dict[str, Tensor]) -> dict[str, float]:
         values = {name: float(term.detach()) for name, term in terms.items()}
         for name, value in values.items():
             if not np.isfinite(value):
-                raise self._diverged(f"{name} loss is {value}")
+                raise self._describe_divergence(f"{name} loss is {value}")
         graphs = [term for term in terms.values() if term.requires_grad]
         if graphs:
             torch.stack([term.to(self.backend.device) for term in graphs]).sum().backward()
         return values
 
-    def _descend(self, drawn: DrawnView) -> None:
+    def _descend(self, drawn: RenderedView) -> None:
         optimizers, gradients = self.optimizers, drawn.gradients()
         rendered = gradients.pop("features", None)
-        optimizers.geometry.rates["means"] = means_lr(self.config.geometry, self.iteration, self.scene_radius)
+        optimizers.geometry.rates["means"] = compute_means_lr(self.config.geometry, self.iteration, self.scene_radius)
         optimizers.geometry.step(drawn.rows, gradients, drawn.seen.visible)
         optimizers.step_shared(self.model)
         if rendered is not None:
             self._descend_features((drawn.rows, rendered, drawn.seen.visible))
-        if observes_at(self.config.densify, self.iteration, self.config.geometry.iterations):
+        if counts_gradients(self.config.densify, self.iteration, self.config.geometry.iterations):
             self.growth.add(drawn.rows, drawn.seen)
 
     def _descend_features(self, seen: tuple[Tensor, Tensor, Tensor | None] | None) -> None:
@@ -220,31 +208,31 @@ class Trainer:
             rows = torch.arange(len(features), device=features.device)
             self.optimizers.features.step(rows, {"features": everywhere}, None)
 
-    def after_rgb_step(self) -> Refined | None:
+    def after_rgb_step(self) -> DensifyDone | None:
         """Grow and prune where the schedule says so; the step at `iteration` has just been done."""
         config, total = self.config.densify, self.config.geometry.iterations
-        if refines_at(config, self.iteration, total):
-            rng = step_rng(self.config.seed, _GROWTH, self.iteration)
-            result = refined(
+        if is_densifying_due(config, self.iteration, total):
+            rng = make_generator(self.config.seed, Stream.DENSIFY, self.iteration)
+            result = densify_and_prune(
                 self.model.parameters,
                 self.model.nodes,
                 self.growth,
                 config,
                 self.scene_radius,
                 rng,
-                allow_scale_pruning=last_reset(config, self.iteration, total) > 0,
-                radii=actor_radii(self.model.actor_poses.tracks),
+                allow_scale_pruning=find_last_reset(config, self.iteration, total) > 0,
+                radii=compute_actor_radii(self.model.actor_poses.tracks),
             )
             self.model.parameters, self.model.nodes = result.parameters, result.nodes
-            self.optimizers.restructured(result.parents, result.fresh, self.model)
+            self.optimizers.rearrange(result.parents, result.fresh, self.model)
             self.growth = GrowthStatistics.empty(len(self.model), self.backend.device)
-            return Refined(self.iteration + 1, len(self.model), result.cloned, result.split, result.pruned)
-        if resets_at(config, self.iteration, total):
+            return DensifyDone(self.iteration + 1, len(self.model), result.cloned, result.split, result.pruned)
+        if is_reset_due(config, self.iteration, total):
             reset_opacities(self.model.parameters, self.optimizers.geometry, config)
         return None
 
     def continue_on_cpu(self) -> None:
-        """The instance stage is sparse products on frozen geometry, which take no GPU."""
+        """Move everything to the CPU: the instance stage is sparse products on frozen geometry, which take no GPU."""
         if self.backend.device.type != "cpu":
             state = {name: value.cpu() for name, value in self.optimizers.state_tensors().items()}
             self.backend = CpuBackend()
@@ -253,12 +241,13 @@ class Trainer:
             self.optimizers.load_state_tensors(state)
 
     def _check_parameters(self) -> None:
-        """What is not finite is not drawn either, so that no loss would tell; no checkpoint may hold it."""
+        """Check that all parameters are finite: others are not drawn, so no loss would show them, and no checkpoint may
+        hold them."""
         for name, value in {**self.model.parameters, **self.model.shared}.items():
             if not bool(torch.isfinite(value).all()):
-                raise self._diverged(f"{name} is not finite")
+                raise self._describe_divergence(f"{name} is not finite")
 
-    def _diverged(self, what: str) -> TrainingDivergedError:
+    def _describe_divergence(self, what: str) -> TrainingDivergedError:
         return TrainingDivergedError(
             f"{what} at step {self.iteration} of the {self.stage} stage. Check the clip's photos and poses; "
             "--resume goes on from the last checkpoint."

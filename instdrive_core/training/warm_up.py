@@ -18,12 +18,12 @@ import llvmlite.binding
 import numba
 import numpy as np
 
+from instdrive_core.rasterize.kernels.fragment import power_of_two
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
-from instdrive_core.training.backends import photometric
-from instdrive_core.training.gaussians.model import model_from_gaussians
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.gaussians.model import build_model
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
@@ -60,7 +60,7 @@ def _stamp() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version} {llvmlite.binding.get_host_cpu_name()}".encode())
     for path in sorted(_SOURCES.rglob("*.py")):
         digest.update(f"{path} {path.stat().st_mtime_ns}".encode())
-    folder = Path(photometric._gradient.stats.cache_path or _SOURCES)
+    folder = Path(power_of_two.stats.cache_path or _SOURCES)
     return folder / f"kernels-{digest.hexdigest()[:16]}.compiled"
 
 
@@ -78,8 +78,8 @@ def _small_trainer() -> Trainer:
     nodes = np.repeat(np.array([0, 1], np.uint16), count // 2)
     pose = np.eye(4)[None]
     track = Track("warm-up", "Car", np.array([2.0, 4.0, 2.0]), np.zeros(1), pose, True)
-    model = model_from_gaussians(gaussians, nodes, (track,), np.full((6, 4, 4, 3), 0.5, np.float32), (0.0,))
-    return Trainer(model, ViewStore.of([_small_view()]), _small_config(), 10.0)
+    model = build_model(gaussians, nodes, (track,), np.full((6, 4, 4, 3), 0.5, np.float32), (0.0,))
+    return Trainer(model, ViewStore.from_views([_small_view()]), _small_config(), 10.0)
 
 
 def _small_view() -> TrainingView:
@@ -103,7 +103,7 @@ def _small_view() -> TrainingView:
 
 
 def _small_config() -> TrainConfig:
-    config = train_config()
+    config = build_train_config()
     return replace(
         config,
         geometry=replace(config.geometry, coarse_iterations=0),

@@ -5,7 +5,7 @@ import pytest
 from procedural_street import procedural_street
 from window_driver import editor_window
 
-from instdrive_app.actions import register_commands
+from instdrive_app.actions import register_actions
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.edits.document.document import Document
 from instdrive_core.formats.registry import save_scene
@@ -21,7 +21,7 @@ def street():
 def session(street):
     """An editor without a window that shows the street."""
     made = EditorSession()
-    register_commands(made)
+    register_actions(made)
     made.show(street)
     yield made
     made.close()

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from procedural_street import procedural_street
 
 from instdrive_app import camera
-from instdrive_app.state import Intrinsics, Viewpoint, default_viewpoint
+from instdrive_app.state import Intrinsics, Viewpoint, make_default_viewpoint
 from instdrive_core.scene.camera import look_at
 
 ANGLES = st.floats(-3, 3)
@@ -56,9 +56,9 @@ def test_dolly_keeps_the_pivot(factor):
 
 def test_panning_moves_the_pivot_with_the_pointer():
     start = somewhere()
-    before = start.fitted(800, 600)
+    before = start.fit_camera(800, 600)
     moved = camera.pan_pixels(start, 40, -25, before.fx)
-    shown = moved.fitted(800, 600).project(start.pivot[None])[0][0]
+    shown = moved.fit_camera(800, 600).project(start.pivot[None])[0][0]
     np.testing.assert_allclose(shown - before.project(start.pivot[None])[0][0], [40, -25], atol=1e-6)
 
 
@@ -73,9 +73,9 @@ def test_flying_and_lifting_go_along_the_right_axes():
 def test_a_framed_box_is_wholly_in_view(corner, extent):
     low = np.array(corner)
     high = low + np.array(extent)
-    viewpoint = camera.framed(somewhere(), low, high)
+    viewpoint = camera.frame_box(somewhere(), low, high)
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
-    pixels, depths = viewpoint.fitted(640, 480).project(corners)
+    pixels, depths = viewpoint.fit_camera(640, 480).project(corners)
     assert (depths > 0).all()
     assert (pixels >= 0).all()
     assert (pixels <= [640, 480]).all()
@@ -83,11 +83,11 @@ def test_a_framed_box_is_wholly_in_view(corner, extent):
 
 def test_a_dataset_camera_is_shown_whole_whatever_the_viewport():
     view = procedural_street(0.5).views[0]
-    viewpoint = camera.through(view)
-    same = viewpoint.fitted(480, 270)
+    viewpoint = camera.view_from_camera(view)
+    same = viewpoint.fit_camera(480, 270)
     assert (same.fx, same.fy, same.cx, same.cy) == (400, 400, 240, 135)
     for size in ((900, 300), (300, 900)):
-        fitted, (left, top, right, bottom) = viewpoint.fitted(*size), viewpoint.film_in(*size)
+        fitted, (left, top, right, bottom) = viewpoint.fit_camera(*size), viewpoint.fit_film(*size)
         corner = view.camera.world_from_camera[:3, :3] @ [-240 / 400, -135 / 400, 1] + view.camera.position
         np.testing.assert_allclose(fitted.project(corner[None])[0][0], [left, top], atol=1e-9)
         assert right - left <= size[0]
@@ -98,15 +98,15 @@ def test_a_dataset_camera_is_shown_whole_whatever_the_viewport():
 @pytest.mark.parametrize("turns", [0, 1, 3])
 def test_a_birds_eye_sees_most_of_the_scene_with_the_heading_up(turns):
     means = procedural_street(0.5).gaussians.means
-    before = camera.orbit(camera.overview(means), 0.7 * turns, 0.0)
-    above = camera.birds_eye(before, means)
-    pixels, depths = above.fitted(640, 360).project(means)
+    before = camera.orbit(camera.frame_scene(means), 0.7 * turns, 0.0)
+    above = camera.look_straight_down(before, means)
+    pixels, depths = above.fit_camera(640, 360).project(means)
     assert (depths > 0).mean() > 0.97
     assert ((pixels >= 0) & (pixels <= [640, 360])).all(axis=1).mean() > 0.93
     np.testing.assert_allclose(above.world_from_camera[:3, :3] @ [0, 0, 1], [0, 0, -1], atol=1e-12)
     up = -above.world_from_camera[:3, 1]
     assert up @ before.forward > 0.5
-    again = camera.birds_eye(above, means)
+    again = camera.look_straight_down(above, means)
     np.testing.assert_allclose(again.world_from_camera, above.world_from_camera, atol=1e-6)
     turn = above.world_from_camera[:3, :3]
     np.testing.assert_allclose(np.linalg.det(turn), 1)
@@ -114,6 +114,8 @@ def test_a_birds_eye_sees_most_of_the_scene_with_the_heading_up(turns):
 
 def test_an_overview_looks_at_the_scene_and_an_empty_scene_has_one_too():
     means = procedural_street(0.5).gaussians.means
-    _, depths = camera.overview(means).fitted(640, 360).project(means)
+    _, depths = camera.frame_scene(means).fit_camera(640, 360).project(means)
     assert (depths > 0).mean() > 0.95
-    np.testing.assert_array_equal(camera.overview(means[:0]).world_from_camera, default_viewpoint().world_from_camera)
+    np.testing.assert_array_equal(
+        camera.frame_scene(means[:0]).world_from_camera, make_default_viewpoint().world_from_camera
+    )

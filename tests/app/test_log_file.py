@@ -7,8 +7,8 @@ import warnings
 import pytest
 
 from instdrive_app import log_file
-from instdrive_app.log_file import log_path, start_logging, stop_logging
-from instdrive_core.files.user_folders import state_folder
+from instdrive_app.log_file import get_log_path, start_logging, stop_logging
+from instdrive_core.files.user_folders import find_state_folder
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def log(tmp_path, monkeypatch):
 
 
 def test_the_log_lies_in_the_state_folder():
-    assert log_path().parent.parent == state_folder()
+    assert get_log_path().parent.parent == find_state_folder()
 
 
 def test_failures_in_threads_and_warnings_are_kept(log):

@@ -7,11 +7,11 @@ import pytest
 import torch
 from evaluation_scene import ToyDrive, toy_drive
 
-from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
-from instdrive_core.evaluation.metrics.map_scores import scene_scores
-from instdrive_core.masks.label_map_folder import shuffled
-from instdrive_core.training.gaussians.model import SceneModel, model_from_gaussians
-from instdrive_core.training.settings.config import TrainConfig, on_frozen_geometry, train_config
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
+from instdrive_core.evaluation.metrics.map_scores import score_scene
+from instdrive_core.masks.label_map_folder import shuffle_labels
+from instdrive_core.training.gaussians.model import SceneModel, build_model
+from instdrive_core.training.settings.config import TrainConfig, build_train_config, keep_geometry
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -27,14 +27,14 @@ class ToyTraining:
     held_out: list[HeldOutView]
 
     def scene_miou(self, instance_ids: np.ndarray) -> float:
-        """Of the given ID of each Gaussian, in the held-out views."""
+        """Scene mIoU of the given ID of each Gaussian, in the held-out views."""
         predicted = [view.with_ids(instance_ids.astype(np.uint32)) for view in self.held_out]
-        return scene_scores(predicted, (), ())["miou"]
+        return score_scene(predicted, (), ())["miou"]
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_torch_thread():
-    """As in a run (`run_training`): torch's threads would fight for the cores with those of the kernels."""
+    """Use one thread, as a run does (`run_training`): torch's threads would fight for the cores with those of the kernels."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -45,7 +45,7 @@ def _one_torch_thread():
 def toy() -> ToyTraining:
     """Six time steps of two cameras train, two are held out; labels are shuffled in every photo."""
     drive = toy_drive()
-    config = on_frozen_geometry(train_config("instdrive", "quick", seed=3))
+    config = keep_geometry(build_train_config("instdrive", "quick", seed=3))
     config = replace(config, instances=replace(config.instances, pixels_per_view=1000))
     nothing = np.zeros(0)
     views = [
@@ -55,15 +55,15 @@ def toy() -> ToyTraining:
             frame.view.time,
             frame.load_image(),
             frame.valid,
-            shuffled(drive.truth.load(frame), frame.key, 0),
+            shuffle_labels(drive.truth.load(frame), frame.key, 0),
             None,
             nothing.astype(np.int32),
             nothing.astype(np.float32),
         )
-        for frame in drive.clip.training_frames()
+        for frame in drive.clip.training_frames
     ]
     scene = drive.scene
     times = [view.time for view in views]
-    model = model_from_gaussians(scene.gaussians, scene.nodes, scene.actors, scene.sky.faces, times)
-    held_out = [held_out_view(scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames()]
-    return ToyTraining(model, ViewStore.of(views), config, drive, held_out)
+    model = build_model(scene.gaussians, scene.nodes, scene.actors, scene.sky.faces, times)
+    held_out = [measure_held_out_view(scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames]
+    return ToyTraining(model, ViewStore.from_views(views), config, drive, held_out)

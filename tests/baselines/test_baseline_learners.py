@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instdrive_core.baselines.as_published import as_published
+from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 from instdrive_core.baselines.gaussian_grouping import SHORT as GROUPING
 from instdrive_core.baselines.gaussian_grouping import learn_gaussian_grouping
 from instdrive_core.baselines.opengaussian import SHORT as OPEN
 from instdrive_core.baselines.opengaussian import learn_opengaussian
-from instdrive_core.baselines.registry import learner_for
+from instdrive_core.baselines.registry import find_learner
 from instdrive_core.cli.train import train
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -67,7 +67,7 @@ def test_without_a_3d_term_hidden_gaussians_keep_their_first_encoding(toy):
 @pytest.mark.parametrize("method", LEARNERS)
 def test_where_no_view_shows_a_mask_there_is_one_code_and_a_note(toy, method):
     views = [replace(toy.store.get(number), labels=None) for number in range(len(toy.store))]
-    result = learned(replace(toy, store=ViewStore.of(views)), method)
+    result = learned(replace(toy, store=ViewStore.from_views(views)), method)
     assert (result.codewords == 0).all()
 
 
@@ -83,16 +83,16 @@ def test_the_command_passes_the_method_s_learner_on(monkeypatch, tmp_path):
 
 
 def test_methods_of_the_trainer_have_no_learner():
-    assert learner_for("instdrive") is None
-    assert learner_for("paper") is None
+    assert find_learner("instdrive") is None
+    assert find_learner("paper") is None
     for method in LEARNERS:
-        assert learner_for(method, "paper").keywords["settings"] != learner_for(method).keywords["settings"]
+        assert find_learner(method, "paper").keywords["settings"] != find_learner(method).keywords["settings"]
 
 
 def test_as_published_has_one_instance_per_code_and_none_split(toy):
     scene = toy.drive.scene
     codes = np.where(scene.instance_ids == 4, 1, scene.instance_ids).astype(np.uint32) * 10  # the pole is road
-    found = as_published(replace(scene, codewords=codes))
+    found = assign_instances_by_codeword(replace(scene, codewords=codes))
     assert len(found.table) == 3
     pairs = np.unique(np.stack([found.instance_ids, codes]), axis=1)
     assert pairs[0].tolist() == [1, 2, 3]

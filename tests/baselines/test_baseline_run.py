@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from instdrive_core.baselines.as_published import as_published
+from instdrive_core.baselines.codeword_instances import assign_instances_by_codeword
 from instdrive_core.baselines.gaussian_grouping import SHORT as GROUPING
 from instdrive_core.baselines.gaussian_grouping import learn_gaussian_grouping
 from instdrive_core.baselines.opengaussian import SHORT as OPEN
@@ -15,7 +15,7 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.run import RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, train_config
+from instdrive_core.training.settings.config import InitConfig, build_train_config
 
 FEW = {
     "gaussian-grouping": partial(learn_gaussian_grouping, settings=replace(GROUPING, iterations=10)),
@@ -31,7 +31,7 @@ def street(tmp_path_factory):
 
 
 def trained(street, out, method):
-    config = train_config(method, "demo", seed=1)
+    config = build_train_config(method, "demo", seed=1)
     config = replace(
         config,
         init=InitConfig(lidar_points=3_000, near_points=200, far_points=200, actor_points=100),
@@ -47,7 +47,7 @@ def test_a_run_with_either_baseline_leaves_its_instances_on_equal_geometry(stree
     for method, scene in scenes.items():
         assert scene.code_bits == 0, method
         assert len(scene.table) > 1
-        published = as_published(scene)
+        published = assign_instances_by_codeword(scene)
         assert len(published.table) == len(np.unique(scene.codewords)) > 1
     one, other = scenes.values()
     np.testing.assert_array_equal(one.gaussians.means, other.gaussians.means)

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from instdrive_core.baselines.iou_tracker import TrackerConfig, tracked_masks
-from instdrive_core.baselines.surface_points import surface_points
-from instdrive_core.training.instances.instance_stage import cached_views
+from instdrive_core.baselines.iou_tracker import TrackerConfig, track_masks
+from instdrive_core.baselines.surface_points import find_surface_points
+from instdrive_core.training.instances.instance_learner import cache_views
 from instdrive_core.training.views.view_store import ViewStore
 
 
 def true_ids(toy, cached):
     """The ground-truth ID of each mask of each cached view."""
-    frames = {frame.key: frame for frame in toy.drive.clip.training_frames()}
+    frames = {frame.key: frame for frame in toy.drive.clip.training_frames}
     for view in cached:
         truth = toy.drive.truth.load(frames[toy.store.facts[view.number].key]).ravel()[view.pixels]
         segment = view.segments.segment.numpy()
@@ -22,14 +22,14 @@ def true_ids(toy, cached):
 
 @pytest.fixture(scope="module")
 def cached(toy):
-    return cached_views(toy.model, toy.store, toy.config)
+    return cache_views(toy.model, toy.store, toy.config)
 
 
 def test_every_thing_keeps_one_id_in_both_cameras(toy, cached):
-    tracks = tracked_masks(toy.model, toy.store, cached, TrackerConfig())
+    tracks = track_masks(toy.model, toy.store, cached, TrackerConfig())
     pairs = {
         (true, int(track))
-        for truth, found in zip(true_ids(toy, cached), tracks.of_masks, strict=True)
+        for truth, found in zip(true_ids(toy, cached), tracks.by_view, strict=True)
         for true, track in zip(truth, found, strict=True)
     }
     assert tracks.count == 4
@@ -40,7 +40,7 @@ def test_every_thing_keeps_one_id_in_both_cameras(toy, cached):
 def test_points_lie_on_the_surfaces_that_the_photo_shows(toy, cached):
     view = cached[0]
     facts = toy.store.facts[view.number]
-    points = surface_points(toy.model, view, facts.camera, facts.time)
+    points = find_surface_points(toy.model, view, facts.camera, facts.time)
     poses = toy.model.actor_poses.at(facts.time, toy.model.corrections)
     back = points.pixels_in(facts.camera, poses.matrices, poses.present)
     width = facts.camera.width
@@ -58,7 +58,7 @@ def test_points_lie_on_the_surfaces_that_the_photo_shows(toy, cached):
 def test_a_point_of_an_absent_actor_falls_on_no_pixel(toy, cached):
     view = cached[0]
     facts = toy.store.facts[view.number]
-    points = surface_points(toy.model, view, facts.camera, facts.time)
+    points = find_surface_points(toy.model, view, facts.camera, facts.time)
     poses = toy.model.actor_poses.at(facts.time, toy.model.corrections)
     pixels = points.pixels_in(facts.camera, poses.matrices, np.array([True, False]))
     assert (pixels[points.nodes == 1] == -1).all()
@@ -77,13 +77,13 @@ def test_a_dropped_mask_is_found_again_and_a_mask_seen_once_gets_none(toy):
             labels[:20, :20] = 9  # something nobody sees again
             labels[20:40, :20][truth[20:40, :20] == 1] = 9
         changed.append(replace(view, labels=labels))
-    store = ViewStore.of(changed)
-    cached = cached_views(toy.model, store, toy.config)
-    tracks = tracked_masks(toy.model, store, cached, TrackerConfig())
+    store = ViewStore.from_views(changed)
+    cached = cache_views(toy.model, store, toy.config)
+    tracks = track_masks(toy.model, store, cached, TrackerConfig())
     assert tracks.count == 4
     parked = {
         int(track)
-        for truth, found in zip(true_ids(replace(toy, store=store), cached), tracks.of_masks, strict=True)
+        for truth, found in zip(true_ids(replace(toy, store=store), cached), tracks.by_view, strict=True)
         for true, track in zip(truth, found, strict=True)
         if true == 2
     }

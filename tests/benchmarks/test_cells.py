@@ -19,7 +19,7 @@ from benchmarks.cells import (
     plan,
 )
 from instdrive_core.errors import OptionError
-from instdrive_core.training.settings.config import on_frozen_geometry, train_config
+from instdrive_core.training.settings.config import build_train_config, keep_geometry
 
 CELLS = plan()
 BY_NAME = {cell.name: cell for cell in CELLS}
@@ -63,12 +63,12 @@ def test_all_methods_of_a_place_learn_on_the_same_geometry_and_masks():
 
 
 def test_a_method_trains_on_frozen_geometry_and_the_geometry_as_the_command_line_does():
-    assert config_of(BY_NAME[f"{STREET}/6/geometry"], FULL) == train_config("instdrive", "quick")
+    assert config_of(BY_NAME[f"{STREET}/6/geometry"], FULL) == build_train_config("instdrive", "quick")
     ours = config_of(BY_NAME[f"{STREET}/6/sam-v1/instdrive"], FULL)
-    assert ours.instances == train_config("instdrive", "quick").instances
+    assert ours.instances == build_train_config("instdrive", "quick").instances
     assert ours.freeze_geometry
     printed = config_of(BY_NAME[f"{STREET}/6/sam-v1/paper"], FULL)
-    expected = on_frozen_geometry(train_config("paper", "quick"))
+    expected = keep_geometry(build_train_config("paper", "quick"))
     assert printed == replace(expected, instances=replace(expected.instances, whole_actors=True))
 
 
@@ -96,7 +96,7 @@ def test_ablations_of_ours_train_its_losses():
 
 def test_how_instances_are_learned_leaves_the_geometry_as_it_is(monkeypatch):
     def other_voxels(*words):
-        config = train_config(*words)
+        config = build_train_config(*words)
         return replace(config, instances=replace(config.instances, voxel_size=9.0))
 
     before = keys()

@@ -6,9 +6,10 @@ import pytest
 
 from benchmarks.edit_street import edit_street
 from benchmarks.no_loss import Options, main
-from benchmarks.random_edits import RandomEdits, document_digest
+from benchmarks.random_edits import RandomEdits
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.serialize import EDITS
+from instdrive_core.edits.document.fingerprint import fingerprint
+from instdrive_core.edits.registry import EDIT_KINDS
 from instdrive_core.scene.selection import Flag
 
 
@@ -25,15 +26,15 @@ def test_nothing_is_lost(monkeypatch):
 
 def test_every_kind_of_edit_is_drawn():
     kinds = RandomEdits(Document(edit_street()), "absent").kinds
-    assert kinds == set(EDITS), "benchmarks/random_edits.py needs a recipe for each kind of edit"
+    assert kinds == set(EDIT_KINDS), "benchmarks/random_edits.py needs a recipe for each kind of edit"
 
 
 def test_the_digest_sees_single_bits():
     document = Document(edit_street())
-    before = document_digest(document)
-    document.state.change(document.rows_of([1])[:1], Flag.HIDDEN, True)
-    assert document_digest(document) != before
-    document.state.change(document.rows_of([1])[:1], Flag.HIDDEN, False)
-    assert document_digest(document) == before
+    before = fingerprint(document)
+    document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, True)
+    assert fingerprint(document) != before
+    document.state.change(document.find_rows([1])[:1], Flag.HIDDEN, False)
+    assert fingerprint(document) == before
     document.scene.gaussians.means.view("u4")[7, 1] ^= 1
-    assert document_digest(document) != before
+    assert fingerprint(document) != before

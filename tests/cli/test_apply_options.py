@@ -74,3 +74,12 @@ def test_options_that_cannot_be_read_are_explained(run, tmp_path, capsys, option
     assert main(["apply", str(run), *option, "-o", str(tmp_path / "out.ply")]) == 2
     assert named in capsys.readouterr().err
     assert not (tmp_path / "out.ply").exists()
+
+
+def test_an_adjustment_replaces_an_earlier_one_of_its_kind(run, tmp_path):
+    project = str(tmp_path / "street.instdrive")
+    assert main(["apply", str(run), "--adjust", "2=opacity:0.5", "2=opacity:0.8", "-o", project]) == 0
+    assert main(["apply", project, "--adjust", "2=opacity:0.25", "-o", str(tmp_path / "out")]) == 0
+    before, after = random_scene(), open_scene(tmp_path / "out")
+    rows = np.flatnonzero(before.instance_ids == 2)
+    np.testing.assert_allclose(after.gaussians.opacities[rows], 0.25 * before.gaussians.opacities[rows], atol=1e-6)

@@ -7,8 +7,8 @@ from random_scene import random_scene
 from instdrive_app.main import main
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.edits.queries.scene_up import up_of
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.edits.queries.scene_up import estimate_document_up
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document
 from instdrive_core.scene.scene import scene_from_gaussians
@@ -37,8 +37,8 @@ def test_other_edits_are_done_in_the_upright_scene(run, tmp_path):
     assert main(["apply", str(run), *words, "--up", "y"]) == 0
     document, _ = open_document(tmp_path / "out.instdrive")
     assert [edit.kind for edit in document.history.done] == ["turn_scene", "move_instances"]
-    rows, stored = document.rows_of((2,)), random_scene().gaussians.means
-    np.testing.assert_allclose(document.means_of(rows)[:, 2], stored[rows, 1] * 0.5 + 1, atol=1e-5)
+    rows, stored = document.find_rows((2,)), random_scene().gaussians.means
+    np.testing.assert_allclose(document.compute_means(rows)[:, 2], stored[rows, 1] * 0.5 + 1, atol=1e-5)
 
 
 def test_a_guess_says_how_it_is_known(run, tmp_path, capsys):
@@ -60,9 +60,11 @@ def test_what_is_no_direction_is_refused(run, tmp_path, capsys, words):
 
 def test_up_is_guessed_for_what_the_edits_made_of_a_scene():
     document = Document(random_scene())
-    document.apply(TurnScene.upright((0.0, -1.0, 0.0)))
-    assert up_of(document).axis == up_of(Document(baked(document))).axis == "+y", "its cameras stood upright before"
+    document.apply(TurnScene.make_upright((0.0, -1.0, 0.0)))
+    assert (
+        estimate_document_up(document).axis == estimate_document_up(Document(bake_document(document))).axis == "+y"
+    ), "its cameras stood upright before"
     bare = Document(scene_from_gaussians(random_scene().gaussians))
-    assert up_of(bare, "-y").confident
-    bare.apply(TurnScene.upright((0.0, -1.0, 0.0)))
-    assert (up_of(bare, "-y").axis, up_of(bare, "-y").confident) == ("+z", False)
+    assert estimate_document_up(bare, "-y").confident
+    bare.apply(TurnScene.make_upright((0.0, -1.0, 0.0)))
+    assert (estimate_document_up(bare, "-y").axis, estimate_document_up(bare, "-y").confident) == ("+z", False)

@@ -5,7 +5,7 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.formats.registry import open_scene, save_scene
 
 
@@ -17,7 +17,7 @@ def run(tmp_path):
 
 
 def test_a_run_becomes_files_and_says_what_they_cannot_hold(run, tmp_path, capsys):
-    frozen = frozen_at(random_scene(), 0.3)
+    frozen = freeze_at_time(random_scene(), 0.3)
     expected = {
         "a.ply": (["5 photo cameras", "sky"], ["SH degree", "instances", "origin"]),
         "a.compressed.ply": (["8 instances", "4 features", "confidence", "sky"], ["SH degree", "origin"]),

@@ -8,7 +8,7 @@ from random_scene import random_gaussians, random_scene
 from instdrive_app.main import main
 from instdrive_core.cli.histogram_picture import BINS, PANEL, histogram_picture, histograms
 from instdrive_core.formats.registry import save_scene
-from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.scene.gaussians import create_empty_gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 
 
@@ -91,5 +91,5 @@ def test_strange_scenes_are_drawn_too():
     infinite = sound_gaussians(count=3)
     infinite.log_scales[:] = np.inf
     infinite.opacity_logits[:] = -np.inf
-    for gaussians in (empty_gaussians(), one, broken, infinite):
+    for gaussians in (create_empty_gaussians(), one, broken, infinite):
         assert histogram_picture(gaussians).shape == (4 * PANEL[1], 2 * PANEL[0], 3)

@@ -6,13 +6,14 @@ import resource
 import subprocess
 import sys
 import types
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from random_scene import random_scene
 
 from instdrive_app import main as dispatcher
-from instdrive_app.main import COMMANDS, Command, main
+from instdrive_app.main import COMMANDS, CliCommand, main
 from instdrive_core.errors import OptionError
 from instdrive_core.formats.registry import save_scene
 
@@ -43,7 +44,7 @@ def test_help_lists_every_command(capsys):
 
 def test_version(capsys):
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == "instdrive 0.1.0\n"
+    assert capsys.readouterr().out == f"instdrive {version('instdrive')}\n"
 
 
 def test_help_and_version_cost_little_more_than_starting_python():
@@ -91,7 +92,7 @@ def fake(monkeypatch):
         module = types.ModuleType("fake_command")
         module.fake = function
         monkeypatch.setitem(sys.modules, "fake_command", module)
-        monkeypatch.setitem(dispatcher.COMMANDS, "fake", Command("fake_command:fake", "Fail."))
+        monkeypatch.setitem(dispatcher.COMMANDS, "fake", CliCommand("fake_command:fake", "Fail."))
 
     return install
 

@@ -5,7 +5,7 @@ import pytest
 from random_scene import assert_same_scene, random_scene
 
 from instdrive_app.main import main
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project.open import open_document
 
@@ -28,7 +28,7 @@ def test_apply_goes_on_where_the_project_ends(project, tmp_path, capsys):
     document, _ = open_document(tmp_path / "b.instdrive")
     assert [edit.kind for edit in document.history.done] == ["insert_scene", "delete_instances", "delete_instances"]
     assert main(["apply", str(project), "--delete", "3", "-o", str(tmp_path / "out")]) == 0
-    assert_same_scene(open_scene(tmp_path / "out"), baked(document))
+    assert_same_scene(open_scene(tmp_path / "out"), bake_document(document))
 
 
 def test_convert_info_and_render_show_what_the_edits_made(project, tmp_path, capsys):

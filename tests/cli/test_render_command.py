@@ -11,12 +11,12 @@ from instdrive_app.main import main
 from instdrive_core.cli.render import orbit_camera
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
-from instdrive_core.edits.queries.bake import baked, frozen_at
+from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
-from instdrive_core.instances.table import table_from_ids
-from instdrive_core.rasterize.pictures import depth_colors
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.instances.table import build_instance_table
+from instdrive_core.rasterize.pictures import colorize_depth
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_instance_and_codeword_pictures_decode_to_ids(run, scene, tmp_path):
     for mode in ("instance", "codeword"):
         assert main(["render", str(run), "--mode", mode, "-o", str(tmp_path / "a.png")]) == 0
         ids = ids_from_colors(pixels(tmp_path / "a.png"))
-        expected = instance_map(scene, shown)
+        expected = build_instance_map(scene, shown)
         if mode == "codeword":
             expected = np.where(shown.winner >= 0, scene.codewords[shown.winner], 0)
         np.testing.assert_array_equal(ids, expected)
@@ -81,7 +81,7 @@ def test_a_car_is_drawn_where_it_is_at_the_time(scene, tmp_path):
         arguments = ["--view", "front_camera/0", "--time", str(time), "-o", str(out)]
         assert main(["render", str(tmp_path / "run"), "--mode", "instance", *others, *arguments]) == 0
         rows, columns = np.nonzero(ids_from_colors(pixels(out)) == 7)
-        center, _ = camera.project(driving.pose_at(time)[None, :3, 3])
+        center, _ = camera.project(driving.interpolate_pose(time)[None, :3, 3])
         assert np.hypot(columns.mean() + 0.5 - center[0, 0], rows.mean() + 0.5 - center[0, 1]) < 2
         assert main(["render", str(tmp_path / "run"), *others, *arguments]) == 0
         shown[time] = pixels(out).astype(int)
@@ -151,16 +151,16 @@ def test_depth_runs_from_violet_to_red_and_is_black_where_nothing_is():
     depth = np.geomspace(1, 100, 200, dtype=np.float32).reshape(10, 20)
     there = np.ones_like(depth, bool)
     there[5] = False
-    colors = depth_colors(depth, there).astype(int)
+    colors = colorize_depth(depth, there).astype(int)
     assert not colors[5].any()
     assert colors[0, 0, 2] > colors[0, 0, 0]
     assert colors[-1, -1, 0] > colors[-1, -1, 2]
-    assert not depth_colors(depth, np.zeros_like(there)).any()
+    assert not colorize_depth(depth, np.zeros_like(there)).any()
 
 
 def test_placed_scenes_look_like_moving_ones(scene):
     camera = scene.views[2].camera
-    moving, still = view_scene(scene, camera, 0.3), view_scene(frozen_at(scene, 0.3), camera, 0.3)
+    moving, still = view_scene(scene, camera, 0.3), view_scene(freeze_at_time(scene, 0.3), camera, 0.3)
     np.testing.assert_allclose(still.color, moving.color, atol=2e-3)
     np.testing.assert_allclose(still.alpha, moving.alpha, atol=2e-3)
 
@@ -168,10 +168,10 @@ def test_placed_scenes_look_like_moving_ones(scene):
 def test_exported_solid_instances_show_their_color(scene):
     alone = dataclasses.replace(scene, sky=None)
     alone.instance_ids = np.where(scene.nodes == 0, 1, scene.instance_ids).astype(np.uint32)
-    alone.table = table_from_ids(alone.instance_ids, scene.gaussians.means, scene.codewords, scene.nodes)
+    alone.table = build_instance_table(alone.instance_ids, scene.gaussians.means, scene.codewords, scene.nodes)
     document = Document(alone)
     document.apply(RecolorInstances((1,), "solid", (0.8, 0.4, 0.2)))
-    shown = view_scene(baked(document), scene.views[0].camera, 9.0)
+    shown = view_scene(bake_document(document), scene.views[0].camera, 9.0)
     covered = shown.alpha > 0.5
     assert covered.sum() > 200
     expected = shown.alpha[covered][:, None] * np.array([0.8, 0.4, 0.2])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from instdrive_core.datasets.photos import load_photo, photo_size
+from instdrive_core.datasets.photos import load_photo, read_photo_size
 from instdrive_core.errors import DataError
 from instdrive_core.files import image_limit
 from instdrive_core.masks.label_map_folder import read_label_map
@@ -33,7 +33,7 @@ def huge(tmp_path):
 
 @pytest.mark.parametrize(
     "read",
-    [photo_size, lambda path: load_photo(path, (SIDE, SIDE), (10, 10)), read_label_map],
+    [read_photo_size, lambda path: load_photo(path, (SIDE, SIDE), (10, 10)), read_label_map],
     ids=["size", "photo", "mask"],
 )
 def test_the_number_is_told_before_anything_is_decoded(huge, read):
@@ -51,10 +51,10 @@ def test_large_photos_of_real_cameras_are_read(tmp_path, monkeypatch):
     Image.fromarray(np.zeros((48, 64, 3), np.uint8)).save(file, "PNG")
     path = tmp_path / "photo.png"
     path.write_bytes(file.getvalue())
-    assert photo_size(path) == (64, 48)
+    assert read_photo_size(path) == (64, 48)
     monkeypatch.setattr(image_limit, "MAX_PIXELS", 64 * 48 - 1)
     with pytest.raises(DataError, match="64×48, 3,072 pixels; at most 3,071 are read"):
-        photo_size(path)
+        read_photo_size(path)
 
 
 @pytest.mark.parametrize("read", [lambda path: load_photo(path, (64, 48), (64, 48)), read_label_map])

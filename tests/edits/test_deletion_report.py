@@ -8,14 +8,14 @@ import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, OTHER_CAR, PAVEMENT, ROAD, parked_street
 from random_scene import random_scene
 
-from instdrive_core.edits.deletion_report import deletion_report, deletion_report_of_rows
+from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.holes.surroundings import surroundings
+from instdrive_core.edits.holes.surroundings import find_surroundings
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.errors import EditError
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.track import Track
@@ -23,7 +23,7 @@ from instdrive_core.scene.track import Track
 
 def under_car(hole):
     """How many of a hole's cells lie in the footprint of the car, and how many do not."""
-    inside = (np.abs(hole.grid.centers(hole.cells) - CAR_CENTER[:2]) <= CAR_SIZE[:2] / 2).all(axis=1)
+    inside = (np.abs(hole.grid.compute_centers(hole.cells) - CAR_CENTER[:2]) <= CAR_SIZE[:2] / 2).all(axis=1)
     return np.count_nonzero(inside), np.count_nonzero(~inside)
 
 
@@ -35,7 +35,7 @@ def street():
 def test_strays_and_the_ground_never_seen_are_reported(street):
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
-    report = deletion_report(document, (CAR,), 0.0)
+    report = report_deletion(document, (CAR,), 0.0)
     np.testing.assert_array_equal(report.residue, street.strays)
     assert report.carriers == {PAVEMENT: len(street.strays)}
     inside, outside = under_car(report.hole)
@@ -49,9 +49,9 @@ def test_strays_and_the_ground_never_seen_are_reported(street):
 
 def test_a_report_before_the_deletion_is_that_of_after(street):
     document = Document(deepcopy(street.scene))
-    before = deletion_report(document, (CAR,), 0.0)
+    before = report_deletion(document, (CAR,), 0.0)
     document.apply(DeleteInstances((CAR,)))
-    after = deletion_report(document, (CAR,), 0.0)
+    after = report_deletion(document, (CAR,), 0.0)
     np.testing.assert_array_equal(before.residue, after.residue)
     np.testing.assert_array_equal(before.hole.cells, after.hole.cells)
 
@@ -60,10 +60,10 @@ def test_ground_that_is_there_is_no_hole(street):
     """Photos cannot have shown it, yet it looks like the ground around it."""
     document = Document(deepcopy(street.empty))
     document.apply(DeleteInstances((OTHER_CAR,)))
-    report = deletion_report(document, (OTHER_CAR,), 0.0)
+    report = report_deletion(document, (OTHER_CAR,), 0.0)
     assert report.hole_area == 0
-    assert report.filling() is None
-    assert report.absorption() is None
+    assert report.make_fill_edit() is None
+    assert report.make_absorb_edit() is None
     assert report.summary == "no residue, no hole"
 
 
@@ -71,7 +71,7 @@ def test_without_photos_the_footprint_is_what_may_be_missing():
     street = parked_street(views=False)
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
-    inside, outside = under_car(deletion_report(document, (CAR,), 0.0).hole)
+    inside, outside = under_car(report_deletion(document, (CAR,), 0.0).hole)
     assert inside > 150
     assert outside < 0.3 * inside
 
@@ -79,50 +79,50 @@ def test_without_photos_the_footprint_is_what_may_be_missing():
 def test_absorbing_empties_the_residue(street):
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
-    report = deletion_report(document, (CAR,), 0.0)
+    report = report_deletion(document, (CAR,), 0.0)
     flags = document.state.flags.copy()
-    document.apply(report.absorption())
-    assert not len(deletion_report(document, (CAR,), 0.0).residue)
-    assert document.state.mask(Flag.DELETED)[street.strays].all()
+    document.apply(report.make_absorb_edit())
+    assert not len(report_deletion(document, (CAR,), 0.0).residue)
+    assert document.state.find_mask(Flag.DELETED)[street.strays].all()
     document.undo()
     np.testing.assert_array_equal(document.state.flags, flags)
-    np.testing.assert_array_equal(deletion_report(document, (CAR,), 0.0).residue, report.residue)
+    np.testing.assert_array_equal(report_deletion(document, (CAR,), 0.0).residue, report.residue)
 
 
 def test_a_lassoed_car_leaves_what_the_lasso_missed(street):
     document = Document(deepcopy(street.scene))
-    members = document.rows_of((CAR,))
+    members = document.find_rows((CAR,))
     missed = members[::20]
     rows = np.setdiff1d(members, missed)
     document.apply(SelectRows(rows))
     document.apply(DeleteSelected())
-    report = deletion_report_of_rows(document, rows, 0.0)
+    report = report_row_deletion(document, rows, 0.0)
     assert np.isin(street.strays, report.residue).all()
     assert np.isin(missed, report.residue).mean() > 0.5
     assert set(report.carriers) == {CAR, PAVEMENT}
     assert report.hole_area == pytest.approx(CAR_SIZE[0] * CAR_SIZE[1], rel=0.3)
-    document.apply(report.absorption())
-    assert not np.isin(report.residue, deletion_report_of_rows(document, rows, 0.0).residue).any()
-    assert document.state.mask(Flag.DELETED)[report.residue].all()
+    document.apply(report.make_absorb_edit())
+    assert not np.isin(report.residue, report_row_deletion(document, rows, 0.0).residue).any()
+    assert document.state.find_mask(Flag.DELETED)[report.residue].all()
 
 
 def test_locked_strays_are_spared(street):
     document = Document(deepcopy(street.scene))
     document.apply(LockInstances((PAVEMENT,)))
     document.apply(DeleteInstances((CAR,)))
-    assert not len(deletion_report(document, (CAR,), 0.0).residue)
+    assert not len(report_deletion(document, (CAR,), 0.0).residue)
 
 
 def test_surfaces_and_moving_objects_leave_no_hole(street):
     document = Document(deepcopy(street.scene))
-    report = deletion_report(document, (ROAD,), 0.0)
+    report = report_deletion(document, (ROAD,), 0.0)
     assert (len(report.residue), report.hole) == (0, None)
     driving = Document(random_scene())
-    report = deletion_report(driving, (7, 8), 0.2)
+    report = report_deletion(driving, (7, 8), 0.2)
     assert report.name == "2 instances"
     assert report.hole_area == 0
     with pytest.raises(EditError, match="no instance 99"):
-        deletion_report(document, (99,), 0.0)
+        report_deletion(document, (99,), 0.0)
 
 
 def test_a_piece_with_a_label_of_its_own_is_residue(street):
@@ -133,13 +133,13 @@ def test_a_piece_with_a_label_of_its_own_is_residue(street):
     scene.gaussians.means[beside] += np.random.default_rng(0).uniform(-0.25, 0.25, (40, 3)).astype(np.float32)
     scene.instance_ids[beside] = 9
     classes = {CAR: "Car", OTHER_CAR: "Car", 9: "Car"}
-    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means, None, None, {}, classes)
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means, None, None, {}, classes)
     document = Document(scene)
     document.apply(DeleteInstances((CAR,)))
-    assert deletion_report(document, (CAR,), 0.0).carriers == {PAVEMENT: len(street.strays), 9: 40}
+    assert report_deletion(document, (CAR,), 0.0).carriers == {PAVEMENT: len(street.strays), 9: 40}
     stranger = deepcopy(scene)
     stranger.table.set(replace(stranger.table[9], class_name="Pedestrian"))
-    assert deletion_report(Document(stranger), (CAR,), 0.0).carriers.get(9, 0) < 20
+    assert report_deletion(Document(stranger), (CAR,), 0.0).carriers.get(9, 0) < 20
 
 
 def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(street):
@@ -147,14 +147,14 @@ def test_the_shadow_of_what_is_deleted_goes_with_it_and_that_of_a_house_stays(st
     x, y = scene.gaussians.means[:, 0], scene.gaussians.means[:, 1]
     shaded = np.flatnonzero(ground & (x > 0.2) & (x < 1.2) & (np.abs(y) < 2.2))
     scene.gaussians.sh_dc[shaded] = dc_from_color(0.4 * color_from_dc(scene.gaussians.sh_dc[shaded]))
-    report = deletion_report(Document(scene), (CAR,), 0.0)
-    lit = report.hole.grid.centers(report.hole.shadow)
+    report = report_deletion(Document(scene), (CAR,), 0.0)
+    lit = report.hole.grid.compute_centers(report.hole.shadow)
     assert report.hole.shadow_area > 2
     assert (np.abs(lit - [0.7, 0.0]) < [0.9, 2.7]).all()
     assert f"shadow of {report.hole.shadow_area:.1f} m²" in report.summary
     house = np.flatnonzero(ground & (x > 0.2) & (np.abs(y) < 9))
     scene.gaussians.sh_dc[house] = dc_from_color(np.full((len(house), 3), 0.13))
-    assert deletion_report(Document(scene), (CAR,), 0.0).hole.shadow_area == 0
+    assert report_deletion(Document(scene), (CAR,), 0.0).hole.shadow_area == 0
 
 
 def test_an_actor_with_strays_in_the_background_is_an_actor():
@@ -168,7 +168,7 @@ def test_an_actor_with_strays_in_the_background_is_an_actor():
     scene.nodes[rows[100:]] = 1
     document = Document(scene)
     document.apply(DeleteInstances((OTHER_CAR,)))
-    report = deletion_report(document, (OTHER_CAR,), 0.6)
+    report = report_deletion(document, (OTHER_CAR,), 0.6)
     assert report.hole_area == 0
-    around = surroundings(document, [(OTHER_CAR, document.rows_of((OTHER_CAR,)))], 0.6)
+    around = find_surroundings(document, [(OTHER_CAR, document.find_rows((OTHER_CAR,)))], 0.6)
     assert len(around.deleted[0].points) == len(rows) - 100

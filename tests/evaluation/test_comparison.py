@@ -6,11 +6,11 @@ import os
 
 import pytest
 from evaluation_scene import DRIVING, PARKED, toy_drive
-from test_html_report import FACTS, HOSTILE, ReadPage
+from report_page import FACTS, HOSTILE, ReadPage
 
 from instdrive_app.main import main
 from instdrive_core.evaluation import comparison, protocol
-from instdrive_core.evaluation.comparison import MeasuredRun, compared_rows, differences
+from instdrive_core.evaluation.comparison import MeasuredRun, compare_runs, find_differences
 from instdrive_core.evaluation.page import compare as html_compare
 from instdrive_core.evaluation.protocol import evaluate_scene
 from instdrive_core.formats.folder.scenes import write_scene_folder
@@ -30,7 +30,7 @@ def runs(tmp_path, monkeypatch, figures):
     drive = toy_drive()
     for module in (protocol, html_compare):
         monkeypatch.setattr(module, "load_clip", lambda path, options: drive.clip)
-        monkeypatch.setattr(module, "known_ground_truth", lambda clip: drive.truth)
+        monkeypatch.setattr(module, "find_ground_truth", lambda clip: drive.truth)
     for name in ("good", "merged"):
         if name == "merged":
             drive.scene.instance_ids[drive.scene.instance_ids == DRIVING] = PARKED
@@ -51,7 +51,7 @@ def measured(name: str, **values) -> MeasuredRun:
 
 
 def cells(key: str, runs: list[MeasuredRun]):
-    return next(cells for figure, cells in compared_rows(runs) if figure.key == key)
+    return next(cells for figure, cells in compare_runs(runs) if figure.key == key)
 
 
 def test_every_figure_that_is_known_is_compared(figures):
@@ -62,14 +62,14 @@ def test_every_figure_that_is_known_is_compared(figures):
             elif isinstance(value, int | float) and key != "seed":
                 yield prefix + key
 
-    rows = {figure.key: figure for figure, _ in compared_rows([MeasuredRun("a", figures, None)])}
+    rows = {figure.key: figure for figure, _ in compare_runs([MeasuredRun("a", figures, None)])}
     assert set(rows) == set(known(figures))
     assert rows["scene.oracle_pq"].better == "higher"
-    assert rows["scene.oracle_pq"].title == "oracle: PQ"
+    assert rows["scene.oracle_pq"].title == "reference: PQ"
 
 
 def test_figures_without_a_row_of_their_own_are_shown_without_a_best():
-    [(figure, row)] = compared_rows([measured("a", scene__novel=0.5), measured("b", scene__novel=0.75)])
+    [(figure, row)] = compare_runs([measured("a", scene__novel=0.5), measured("b", scene__novel=0.75)])
     assert (figure.key, figure.title) == ("scene.novel", "scene.novel")
     assert [(cell.text, cell.delta, cell.best) for cell in row] == [("0.500", "", False), ("0.750", "+0.250", False)]
 
@@ -86,12 +86,12 @@ def test_the_best_is_the_highest_or_the_lowest():
     assert [cell.delta for cell in cells("psnr", runs)] == ["", "+1.50", "+1.50"]
     assert [cell.delta for cell in cells("scene.pq", runs)] == ["", "", ""]
     assert cells("scene.pq", runs)[0].text == "–"
-    assert "ssim" not in {figure.key for figure, _ in compared_rows(runs)}
+    assert "ssim" not in {figure.key for figure, _ in compare_runs(runs)}
 
 
 def test_nothing_is_best_alone_or_where_all_are_equal():
     assert not any(cell.best for cell in cells("psnr", [measured("a", psnr=30.0), measured("b", psnr=30.001)]))
-    assert not any(cell.best for _, row in compared_rows([measured("a", psnr=30.0)]) for cell in row)
+    assert not any(cell.best for _, row in compare_runs([measured("a", psnr=30.0)]) for cell in row)
     assert not any(cell.best for cell in cells("psnr", [measured("a", psnr=30.0), measured("b", psnr=None)]))
 
 
@@ -102,8 +102,8 @@ def test_values_that_are_no_numbers_are_unknown():
 
 def test_other_photos_are_pointed_out():
     first, second = measured("a", clip="x", cameras="6"), measured("b", clip="y", cameras="6")
-    assert differences([first, first]) == []
-    assert differences([first, second]) == ["clip differ (x, y): the runs are measured on different photos"]
+    assert find_differences([first, first]) == []
+    assert find_differences([first, second]) == ["clip differ (x, y): the runs are measured on different photos"]
 
 
 def test_command_marks_the_best(runs, capsys):
@@ -142,13 +142,13 @@ def test_eval_writes_its_report_where_it_is_told_to(runs, capsys):
 
 
 def test_stale_figures_are_measured_again(runs, figures):
-    [old] = comparison.measured_runs([runs / "merged"], False, NO_PROGRESS)
+    [old] = comparison.measure_runs([runs / "merged"], False, NO_PROGRESS)
     assert old.figures["scene"]["miou"] == figures["scene"]["miou"] - 0.25
     os.utime(runs / "merged" / "eval.json", (1, 1))
-    [new] = comparison.measured_runs([runs / "merged"], False, NO_PROGRESS)
+    [new] = comparison.measure_runs([runs / "merged"], False, NO_PROGRESS)
     assert new.figures["scene"]["miou"] != old.figures["scene"]["miou"]
     assert json.loads((runs / "merged" / "eval.json").read_text()) == new.figures
-    assert comparison.measured_runs([runs / "merged"], False, NO_PROGRESS) == [new]
+    assert comparison.measure_runs([runs / "merged"], False, NO_PROGRESS) == [new]
 
 
 @pytest.mark.parametrize(
@@ -178,8 +178,8 @@ def test_names_tell_runs_apart(tmp_path, figures):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "eval.json").write_text(json.dumps(figures))
     paths = [tmp_path / "x/run/eval.json", tmp_path / "y/run/eval.json"]
-    assert [run.name for run in comparison.measured_runs(paths, False, NO_PROGRESS)] == ["x/run", "y/run"]
-    twice = comparison.measured_runs([paths[0], paths[0]], False, NO_PROGRESS)
+    assert [run.name for run in comparison.measure_runs(paths, False, NO_PROGRESS)] == ["x/run", "y/run"]
+    twice = comparison.measure_runs([paths[0], paths[0]], False, NO_PROGRESS)
     assert len(twice) == 2
 
 

@@ -7,7 +7,7 @@ from evaluation_scene import DRIVING, PARKED, POLE, ROAD, box_surface
 from test_protocol import FACTS
 
 from instdrive_core.datasets.clip import Sweep, SweepPoints
-from instdrive_core.evaluation.lidar_components import component_ids
+from instdrive_core.evaluation.lidar_components import assign_component_ids
 from instdrive_core.evaluation.protocol import evaluate_scene
 
 
@@ -20,7 +20,7 @@ def with_lidar(drive):
     still = box_surface(parked.dimensions) + parked.world_from_box[0, :3, 3]
 
     def sweep(index):
-        moving = box_surface(driving.dimensions) + driving.pose_at(index / 10)[:3, 3]
+        moving = box_surface(driving.dimensions) + driving.interpolate_pose(index / 10)[:3, 3]
         parts = {ROAD: road, PARKED: still, POLE: pole, DRIVING: moving}
         points = np.concatenate(list(parts.values())).astype(np.float32)
         labels = np.repeat(list(parts), [len(part) for part in parts.values()]).astype(np.uint32)
@@ -32,7 +32,7 @@ def with_lidar(drive):
 
 
 def test_what_stands_apart_is_apart(drive):
-    ids = component_ids(drive.scene, with_lidar(drive))
+    ids = assign_component_ids(drive.scene, with_lidar(drive))
     assert ids is not None
     assert (ids > 0).all()
     heights, true_ids = drive.scene.gaussians.means[:, 2], drive.scene.instance_ids
@@ -48,14 +48,14 @@ def test_what_stands_apart_is_apart(drive):
 
 
 def test_no_lidar_no_control(drive):
-    assert component_ids(drive.scene, drive.clip) is None
+    assert assign_component_ids(drive.scene, drive.clip) is None
     assert "LiDAR components" not in evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS).controls
 
 
 def test_held_out_sweeps_are_not_used(drive):
     clip = with_lidar(drive)
     held_out = replace(clip, sweeps=tuple(sweep for sweep in clip.sweeps if sweep.index in (4, 14)))
-    assert component_ids(drive.scene, held_out) is None
+    assert assign_component_ids(drive.scene, held_out) is None
 
 
 def test_whole_evaluation_with_lidar(drive):

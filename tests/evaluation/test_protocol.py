@@ -13,7 +13,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.evaluation import protocol
 from instdrive_core.evaluation.protocol import evaluate_run, evaluate_scene
 from instdrive_core.formats.folder.scenes import write_scene_folder
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 
 FACTS = {
     "clip": "toy",
@@ -38,7 +38,7 @@ NESTED_KEYS = {
     "lidar.": ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance"),
     "click.": ("hit_rate", "iou", "collateral", "residue"),
 }
-"""As EVALUATION writes them."""
+"""Keys that EVALUATION writes."""
 EXTRA_KEYS = {
     "lidar.": ("instances_to_cover", "codes_per_object", "objects_per_code"),
     "lidar.oracle_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
@@ -66,7 +66,7 @@ def run(drive: ToyDrive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     write_scene_folder(tmp_path, drive.scene)
     (tmp_path / "run.json").write_text(json.dumps(FACTS))
     monkeypatch.setattr(protocol, "load_clip", lambda path, options: drive.clip)
-    monkeypatch.setattr(protocol, "known_ground_truth", lambda clip: drive.truth)
+    monkeypatch.setattr(protocol, "find_ground_truth", lambda clip: drive.truth)
     return tmp_path
 
 
@@ -78,7 +78,7 @@ def test_perfect_ids_on_good_geometry(drive):
     assert figures["click.hit_rate"] > 0.85, "some pixels of the thin pole show the road"
     assert figures["scene.pq"] == pytest.approx(figures["scene.miou"])
     assert figures["scene.id_switches"] == 0
-    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.03)
+    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.05)
     assert figures["codeword.scene.miou"] > 0.7
     assert figures["psnr"] > 15
     assert figures["psnr_actors"] > 12
@@ -121,7 +121,7 @@ def test_controls_are_near_nothing(drive):
 def test_what_does_not_apply_is_none(drive):
     scene, count = drive.scene, len(drive.scene)
     scene.instance_ids, scene.code_bits = np.zeros(count, np.uint32), 0
-    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means)
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
     drive.truth.source = "annotations"
     figures = measured(drive)
     empty = ("codeword.", "per_view.", "scene.", "lidar.", "click.")
@@ -136,20 +136,20 @@ def test_annotations_measured_with_annotations_are_privileged(drive):
 
 
 def test_same_figures_from_a_run_folder(drive, run):
-    again = flat(evaluate_run(run))
+    again = flat(evaluate_run(run).figures)
     assert again == measured(drive)
 
 
 def test_command_prints_a_table_and_writes_the_figures(run, capsys):
     evaluate(run, json=run / "eval.json")
     printed = capsys.readouterr().out
-    assert all(row in printed for row in ("oracle", "instance", "codeword", "one ID for all", "random IDs"))
+    assert all(row in printed for row in ("reference", "instance", "codeword", "one ID for all", "random IDs"))
     assert "held-out time steps 4, 14" in printed
     assert set(flat(json.loads((run / "eval.json").read_text()))) == KEYS
 
 
 def test_clip_without_held_out_steps(drive):
-    frames = drive.clip.training_frames()
+    frames = drive.clip.training_frames
     clip = Clip("toy", "toy", np.zeros(3), frames, (), drive.clip.tracks, {}, ("front", "side"))
     with pytest.raises(DataError, match="no held-out time step"):
         evaluate_scene(drive.scene, clip, drive.truth, FACTS)
@@ -169,7 +169,7 @@ def test_what_reports_need_comes_along(drive):
     assert all(row.predicted_id == number for number, row in rows.items()), "the toy's IDs are the true ones"
     assert np.mean([row.iou for row in rows.values()]) == pytest.approx(evaluation.figures["scene"]["miou"])
     assert evaluation.shared_instances == evaluation.shared_codes == {}
-    assert [view.frame.key for view in evaluation.views] == [frame.key for frame in drive.clip.held_out_frames()]
+    assert [view.frame.key for view in evaluation.views] == [frame.key for frame in drive.clip.held_out_frames]
     assert evaluation.views[0].with_ids(evaluation.scene.instance_ids).predicted.any()
 
 
@@ -184,7 +184,7 @@ def test_objects_that_share_an_instance_or_a_code(drive):
 
 def test_bounds_can_be_left_out(drive):
     whole = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
-    quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, oracle_too=False)
+    quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, with_reference=False)
     assert whole.figures["scene"]["oracle_miou"] is not None
     assert quick.figures["scene"]["oracle_miou"] is quick.figures["lidar"]["oracle_ap"] is None
     assert quick.figures["scene"]["miou"] == whole.figures["scene"]["miou"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from instdrive_core.errors import DataError
-from instdrive_core.evaluation.run_facts import clip_options, read_run_facts
+from instdrive_core.evaluation.run_facts import build_clip_options, read_run_facts
 
 FACTS = {
     "clip": "drive",
@@ -27,7 +27,7 @@ def test_reads_facts_and_the_part_of_the_clip(tmp_path: Path):
     (tmp_path / "run.json").write_text(json.dumps(FACTS))
     facts = read_run_facts(tmp_path)
     assert facts == FACTS
-    options = clip_options(facts)
+    options = build_clip_options(facts)
     assert (options.cameras, options.scale, options.first_frame, options.last_frame) == ("3", 0.5, None, 9)
 
 

@@ -1,7 +1,7 @@
 import pytest
 from random_scene import assert_same_scene, random_scene
 
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
 from instdrive_core.formats.registry import open_scene, save_scene
 
@@ -11,8 +11,8 @@ def test_files_and_folders_are_told_apart(tmp_path):
     save_scene(tmp_path / "run", scene)
     assert_same_scene(open_scene(tmp_path / "run"), scene)
     assert_same_scene(open_scene(tmp_path / "run" / "scene.json"), scene)
-    save_scene(tmp_path / "A.PLY", frozen_at(scene, 0.0))
-    assert len(open_scene(str(tmp_path / "A.PLY"))) == len(frozen_at(scene, 0.0))
+    save_scene(tmp_path / "A.PLY", freeze_at_time(scene, 0.0))
+    assert len(open_scene(str(tmp_path / "A.PLY"))) == len(freeze_at_time(scene, 0.0))
     (tmp_path / "run.v2").mkdir()
     save_scene(tmp_path / "run.v2", scene)
     assert_same_scene(open_scene(tmp_path / "run.v2"), scene)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from instdrive_core.instances.interiors import filled_bodies, nearest_filled
-from instdrive_core.instances.numbering import numbered_by_size
+from instdrive_core.instances.id_assignment import number_by_size
+from instdrive_core.instances.interiors import fill_compact_objects, fill_from_nearest
 
 ROAD, CAR = 0, 1
 
@@ -27,7 +27,7 @@ def filled(street, shares=None):
     means, groups = street
     shares = np.zeros((len(means), 2)) if shares is None else shares
     everything = np.ones(len(means), bool)
-    return filled_bodies(groups, means, np.full(len(means), 0.9), everything, csr_array(shares))
+    return fill_compact_objects(groups, means, np.full(len(means), 0.9), everything, csr_array(shares))
 
 
 def test_what_floats_inside_a_body_is_its_own(street):
@@ -44,7 +44,7 @@ def test_surfaces_have_no_inside(street):
     means, groups = street
     flat = groups == ROAD
     only_road = np.where(flat, ROAD, -1)
-    result = filled_bodies(only_road, means, np.full(len(means), 0.9), flat, csr_array((len(means), 2)))
+    result = fill_compact_objects(only_road, means, np.full(len(means), 0.9), flat, csr_array((len(means), 2)))
     np.testing.assert_array_equal(result, only_road)
 
 
@@ -52,14 +52,14 @@ def test_where_nothing_is_solid_nothing_is_filled(street):
     means, groups = street
     faint, everything = np.full(len(means), 0.001), np.ones(len(means), bool)
     shares = csr_array(np.zeros((len(means), 2)))
-    np.testing.assert_array_equal(filled_bodies(groups, means, faint, everything, shares), groups)
+    np.testing.assert_array_equal(fill_compact_objects(groups, means, faint, everything, shares), groups)
 
 
 def test_unseen_gaussians_take_the_nearest_of_their_node():
     means = np.array([[0, 0, 0], [1, 0, 0], [5, 0, 0], [5.1, 0, 0]], np.float32)
     nodes = np.array([0, 0, 0, 1], np.uint16)
-    assert nearest_filled(np.array([3, -1, 4, -1]), means, nodes).tolist() == [3, 3, 4, -1]
+    assert fill_from_nearest(np.array([3, -1, 4, -1]), means, nodes).tolist() == [3, 3, 4, -1]
 
 
 def test_numbers_fall_with_size():
-    assert numbered_by_size(np.array([7, 7, 2, 7, 2, 9, -1])).tolist() == [1, 1, 2, 1, 2, 3, 0]
+    assert number_by_size(np.array([7, 7, 2, 7, 2, 9, -1])).tolist() == [1, 1, 2, 1, 2, 3, 0]

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from instdrive_core.instances.oriented_box import MIN_SIZE, OrientedBox, convex_hull, main_parts, upright_box
+from instdrive_core.instances.oriented_box import (
+    MIN_SIZE,
+    OrientedBox,
+    compute_convex_hull,
+    find_main_parts,
+    fit_upright_box,
+)
 
 CAR = np.array([4.6, 1.8, 1.5])
 
@@ -30,7 +36,7 @@ def small(count, sigma=0.02):
 
 
 def angle_between(one, other):
-    """Of two axes without direction."""
+    """Angle between two axes without direction, in radians."""
     return abs((one - other + math.pi / 2) % math.pi - math.pi / 2)
 
 
@@ -42,10 +48,10 @@ def test_a_car_is_found_among_floaters(yaw, seed, x):
     away = rng.normal(size=(40, 3))
     floaters = center + away / np.linalg.norm(away, axis=1, keepdims=True) * rng.uniform(6, 60, (40, 1))
     means = np.concatenate([car(rng, 1500, yaw, center), floaters])
-    kept = main_parts(means)
+    kept = find_main_parts(means)
     assert kept[:1500].all()
     assert not kept[1500:].any()
-    box = upright_box(means[kept], small(kept.sum()))
+    box = fit_upright_box(means[kept], small(kept.sum()))
     np.testing.assert_allclose(box.center, center, atol=0.1)
     np.testing.assert_allclose(box.size, CAR, atol=0.15)
     assert angle_between(box.yaw, yaw) < math.radians(2)
@@ -55,12 +61,12 @@ def test_a_car_is_found_among_floaters(yaw, seed, x):
 
 def test_a_given_yaw_is_kept_and_measured_along():
     means = car(np.random.default_rng(0), 2000, 0.4)
-    assert upright_box(means, small(2000), 0.4 + math.pi / 2).size[1] == pytest.approx(CAR[0], abs=0.1)
-    assert upright_box(means, small(2000), 0.4).yaw == 0.4
+    assert fit_upright_box(means, small(2000), 0.4 + math.pi / 2).size[1] == pytest.approx(CAR[0], abs=0.1)
+    assert fit_upright_box(means, small(2000), 0.4).yaw == 0.4
 
 
 def test_gaussians_reach_beyond_their_means():
-    box = upright_box(np.zeros((1, 3)), np.diag([4.0, 0.25, 0.01])[None])
+    box = fit_upright_box(np.zeros((1, 3)), np.diag([4.0, 0.25, 0.01])[None])
     np.testing.assert_allclose(box.size, [4, 1, 0.2])
     assert box.yaw == 0
 
@@ -68,7 +74,7 @@ def test_gaussians_reach_beyond_their_means():
 def test_a_long_splat_lies_along_its_own_direction():
     spread = turned(np.eye(3), 0.7).T
     covariance = spread @ np.diag([4.0, 0.01, 0.01]) @ spread.T
-    box = upright_box(np.array([[5.0, 6, 7]]), covariance[None])
+    box = fit_upright_box(np.array([[5.0, 6, 7]]), covariance[None])
     assert angle_between(box.yaw, 0.7) < math.radians(0.1)
     np.testing.assert_allclose(box.size, [4, 0.2, 0.2], atol=0.01)
 
@@ -87,32 +93,32 @@ def test_a_long_splat_lies_along_its_own_direction():
     ids=["one", "one place", "two", "three", "flat", "line", "far"],
 )
 def test_degenerate_instances_have_a_box(means):
-    kept = main_parts(means)
+    kept = find_main_parts(means)
     assert kept.any()
-    box = upright_box(means[kept], np.zeros((kept.sum(), 3, 3)))
+    box = fit_upright_box(means[kept], np.zeros((kept.sum(), 3, 3)))
     assert np.isfinite(box.size).all()
     assert (box.size >= MIN_SIZE).all()
     assert box.holds(means[kept], 0.1 * float(box.size.max())).mean() >= 0.9
     if np.linalg.matrix_rank(means[kept] - means[kept][0]) < 3:
-        assert convex_hull(means[kept]) is None
+        assert compute_convex_hull(means[kept]) is None
 
 
 def test_two_corners_lie_along_the_box():
-    box = upright_box(np.array([[0.0, 0, 0], [3, 4, 0]]), np.zeros((2, 3, 3)))
+    box = fit_upright_box(np.array([[0.0, 0, 0], [3, 4, 0]]), np.zeros((2, 3, 3)))
     assert box.size[0] == pytest.approx(5, abs=0.01)
     assert angle_between(box.yaw, math.atan2(4, 3)) < math.radians(0.1)
 
 
 def test_few_sparse_gaussians_are_no_floaters():
     rng = np.random.default_rng(1)
-    assert main_parts(rng.uniform(-2, 2, (12, 3))).sum() >= 10
-    assert main_parts(np.array([[0.0, 0, 0], [10, 0, 0], [0, 7, 0]])).all()
+    assert find_main_parts(rng.uniform(-2, 2, (12, 3))).sum() >= 10
+    assert find_main_parts(np.array([[0.0, 0, 0], [10, 0, 0], [0, 7, 0]])).all()
 
 
 def test_the_hull_is_closed_and_faces_outward():
     rng = np.random.default_rng(2)
     points = rng.normal((1000, 2000, 0), 1, (400, 3))
-    vertices, faces = convex_hull(points)
+    vertices, faces = compute_convex_hull(points)
     sides = vertices[faces]
     center = points.mean(axis=0)
     normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])

@@ -14,7 +14,7 @@ from instdrive_core.masks.annotated.labels import AnnotationLabels
 from instdrive_core.masks.exact import ExactLabels, has_exact_labels
 from instdrive_core.masks.ground_truth import open_ground_truth
 from instdrive_core.masks.label_map_folder import open_masks
-from instdrive_core.masks.sources import ensure_masks, make_masks
+from instdrive_core.masks.making import ensure_masks, make_masks
 
 INSTANCES = {
     "1": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None},
@@ -45,13 +45,13 @@ def test_ground_truth_is_exact_where_labels_are_kept(clip, tmp_path):
     car = truth.instances[300]
     assert (car.class_name, car.kind, car.moving, car.track_id) == ("Car", "thing", True, "the-car")
     assert truth.instances[1].track_id is None
-    frame = clip.held_out_frames()[0]
+    frame = clip.held_out_frames[0]
     labels = truth.load(frame)
     assert labels.dtype == np.uint32
     assert (labels[60:70, 40:] == 300).all()
     assert (labels[55] == 1).all()
-    assert truth.sky(frame)[:30].all()
-    assert not truth.sky(frame)[30:].any()
+    assert truth.load_sky(frame)[:30].all()
+    assert not truth.load_sky(frame)[30:].any()
 
 
 def test_ground_truth_is_made_from_annotations_elsewhere(tmp_path):
@@ -75,11 +75,11 @@ def test_masks_of_training_frames_are_shuffled_labels(clip, tmp_path):
     assert set(masks.counts) == {"front_camera/02", "front_camera/03", "front_camera/05"}, "4 is held out"
     assert set(masks.counts.values()) == {2}
     assert not (tmp_path / "masks" / "front_camera" / "04.png").exists()
-    for frame in clip.training_frames():
+    for frame in clip.training_frames:
         found, exact = masks.load(frame), ExactLabels(clip.path).load(frame)
         assert found.labels.max() == 2, "the number of an instance shows nowhere"
         assert {len(np.unique(found.labels[exact == number])) for number in (0, 1, 300)} == {1}
-        np.testing.assert_array_equal(found.sky, ExactLabels(clip.path).sky(frame))
+        np.testing.assert_array_equal(found.sky, ExactLabels(clip.path).load_sky(frame))
 
 
 def test_progress_is_told(clip, tmp_path):

@@ -13,11 +13,11 @@ from PIL import Image
 from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import (
     FrameMasks,
-    label_path,
-    nearest,
+    locate_label_map,
+    locate_sky_mask,
     open_masks,
-    shuffled,
-    sky_path,
+    resample_nearest,
+    shuffle_labels,
     write_masks,
 )
 
@@ -56,14 +56,14 @@ def test_a_frame_gets_masks_of_its_own_size(tmp_path):
 
 def test_nearest_takes_the_pixel_under_each_centre():
     raster = np.arange(12).reshape(3, 4)
-    np.testing.assert_array_equal(nearest(raster, 8, 6), raster.repeat(2, 0).repeat(2, 1))
-    np.testing.assert_array_equal(nearest(raster, 2, 3), raster[:, 1::2])
+    np.testing.assert_array_equal(resample_nearest(raster, 8, 6), raster.repeat(2, 0).repeat(2, 1))
+    np.testing.assert_array_equal(resample_nearest(raster, 2, 3), raster[:, 1::2])
 
 
 @given(arrays.arrays(np.uint32, (5, 6), elements=st.integers(0, 9)), st.integers(0, 5))
 @settings(max_examples=40, deadline=None)
 def test_shuffling_keeps_what_belongs_together(instances, seed):
-    labels = shuffled(instances, KEY, seed)
+    labels = shuffle_labels(instances, KEY, seed)
     pairs = set(zip(instances.ravel().tolist(), labels.ravel().tolist(), strict=True))
     assert len({a for a, _ in pairs}) == len(pairs) == len({b for _, b in pairs})
     assert all((a == 0) == (b == 0) for a, b in pairs)
@@ -72,15 +72,15 @@ def test_shuffling_keeps_what_belongs_together(instances, seed):
 
 def test_labels_tell_nothing_across_frames_and_repeat_by_seed():
     instances = np.arange(101)[None].repeat(2, axis=0)
-    first, second = shuffled(instances, "front_camera/30", 0), shuffled(instances, "front_camera/31", 0)
-    np.testing.assert_array_equal(first, shuffled(instances, "front_camera/30", 0))
+    first, second = shuffle_labels(instances, "front_camera/30", 0), shuffle_labels(instances, "front_camera/31", 0)
+    np.testing.assert_array_equal(first, shuffle_labels(instances, "front_camera/30", 0))
     assert (first == second).mean() < 0.1
-    assert (first == shuffled(instances, "front_camera/30", 1)).mean() < 0.1
+    assert (first == shuffle_labels(instances, "front_camera/30", 1)).mean() < 0.1
 
 
 def test_more_instances_than_16_bits_are_refused():
     with pytest.raises(ValueError, match="70000 instances"):
-        shuffled(np.arange(70001)[None], KEY, 0)
+        shuffle_labels(np.arange(70001)[None], KEY, 0)
 
 
 def test_an_unfinished_folder_is_refused(folder):
@@ -129,16 +129,16 @@ def test_damaged_files_are_named_when_read(folder):
     masks = open_masks(folder)
     with pytest.raises(DataError, match="the frame 'front_camera/31' has no masks"):
         masks.load("front_camera/31")
-    Image.fromarray(np.zeros((5, 8), np.uint8)).save(sky_path(folder, KEY))
+    Image.fromarray(np.zeros((5, 8), np.uint8)).save(locate_sky_mask(folder, KEY))
     with pytest.raises(DataError, match=r"30_sky\.png: is 8×5, the label map 8×6"):
         masks.load(KEY)
-    label_path(folder, KEY).write_bytes(b"no picture")
+    locate_label_map(folder, KEY).write_bytes(b"no picture")
     with pytest.raises(DataError, match=r"30\.png: is no readable PNG"):
         masks.load(KEY)
-    Image.fromarray(np.zeros((6, 8, 3), np.uint8)).save(label_path(folder, KEY))
+    Image.fromarray(np.zeros((6, 8, 3), np.uint8)).save(locate_label_map(folder, KEY))
     with pytest.raises(DataError, match="has the image mode RGB"):
         masks.load(KEY)
-    label_path(folder, KEY).unlink()
+    locate_label_map(folder, KEY).unlink()
     with pytest.raises(DataError, match=r"30\.png: is missing"):
         masks.load(KEY)
 

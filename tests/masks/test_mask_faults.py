@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import ndimage
 
-from instdrive_core.masks.faults import FAULT_MODELS, MaskFaults, with_faults
+from instdrive_core.masks.faults import FAULT_MODELS, MaskFaults, add_faults
 
 SAM = FAULT_MODELS["sam-v1"]
 ONLY = {"split": 0.0, "merged": 0.0, "dropped": 0.0, "ragged": 0.0}
@@ -23,7 +23,7 @@ def tiles():
 
 
 def faulty(faults, key="front_camera/00", seed=0, instances=None, closed=OPEN):
-    return with_faults(tiles() if instances is None else instances, closed, faults, key, seed)
+    return add_faults(tiles() if instances is None else instances, closed, faults, key, seed)
 
 
 def masks_within(found, instances):
@@ -80,12 +80,12 @@ def test_objects_that_do_not_touch_are_never_merged():
 
 
 def test_split_and_merged_objects_keep_their_other_parts():
-    """Of a pair, one part of each becomes one mask: merging takes back no split."""
+    """One part of each of a pair becomes one mask: merging takes back no split."""
     instances = np.ones((20, 40), np.uint8)
     instances[:, 20:] = 2
     for seed in range(20):
         faults = MaskFaults(**ONLY | {"split": 1.0, "merged": 1.0})
-        found = with_faults(instances, np.zeros((20, 40), bool), faults, "camera/0", seed)
+        found = add_faults(instances, np.zeros((20, 40), bool), faults, "camera/0", seed)
         left, right = masks_within(found, instances).values()
         assert len(left) >= 2 <= len(right)
         assert len(left & right) == 1
@@ -96,7 +96,7 @@ def test_split_and_merged_objects_keep_their_other_parts():
 @settings(max_examples=60, deadline=None)
 def test_borders_move_by_two_pixels_at_most(instances, seed):
     """A moved mask lies within the old one grown by 2 px, and contains the old one shrunk by 2 px."""
-    found = with_faults(instances, np.zeros(instances.shape, bool), MaskFaults(**ONLY | {"ragged": 2.0}), "a/1", seed)
+    found = add_faults(instances, np.zeros(instances.shape, bool), MaskFaults(**ONLY | {"ragged": 2.0}), "a/1", seed)
     order = np.unique(np.append(instances, 0))
     assert set(np.unique(found)) | {0} == set(range(len(order))), "no mask is lost"
     for number, old in enumerate(order):
@@ -106,9 +106,9 @@ def test_borders_move_by_two_pixels_at_most(instances, seed):
 
 
 def test_borders_move_both_ways_and_by_two_pixels_somewhere():
-    instances = np.zeros((60, 200), np.uint8)
+    instances = np.zeros((60, 600), np.uint8)
     instances[30:] = 1
-    found = faulty(MaskFaults(**ONLY | {"ragged": 2.0}), instances=instances, closed=np.zeros((60, 200), bool))
+    found = faulty(MaskFaults(**ONLY | {"ragged": 2.0}), instances=instances, closed=np.zeros((60, 600), bool))
     heights = np.argmax(found, axis=0)
     assert heights.min() == 28
     assert heights.max() == 32
@@ -117,7 +117,7 @@ def test_borders_move_both_ways_and_by_two_pixels_somewhere():
 
 
 def test_masks_grow_into_no_sky():
-    instances = np.zeros((60, 200), np.uint8)
+    instances = np.zeros((60, 600), np.uint8)
     instances[30:] = 1
     found = faulty(SAM, instances=instances, closed=instances == 0)
     assert not found[:30].any()

@@ -8,10 +8,10 @@ import pytest
 from painted_street import painted_clip
 from PIL import Image
 
-from instdrive_core.masks import sources
+from instdrive_core.masks import making
 from instdrive_core.masks.journal import JOURNAL
 from instdrive_core.masks.label_map_folder import SIDECAR, open_masks
-from instdrive_core.masks.sources import make_masks
+from instdrive_core.masks.making import make_masks
 
 
 class Stopped(Exception):
@@ -59,10 +59,10 @@ def test_an_interrupted_folder_goes_on_and_becomes_the_same(clip, tmp_path, monk
     interrupted(clip, parts, faults="sam-v1")
     assert not (parts / SIDECAR).exists()
     made = []
-    real = sources._frame_masks
-    monkeypatch.setattr(sources, "_frame_masks", lambda *each: made.append(each[1].key) or real(*each))
+    real = making._make_frame_masks
+    monkeypatch.setattr(making, "_make_frame_masks", lambda *each: made.append(each[1].key) or real(*each))
     assert progress_of(clip, parts, faults="sam-v1") == [2, 3]
-    assert made == [clip.training_frames()[-1].key]
+    assert made == [clip.training_frames[-1].key]
     assert (parts / SIDECAR).read_bytes() == (whole / SIDECAR).read_bytes()
     for key in expected.counts:
         assert (parts / f"{key}.png").read_bytes() == (whole / f"{key}.png").read_bytes()
@@ -82,11 +82,11 @@ def test_a_finished_folder_is_made_again(clip, tmp_path):
 
 def test_frames_without_files_or_of_another_size_are_made_again(clip, tmp_path):
     folder = tmp_path / "masks"
-    first, second, _ = (frame.key for frame in clip.training_frames())
+    first, second, _ = (frame.key for frame in clip.training_frames)
     interrupted(clip, folder)
     (folder / f"{first}_sky.png").unlink()
     assert progress_of(clip, folder) == [1, 2, 3]
-    assert set(open_masks(folder).counts) == {frame.key for frame in clip.training_frames()}
+    assert set(open_masks(folder).counts) == {frame.key for frame in clip.training_frames}
     interrupted(clip, folder)
     small = replace(clip.frames[0].view.camera, width=80, height=45)
     frames = tuple(replace(frame, view=replace(frame.view, camera=small)) for frame in clip.frames)

@@ -1,32 +1,19 @@
 """`instdrive masks` from folder to folder."""
 
-import json
-
-import numpy as np
 import pytest
-from PIL import Image
-from small_clip import HEIGHT, STEPS, WIDTH, write_small_clip
+from small_clip import HEIGHT, STEPS, WIDTH, write_exact_labels, write_small_clip
 
 from instdrive_app.main import main
 from instdrive_core.cli.masks import masks
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.errors import DataError
-from instdrive_core.masks import sources
+from instdrive_core.masks import making
 from instdrive_core.masks.label_map_folder import open_masks
 
 
 @pytest.fixture
 def root(tmp_path):
-    root = write_small_clip(tmp_path / "clip")
-    for camera in ("front_camera", "back_camera"):
-        for step in STEPS:
-            for name in (f"{camera}/{step:02d}.png", f"sky/{camera}/{step:02d}.png"):
-                (root / "labels" / name).parent.mkdir(parents=True, exist_ok=True)
-                value = np.uint8(0) if name.startswith("sky") else np.uint16(7)
-                Image.fromarray(np.full((HEIGHT, WIDTH), value)).save(root / "labels" / name)
-    table = {"7": {"class": "Road", "kind": "stuff", "moving": False, "uuid": None}}
-    (root / "labels" / "instances.json").write_text(json.dumps(table))
-    return root
+    return write_exact_labels(write_small_clip(tmp_path / "clip"))
 
 
 def test_exact_masks_go_beside_the_photos(root, capsys):
@@ -78,16 +65,16 @@ def test_imported_masks_and_a_sheet_from_the_command_line(root, tmp_path, capsys
 
 
 def test_an_interrupted_command_says_that_it_goes_on(root, capsys, monkeypatch):
-    real = sources._frame_masks
+    real = making._make_frame_masks
 
     def stopped(labels, frame, *others):
         if frame.key == "front_camera/03":
             raise KeyboardInterrupt
         return real(labels, frame, *others)
 
-    monkeypatch.setattr(sources, "_frame_masks", stopped)
+    monkeypatch.setattr(making, "_make_frame_masks", stopped)
     assert main(["masks", str(root)]) == 130
-    monkeypatch.setattr(sources, "_frame_masks", real)
+    monkeypatch.setattr(making, "_make_frame_masks", real)
     capsys.readouterr()
     assert main(["masks", str(root)]) == 0
     output = capsys.readouterr().out

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from instdrive_core.maths.rotations import (
     matrix_from_quaternion,
-    multiplied,
-    normalized,
+    multiply_quaternions,
+    normalize_quaternions,
     quaternion_from_matrix,
     slerp,
 )
@@ -34,13 +34,13 @@ def test_matrix_and_back_is_the_same_rotation_with_positive_w(quat):
 
 @given(quaternions, quaternions)
 def test_product_rotates_by_right_then_left(left, right):
-    product = matrix_from_quaternion(multiplied(left, right))
+    product = matrix_from_quaternion(multiply_quaternions(left, right))
     np.testing.assert_allclose(product, scipy_matrix(left) @ scipy_matrix(right), atol=1e-9)
 
 
 @given(quaternions, quaternions, st.floats(0, 1))
 def test_slerp_agrees_with_scipy(start, end, fraction):
-    start, end = normalized(start), normalized(end)
+    start, end = normalize_quaternions(start), normalize_quaternions(end)
     angle = Rotation.from_matrix(scipy_matrix(start).T @ scipy_matrix(end)).magnitude()
     if angle > np.pi - 0.05:
         return  # Nearly opposite: both arcs are as short.

@@ -6,13 +6,18 @@ import zipfile
 
 import numpy as np
 import pytest
-from project_cases import VIEW, edited_document, rewrite_json, rewrite_member, snapshot
+from document_snapshot import snapshot
+from edit_cases import EXAMPLES
+from project_cases import VIEW, edited_document, rewrite_json, rewrite_member
 from safetensors.numpy import save
 
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import DataError, UntrustedDataError
-from instdrive_core.files.bounded_json import parsed_json
-from instdrive_core.project.large_lists import LONG, packed, unpacked
+from instdrive_core.files.bounded_json import parse_bounded_json
 from instdrive_core.project.open import open_document
+from instdrive_core.project.packed_lists import LONG, pack_lists, unpack_lists
 from instdrive_core.project.save import save_project
 
 
@@ -180,34 +185,26 @@ def test_long_lists_are_packed_and_come_back_equal():
         "g": [True] * LONG,
         "h": [{"i": tuple(range(LONG, 0, -1))}],
     }
-    lean = packed(entry, lambda numbers: kept.append(numbers) or len(kept) - 1)
+    lean = pack_lists(entry, lambda numbers: kept.append(numbers) or len(kept) - 1)
     assert [array.shape for array in kept] == [(LONG,), (LONG, 2), (LONG,)]
-    again = unpacked(json.loads(json.dumps(lean)), lambda number: kept[number])
+    again = unpack_lists(json.loads(json.dumps(lean)), lambda number: kept[number])
     assert again == json.loads(json.dumps(entry))
     assert type(again["g"][0]) is bool
 
 
 def test_json_is_bounded():
-    assert parsed_json(b'{"a": [1, {"b": null}]}') == {"a": [1, {"b": None}]}
+    assert parse_bounded_json(b'{"a": [1, {"b": null}]}') == {"a": [1, {"b": None}]}
     for text in (b"[" * 33 + b"]" * 33, b'{"a":' * 5000, b"[Infinity]", b"\xff", b""):
         with pytest.raises(ValueError, match=r"."):
-            parsed_json(text)
+            parse_bounded_json(text)
 
 
 def test_every_edit_is_packed_to_its_json():
-    from benchmarks.edit_street import edit_street
-    from benchmarks.random_edits import RandomEdits
-    from instdrive_core.edits.document.document import Document
-    from instdrive_core.edits.kinds.compound import CompoundEdit
-    from instdrive_core.edits.kinds.select_rows import SelectRows
-
-    drawn = RandomEdits(document := Document(edit_street()), "absent")
-    while len(document.history.edits) < 60:
-        drawn.apply_one()
     long = SelectRows(np.arange(0, 5000, 2))
     kept = []
-    for edit in (*document.history.edits, long, CompoundEdit((long, long), "two")):
-        lean = packed(edit, lambda numbers: kept.append(numbers) or len(kept) - 1)
-        again = unpacked(json.loads(json.dumps(lean)), lambda number: kept[number])
+    edits = [edit_from_json({"kind": kind, **parameters}) for kind, parameters in EXAMPLES.items()]
+    for edit in (*edits, long, CompoundEdit((long, long), "two")):
+        lean = pack_lists(edit, lambda numbers: kept.append(numbers) or len(kept) - 1)
+        again = unpack_lists(json.loads(json.dumps(lean)), lambda number: kept[number])
         assert again == json.loads(json.dumps(edit.to_json()))
     assert len(kept) >= 3

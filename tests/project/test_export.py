@@ -11,12 +11,12 @@ from random_scene import random_scene
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.objects.poses import read_poses
 from instdrive_core.formats.registry import open_scene
-from instdrive_core.progress import CancelledError, reporting
-from instdrive_core.project.export import export_actors, export_instances, export_scene, file_name
+from instdrive_core.progress import CancelledError, report_to
+from instdrive_core.project.export import export_actors, export_instances, export_scene, make_file_name
 
 
 @pytest.fixture
@@ -29,19 +29,19 @@ def document():
 
 def test_all_and_some(document, tmp_path):
     count = export_scene(document, tmp_path / "all.ply", 0.3)
-    assert count == len(open_scene(tmp_path / "all.ply")) == len(baked(document, 0.3))
-    rows = document.rows_of((1, 2, 8))
-    assert export_scene(document, tmp_path / "some", None, rows) == len(document.rows_of((2, 8)))
+    assert count == len(open_scene(tmp_path / "all.ply")) == len(bake_document(document, 0.3))
+    rows = document.find_rows((1, 2, 8))
+    assert export_scene(document, tmp_path / "some", None, rows) == len(document.find_rows((2, 8)))
     some = open_scene(tmp_path / "some")
     assert [actor.id for actor in some.actors] == ["actor-1"]
     assert {instance.id for instance in some.table} == {2, 8}
     with pytest.raises(OptionError, match="9 s"):
-        export_scene(document, tmp_path / "nothing.ply", 9.0, document.rows_of((7, 8)))
+        export_scene(document, tmp_path / "nothing.ply", 9.0, document.find_rows((7, 8)))
     assert not (tmp_path / "nothing.ply").exists()
 
 
 def test_one_file_per_instance_and_a_listing(document, tmp_path):
-    whole = baked(document, 0.5)  # actor 7 has left by then
+    whole = bake_document(document, 0.5)  # actor 7 has left by then
     written = export_instances(document, tmp_path / "parts", (1, 2, 7, 8), 0.5, ".ply")
     assert written.skipped == 2
     assert [path.name for path in written.files] == ["0002_a_b_n.ply", "0008_instance_8.ply"]
@@ -61,12 +61,12 @@ def test_an_actors_file_and_its_poses_give_the_scene_again(document, tmp_path, s
     written = export_actors(document, tmp_path, (1, 2), suffix)
     assert [path.name for path in written.files] == [f"001_Car{suffix}", f"002_Car{suffix}"]
     time = 0.3
-    whole = baked(document, time)
+    whole = bake_document(document, time)
     for number, path in enumerate(written.files, start=7):
         track, origin, splats = read_poses(path.with_name(path.name.replace(suffix, ".poses.json")))
         assert splats == path
         np.testing.assert_array_equal(origin, document.scene.origin)
-        pose, means = track.pose_at(time), open_scene(splats).gaussians.means
+        pose, means = track.interpolate_pose(time), open_scene(splats).gaussians.means
         expected = whole.gaussians.means[whole.instance_ids == number]
         np.testing.assert_allclose(means @ pose[:3, :3].T + pose[:3, 3], expected, atol=5e-4)
 
@@ -94,7 +94,7 @@ def test_cancelling_leaves_whole_files_and_no_listing(document, tmp_path):
         if share > 0.7:
             raise CancelledError("enough")
 
-    with reporting(stop), pytest.raises(CancelledError):
+    with report_to(stop), pytest.raises(CancelledError):
         export_instances(document, tmp_path, (2, 3), 0.3, ".ply")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0002_a_b_n.ply", "0003_instance_3.ply"]
 
@@ -111,4 +111,4 @@ def test_a_file_in_the_way_is_no_folder(document, tmp_path):
     [("parked car 1", "parked_car_1"), ("../../etc/passwd", "etc_passwd"), ("“Größe”", "Größe"), ("...", "unnamed")],
 )
 def test_names_of_instances_become_names_of_files(name, expected):
-    assert file_name(name) == expected
+    assert make_file_name(name) == expected

@@ -6,16 +6,17 @@ import zipfile
 
 import numpy as np
 import pytest
-from project_cases import VIEW, assert_same_document, edited_document, rewrite_json, saved_scene, snapshot
+from document_snapshot import snapshot
+from project_cases import VIEW, assert_same_document, edited_document, rewrite_json, saved_scene
 
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.errors import DataError, EditError, SceneChangedError
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.project.open import open_document, open_edited, open_project
-from instdrive_core.project.save import project_state, save_project, write_project
+from instdrive_core.project.open import open_document, open_edited_scene, open_project
+from instdrive_core.project.save import capture_project_state, save_project, write_project
 
 
 @pytest.fixture
@@ -62,7 +63,7 @@ def test_a_plain_scene_opens_without_a_view(tmp_path):
 
 def test_what_was_taken_is_written_though_the_document_goes_on(saved, tmp_path):
     document, _ = saved
-    before, state = snapshot(document), project_state(document)
+    before, state = snapshot(document), capture_project_state(document)
     document.apply(DeleteInstances((6,)))
     write_project(tmp_path / "b.instdrive", state)
     assert snapshot(open_document(tmp_path / "b.instdrive")[0]) == before
@@ -162,7 +163,7 @@ def test_documents_from_nowhere_and_odd_names_are_refused(saved, tmp_path):
 
 
 def test_a_project_opens_as_the_scene_that_its_edits_make(saved):
-    scene = open_edited(saved[1])
+    scene = open_edited_scene(saved[1])
     assert 2 not in scene.table
     assert len(scene) == int((saved[0].state.flags & 8 == 0).sum())
 

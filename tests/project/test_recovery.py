@@ -12,22 +12,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from project_cases import assert_same_document, edited_document, saved_scene, snapshot
+from document_snapshot import snapshot
+from project_cases import assert_same_document, edited_document, saved_scene
 
-from instdrive_core.edits.bases.relabel import RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.errors import DataError, SceneChangedError
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.project import recovery as recovery_module
 from instdrive_core.project.open import open_document
-from instdrive_core.project.recoverable import discard, pending, restore
+from instdrive_core.project.recoverable import discard_session, find_pending_sessions, restore_session
 from instdrive_core.project.recovery import Recovery
-from instdrive_core.project.save import project_state, save_project
+from instdrive_core.project.save import capture_project_state, save_project
 from instdrive_core.project.session_folder import JOURNAL, LOCK, SESSION
 
 
@@ -69,10 +70,10 @@ def test_the_document_of_a_dead_editor_is_offered_and_restored(tmp_path, root):
     document.undo()
     recovery.record()
     die(recovery)
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert (session.title, session.path, session.edits) == ("street", tmp_path / "street", 1)
     assert abs(datetime.now().astimezone() - session.changed) < timedelta(minutes=1)
-    restored = restore(session)
+    restored = restore_session(session)
     assert restored.notes == ()
     assert_same_document(document, restored.document)
 
@@ -81,66 +82,66 @@ def test_a_restored_document_is_offered_again_until_it_is_saved(tmp_path, root, 
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
     die(recovery)
-    (session,) = pending(root)
-    restored = restore(session)
+    (session,) = find_pending_sessions(root)
+    restored = restore_session(session)
     second = Recovery.begin(restored.document, restored.path, restored=restored, root=root)
     second.flush()
     assert not session.folder.exists()
     die(second)
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert session.edits == 1
-    restored = restore(session)
+    restored = restore_session(session)
     third = Recovery.begin(restored.document, restored.path, restored=restored, root=root)
-    state = project_state(restored.document)
+    state = capture_project_state(restored.document)
     save_project(tmp_path / "a.instdrive", restored.document)
-    third.saved(tmp_path / "a.instdrive", state)
+    third.mark_saved(tmp_path / "a.instdrive", state)
     die(third)
-    assert pending(root) == []
+    assert find_pending_sessions(root) == []
 
 
 def test_sessions_that_run_are_not_offered_and_ended_ones_are_gone(root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
     recovery.flush()
-    assert pending(root) == []
+    assert find_pending_sessions(root) == []
     assert recovery.folder.exists()
     recovery.end()
     assert list(root.iterdir()) == []
-    assert pending(root) == []
+    assert find_pending_sessions(root) == []
 
 
 def test_selecting_is_no_work(root, started):
     document, recovery = started
     do(document, recovery, SelectInstances((2,)), SelectRows(np.arange(0, 6000, 2)))
     die(recovery)
-    assert pending(root) == []
+    assert find_pending_sessions(root) == []
     assert list(root.iterdir()) == [], "nothing would be lost with it"
 
 
 def test_only_what_was_done_since_saving_counts(tmp_path, root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)), RenameInstance(3, "tram"))
-    state = project_state(document)
+    state = capture_project_state(document)
     save_project(tmp_path / "a.instdrive", document)
     do(document, recovery, DeleteInstances((4,)))  # while it was being written
-    recovery.saved(tmp_path / "a.instdrive", state)
+    recovery.mark_saved(tmp_path / "a.instdrive", state)
     die(recovery)
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert (session.title, session.edits) == ("a.instdrive", 1)
-    assert snapshot(restore(session).document) == snapshot(document)
+    assert snapshot(restore_session(session).document) == snapshot(document)
 
 
 def test_undoing_what_was_saved_is_a_change_and_redoing_it_is_none(tmp_path, root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
-    recovery.saved(tmp_path / "a.instdrive", project_state(document))
+    recovery.mark_saved(tmp_path / "a.instdrive", capture_project_state(document))
     document.undo()
     recovery.record()
     recovery.flush()
     die(recovery)
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert session.edits == 1
-    restored = restore(session)
+    restored = restore_session(session)
     assert restored.document.history.cursor == 0
     assert restored.document.redo() is not None
     restored.remove()
@@ -149,37 +150,37 @@ def test_undoing_what_was_saved_is_a_change_and_redoing_it_is_none(tmp_path, roo
 def test_a_saved_state_that_was_edited_away_counts_as_unsaved(tmp_path, root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
-    state = project_state(document)
+    state = capture_project_state(document)
     document.undo()
     do(document, recovery, RenameInstance(3, "tram"))
-    recovery.saved(tmp_path / "a.instdrive", state)
+    recovery.mark_saved(tmp_path / "a.instdrive", state)
     die(recovery)
-    assert [session.edits for session in pending(root)] == [1]
+    assert [session.edits for session in find_pending_sessions(root)] == [1]
 
 
 def test_two_editors_do_not_restore_the_same_session(root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
     die(recovery)
-    (session,) = pending(root)
-    restored = restore(session)
+    (session,) = find_pending_sessions(root)
+    restored = restore_session(session)
     with pytest.raises(DataError, match="another editor has taken"):
-        restore(session)
+        restore_session(session)
     with pytest.raises(DataError, match="another editor has taken"):
-        discard(session)
-    assert pending(root) == []
+        discard_session(session)
+    assert find_pending_sessions(root) == []
     restored.remove()
     with pytest.raises(DataError, match="another editor has taken"):
-        restore(session)
+        restore_session(session)
 
 
 def test_a_session_can_be_discarded(root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
     die(recovery)
-    (session,) = pending(root)
-    discard(session)
-    assert pending(root) == []
+    (session,) = find_pending_sessions(root)
+    discard_session(session)
+    assert find_pending_sessions(root) == []
     assert not session.folder.exists()
 
 
@@ -187,7 +188,7 @@ def test_closing_a_restored_document_at_once_leaves_nothing(root, started):
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
     die(recovery)
-    restored = restore(pending(root)[0])
+    restored = restore_session(find_pending_sessions(root)[0])
     Recovery.begin(restored.document, restored.path, restored=restored, root=root).end()
     assert list(root.iterdir()) == []
 
@@ -196,7 +197,7 @@ def test_an_editor_that_dies_before_the_new_session_is_whole_leaves_the_old_one(
     document, recovery = started
     do(document, recovery, DeleteInstances((2,)))
     die(recovery)
-    restored = restore(pending(root)[0])
+    restored = restore_session(find_pending_sessions(root)[0])
 
     def full(folder, path, base):
         raise DataError(folder, "the file cannot be written (No space left on device)", "Free some space")
@@ -208,8 +209,8 @@ def test_an_editor_that_dies_before_the_new_session_is_whole_leaves_the_old_one(
     second._stop()
     second._lock.release()
     restored._lock.release()
-    (session,) = pending(root)
-    assert snapshot(restore(session).document) == snapshot(document)
+    (session,) = find_pending_sessions(root)
+    assert snapshot(restore_session(session).document) == snapshot(document)
 
 
 # The journal
@@ -234,9 +235,9 @@ def test_a_damaged_end_is_dropped_and_all_before_it_kept(root, started, damage):
         "not json": b"hello\n" + tail,
     }[damage]
     (recovery.folder / JOURNAL).write_bytes(whole + tail)
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert session.edits == 1
-    assert snapshot(restore(session).document) == before
+    assert snapshot(restore_session(session).document) == before
 
 
 def test_a_drag_is_a_few_lines(root, started, monkeypatch):
@@ -247,8 +248,8 @@ def test_a_drag_is_a_few_lines(root, started, monkeypatch):
         recovery.record()
     die(recovery)
     assert len((recovery.folder / JOURNAL).read_bytes().splitlines()) < 25
-    (session,) = pending(root)
-    assert snapshot(restore(session).document) == snapshot(document)
+    (session,) = find_pending_sessions(root)
+    assert snapshot(restore_session(session).document) == snapshot(document)
     assert session.edits == 1
 
 
@@ -271,8 +272,8 @@ def test_long_lists_and_inserted_files_come_back(tmp_path, root, started, monkey
     do(document, recovery, InsertScene("car"), SelectRows(rows), DeleteSelected())
     monkeypatch.chdir("/")
     die(recovery)
-    (session,) = pending(root)
-    restored = restore(session)
+    (session,) = find_pending_sessions(root)
+    restored = restore_session(session)
     assert_same_document(document, restored.document)
     # From here it is a project like any other.
     save_project(tmp_path / "p" / "a.instdrive", restored.document)
@@ -298,8 +299,8 @@ def test_a_full_disk_is_told_once_and_made_up_for(root, started, monkeypatch):
     assert recovery.take_problem() is None, "told once"
     monkeypatch.setattr("instdrive_core.project.journal.os.write", true_write)
     die(recovery)
-    (session,) = pending(root)
-    assert snapshot(restore(session).document) == snapshot(document)
+    (session,) = find_pending_sessions(root)
+    assert snapshot(restore_session(session).document) == snapshot(document)
 
 
 # What cannot be restored
@@ -312,10 +313,10 @@ def test_a_changed_scene_is_told(tmp_path, root, started):
     scene = open_scene(tmp_path / "street")
     scene.gaussians.means[0] += 1
     save_scene(tmp_path / "street", scene)
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     with pytest.raises(SceneChangedError):
-        restore(session)
-    restored = restore(session, accept_changed=True)
+        restore_session(session)
+    restored = restore_session(session, accept_changed=True)
     assert restored.document.history.cursor == 1
     restored.remove()
 
@@ -325,12 +326,12 @@ def test_a_session_that_cannot_be_read_says_why_and_can_be_discarded(root, start
     do(document, recovery, DeleteInstances((2,)))
     die(recovery)
     (recovery.folder / SESSION).write_text("{}")
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert "cannot be read" in session.problem
     with pytest.raises(DataError, match="cannot be read"):
-        restore(session)
-    discard(session)
-    assert pending(root) == []
+        restore_session(session)
+    discard_session(session)
+    assert find_pending_sessions(root) == []
 
 
 @pytest.mark.parametrize(
@@ -343,7 +344,7 @@ def test_a_line_that_lies_with_a_right_checksum_does_not_keep_others_from_being_
     text = json.dumps(lie).encode()
     with (recovery.folder / JOURNAL).open("ab") as file:
         file.write(b"%08x %b\n" % (zlib.crc32(text), text))
-    (session,) = pending(root)
+    (session,) = find_pending_sessions(root)
     assert "cannot be read" in session.problem
 
 
@@ -353,7 +354,7 @@ def test_folders_that_never_became_sessions_go_when_they_are_old(root):
         (root / name / LOCK).touch()
     (root / "died early" / JOURNAL).touch()
     os.utime(root / "old", (1, 1))
-    assert pending(root) == []
+    assert find_pending_sessions(root) == []
     assert [folder.name for folder in root.iterdir()] == ["young"]
 
 
@@ -367,7 +368,7 @@ def test_documents_from_nowhere_are_refused(tmp_path, root):
 
 EDIT_FOR_EVER = """
 import itertools, sys, time
-from instdrive_core.edits.bases.relabel import RenameInstance
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.project.open import open_document
 from instdrive_core.project.recovery import Recovery
 document, _ = open_document(sys.argv[1])
@@ -390,11 +391,11 @@ def test_after_a_kill_all_that_was_acknowledged_is_there(tmp_path, monkeypatch):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as editor:
         assert editor.stdout is not None
         acknowledged = int(editor.stdout.readline())
-        assert pending() == [], "it still runs"
+        assert find_pending_sessions() == [], "it still runs"
         editor.send_signal(signal.SIGKILL)
-    (session,) = pending()
+    (session,) = find_pending_sessions()
     assert session.folder.parent == Path(tmp_path / "state" / "recovery")
-    restored = restore(session)
+    restored = restore_session(session)
     assert restored.document.history.cursor > acknowledged
     names = [edit.name for edit in restored.document.history.edits]
     assert names == [f"name {number}" for number in range(len(names))]

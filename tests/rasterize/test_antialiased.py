@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from little_scenes import Splats, plain_splats, random_splats, small_camera
+from pixel_walks import find_pixel_contributors
 
-from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings, settings_for
-from instdrive_core.rasterize.pixel import pixel_contributors, winner_of
-from instdrive_core.rasterize.preview import preview
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings, choose_raster_settings
+from instdrive_core.rasterize.pixel_contributors import pick_winner
+from instdrive_core.rasterize.preview import render_preview
 from instdrive_core.rasterize.reference import render_reference
 from instdrive_core.rasterize.render import render, render_backward
 from instdrive_core.rasterize.scene_view import view_scene
@@ -33,7 +34,7 @@ def test_values_are_those_of_the_reference() -> None:
     image, _, alpha = render_reference(*splats.arrays(), camera, ANTIALIASED)
     np.testing.assert_allclose(raster.alpha, alpha, atol=2e-5)
     np.testing.assert_allclose(raster.image, image, atol=4e-5)
-    frame = preview(*splats.arrays(), camera, ANTIALIASED)
+    frame = render_preview(*splats.arrays(), camera, ANTIALIASED)
     np.testing.assert_allclose(frame.alpha, alpha, atol=2e-4)
     assert render(*splats.arrays(), camera).alpha.mean() > 1.2 * alpha.mean()
 
@@ -50,13 +51,13 @@ def test_a_splat_hides_as_much_in_all_as_without_the_low_pass() -> None:
 def test_a_pixel_alone_agrees_with_the_frame() -> None:
     camera = small_camera(120, 80)
     splats = fine_splats(camera, seed=3)
-    frame = preview(*splats.arrays(), camera, ANTIALIASED)
+    frame = render_preview(*splats.arrays(), camera, ANTIALIASED)
     rng = np.random.default_rng(0)
     agreeing = 0
     for x, y in zip(rng.integers(0, 120, 200), rng.integers(0, 80, 200), strict=True):
-        contributors = pixel_contributors(*splats.arrays()[:4], camera, int(x), int(y), ANTIALIASED)
+        contributors = find_pixel_contributors(*splats.arrays()[:4], camera, int(x), int(y), ANTIALIASED)
         assert contributors.weights.sum() == pytest.approx(frame.alpha[y, x], abs=1e-5)
-        agreeing += winner_of(contributors) == frame.winner[y, x]
+        agreeing += pick_winner(contributors) == frame.winner[y, x]
     assert agreeing >= 199
 
 
@@ -67,11 +68,11 @@ def test_scenes_are_drawn_as_they_say() -> None:
     none = np.zeros((len(splats), 0, 3), np.float32)
     shape = (splats.means, splats.quats, splats.log_scales, logits)
     scene = scene_from_gaussians(Gaussians(*shape, splats.channels, none, none[:, :, 0]))
-    assert settings_for(scene) == DEFAULT_SETTINGS
+    assert choose_raster_settings(scene) == DEFAULT_SETTINGS
     plain = view_scene(scene, camera, 0.0).alpha
     scene.antialiased = True
     np.testing.assert_allclose(
-        view_scene(scene, camera, 0.0).alpha, preview(*splats.arrays(), camera, ANTIALIASED).alpha, atol=1e-5
+        view_scene(scene, camera, 0.0).alpha, render_preview(*splats.arrays(), camera, ANTIALIASED).alpha, atol=1e-5
     )
     assert plain.mean() > 1.2 * view_scene(scene, camera, 0.0).alpha.mean()
 

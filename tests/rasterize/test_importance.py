@@ -5,7 +5,7 @@ import pytest
 from little_scenes import random_splats, small_camera
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.importance import most_important
+from instdrive_core.rasterize.importance import select_most_important
 from instdrive_core.rasterize.kernels.project import project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
 
@@ -18,7 +18,7 @@ def areas_of(splats):
 def kept(splats, camera, budget, workspace=None):
     opacities = splats.opacities.astype(np.float32)
     arrays = splats.means, areas_of(splats).astype(np.float32), opacities
-    return most_important(*arrays, camera, budget, DEFAULT_SETTINGS, workspace or Workspace())
+    return select_most_important(*arrays, camera, budget, DEFAULT_SETTINGS, workspace or Workspace())
 
 
 @pytest.mark.parametrize("budget", [100, 1000, 3000])

@@ -28,9 +28,9 @@ class LinearLoss:
             rng.normal(size=shape),
         ]
         self.splats, self.camera, self.geometry_channels = splats, camera, geometry_channels
-        found = reference.fragments(*splats.arrays()[:4], camera)
-        self.kept = reference.kept(found)
-        self.weights = reference.weights(found, self.kept)
+        found = reference.evaluate_fragments(*splats.arrays()[:4], camera)
+        self.kept = reference.find_blended_fragments(found)
+        self.weights = reference.compute_fragment_weights(found, self.kept)
 
     def gradients(self) -> RasterGradients:
         raster = render(*self.splats.arrays(), self.camera)
@@ -38,9 +38,11 @@ class LinearLoss:
 
     def value(self, splats: Splats) -> float:
         """Loss whose features beyond the geometry channels are blended with the weights of the unchanged scene."""
-        found = reference.fragments(*splats.arrays()[:4], self.camera)
-        image, depth, alpha = reference.composed(found, reference.weights(found, self.kept), splats.channels)
-        detached, _, _ = reference.composed(found, self.weights, splats.channels)
+        found = reference.evaluate_fragments(*splats.arrays()[:4], self.camera)
+        image, depth, alpha = reference.sum_fragments(
+            found, reference.compute_fragment_weights(found, self.kept), splats.channels
+        )
+        detached, _, _ = reference.sum_fragments(found, self.weights, splats.channels)
         image = np.concatenate([image[..., : self.geometry_channels], detached[..., self.geometry_channels :]], axis=-1)
         return sum(float((g * o).sum()) for g, o in zip(self.grads, (image, depth, alpha), strict=True))
 
@@ -85,7 +87,7 @@ def test_gradients_through_a_stack_that_ends_early() -> None:
     camera = small_camera(20, 18)
     splats = random_splats(camera, 120, 3, seed=5, opacity=(0.8, 0.98))
     loss = LinearLoss(splats, camera, 3)
-    unfinished = loss.kept | (reference.fragments(*splats.arrays()[:4], camera).raw_alphas < 1 / 255)
+    unfinished = loss.kept | (reference.evaluate_fragments(*splats.arrays()[:4], camera).raw_alphas < 1 / 255)
     assert not unfinished.all()
     loss.check(np.flatnonzero(loss.gradients().visible)[::12])
 

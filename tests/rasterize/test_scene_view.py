@@ -8,9 +8,9 @@ from little_scenes import plain_splats, small_camera
 
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
-from instdrive_core.rasterize.kernels.sky_behind import sky_behind
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
-from instdrive_core.scene.gaussians import Gaussians, empty_gaussians
+from instdrive_core.rasterize.kernels.sky_behind import render_sky_behind
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
+from instdrive_core.scene.gaussians import Gaussians, create_empty_gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -51,7 +51,7 @@ def test_actors_are_where_their_track_puts_them_and_only_then() -> None:
     scene = street()
     shown = {time: view_scene(scene, CAMERA, time) for time in (0.0, 1.0, 2.0)}
     for time, instance in ((0.0, 7), (1.0, 7), (2.0, 9)):
-        assert instance_map(scene, shown[time])[SEEN_AT] == instance, time
+        assert build_instance_map(scene, shown[time])[SEEN_AT] == instance, time
     assert shown[2.0].color[SEEN_AT][1] > 0.8
     assert shown[0.0].color[SEEN_AT][0] > 0.8
     np.testing.assert_array_equal(shown[0.0].winner == 1, False)
@@ -61,7 +61,7 @@ def test_the_sky_fills_what_the_gaussians_leave() -> None:
     scene = street()
     frame = view_scene(scene, CAMERA, 0.0)
     np.testing.assert_allclose(frame.color[0, 0], 0.25, atol=1e-6)
-    assert instance_map(scene, frame)[0, 0] == 0
+    assert build_instance_map(scene, frame)[0, 0] == 0
     blue = frame.color[..., 2]
     np.testing.assert_allclose(blue, 0.25 * (1 - frame.alpha), atol=1e-5)
     scene.sky = None
@@ -72,8 +72,10 @@ def test_the_sky_is_looked_up_along_each_pixels_ray() -> None:
     scene = street()
     scene.sky = Sky(np.random.default_rng(0).uniform(size=(6, 8, 8, 3)).astype(np.float32))
     alpha = np.random.default_rng(1).uniform(size=(37, 53)).astype(np.float32)
-    expected = scene.sky.colors(CAMERA.ray_directions()) * (1 - alpha)[..., None]
-    np.testing.assert_allclose(sky_behind(scene.sky, CAMERA, alpha), expected, atol=1e-3)  # nearly opaque: skipped
+    expected = scene.sky.sample(CAMERA.compute_ray_directions()) * (1 - alpha)[..., None]
+    np.testing.assert_allclose(
+        render_sky_behind(scene.sky, CAMERA, alpha), expected, atol=1e-3
+    )  # nearly opaque: skipped
 
 
 def test_hidden_splats_are_neither_drawn_nor_picked() -> None:
@@ -84,7 +86,7 @@ def test_hidden_splats_are_neither_drawn_nor_picked() -> None:
 
 
 def test_an_empty_scene_is_drawn() -> None:
-    scene = scene_from_gaussians(empty_gaussians())
+    scene = scene_from_gaussians(create_empty_gaussians())
     frame = view_scene(scene, CAMERA, 0.0)
     assert not frame.color.any()
-    assert not instance_map(scene, frame).any()
+    assert not build_instance_map(scene, frame).any()

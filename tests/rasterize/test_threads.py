@@ -8,7 +8,7 @@ import numba
 import numpy as np
 from little_scenes import random_splats, small_camera
 
-from instdrive_core.rasterize.preview import preview
+from instdrive_core.rasterize.preview import render_preview
 from instdrive_core.rasterize.render import render, render_backward
 
 
@@ -19,7 +19,7 @@ def test_two_threads_get_what_one_gets() -> None:
     def draw(splats) -> list[np.ndarray]:
         raster = render(*splats.arrays(), camera)
         gradients = render_backward(raster.context, raster.image, raster.depth, raster.alpha, 3)
-        frame = preview(*splats.arrays(), camera)
+        frame = render_preview(*splats.arrays(), camera)
         return [raster.image, gradients.means, gradients.opacities, frame.color, frame.winner]
 
     alone = [draw(splats) for splats in scenes]

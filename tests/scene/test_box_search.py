@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.box_search import box_of_points
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.box_search import find_box_of_points
+from instdrive_core.scene.track import find_points_inside
 
 
 def crowded_boxes(count):
@@ -23,11 +23,11 @@ def test_the_last_box_that_holds_a_point_is_found(grown):
     points = np.random.default_rng(0).uniform(-6, 6, (4000, 3)).astype(np.float32)
     expected = np.full(len(points), -1)
     for number, (pose, size) in enumerate(zip(poses, dimensions, strict=True)):
-        expected[points_inside(points, pose, size, *grown)] = number
+        expected[find_points_inside(points, pose, size, *grown)] = number
     assert len(np.unique(expected)) > 10
-    np.testing.assert_array_equal(box_of_points(points, poses, dimensions, *grown), expected)
+    np.testing.assert_array_equal(find_box_of_points(points, poses, dimensions, *grown), expected)
 
 
 def test_without_boxes_nothing_is_held():
     points = np.zeros((3, 3), np.float32)
-    assert box_of_points(points, np.zeros((0, 4, 4)), np.zeros((0, 3))).tolist() == [-1, -1, -1]
+    assert find_box_of_points(points, np.zeros((0, 4, 4)), np.zeros((0, 3))).tolist() == [-1, -1, -1]

@@ -18,7 +18,7 @@ def test_the_target_lies_ahead_and_up_is_up():
 @given(st.floats(-3, 3), st.floats(-3, 3), st.floats(1, 50))
 def test_points_on_a_pixels_ray_project_to_its_centre(x, y, distance):
     column, row = round(32 + 10 * x), round(24 + 7 * y)
-    point = CAMERA.position + distance * CAMERA.ray_directions()[row, column]
+    point = CAMERA.position + distance * CAMERA.compute_ray_directions()[row, column]
     pixels, depths = CAMERA.project(point[None])
     np.testing.assert_allclose(pixels[0], [column + 0.5, row + 0.5], atol=1e-6)
     assert depths[0] > 0
@@ -27,10 +27,10 @@ def test_points_on_a_pixels_ray_project_to_its_centre(x, y, distance):
 def test_inverse_and_resizing():
     np.testing.assert_allclose(CAMERA.camera_from_world @ CAMERA.world_from_camera, np.eye(4), atol=1e-12)
     point = np.array([[0.3, 0.1, 0.4]])
-    half = CAMERA.scaled(0.5)
+    half = CAMERA.scale(0.5)
     assert (half.width, half.height) == (32, 24)
     np.testing.assert_allclose(half.project(point)[0], CAMERA.project(point)[0] / 2)
-    assert (CAMERA.scaled(1e-6).width, CAMERA.scaled(1e-6).height) == (1, 1)
+    assert (CAMERA.scale(1e-6).width, CAMERA.scale(1e-6).height) == (1, 1)
 
 
 def test_looking_straight_down_is_a_rotation():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from random_scene import random_gaussians
 
-from instdrive_core.scene.gaussians import Gaussians, concatenated, empty_gaussians
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians, create_empty_gaussians
 
 
 @pytest.fixture
@@ -40,11 +40,11 @@ def test_physical_values(gaussians):
 
 def test_select_copy_and_concatenate(gaussians):
     parts = [gaussians.select(slice(0, 7)), gaussians.select(np.arange(7, 20))]
-    joined = concatenated(parts)
+    joined = concatenate_gaussians(parts)
     for name, array in gaussians.arrays().items():
         np.testing.assert_array_equal(getattr(joined, name), array)
     copy = gaussians.copy()
     copy.means[0] = 9
     assert gaussians.means[0, 0] != 9
-    assert len(empty_gaussians(8, 3)) == 0
-    assert empty_gaussians(8, 3).sh_degree == 2
+    assert len(create_empty_gaussians(8, 3)) == 0
+    assert create_empty_gaussians(8, 3).sh_degree == 2

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scene import random_gaussians, random_scene
 
-from instdrive_core.scene.gaussians import empty_gaussians
-from instdrive_core.scene.lint import linted
+from instdrive_core.scene.gaussians import create_empty_gaussians
+from instdrive_core.scene.lint import find_defects
 from instdrive_core.scene.scene import scene_from_gaussians
 
 
@@ -21,16 +21,16 @@ def sound_scene(count=300, **options):
 
 
 def only_finding(scene):
-    findings = linted(scene)
+    findings = find_defects(scene)
     assert len(findings) == 1, [finding.what for finding in findings]
     assert findings[0].remedy
     return findings[0]
 
 
 def test_a_sound_scene_has_no_findings():
-    assert linted(sound_scene()) == ()
-    assert linted(scene_from_gaussians(empty_gaussians())) == ()
-    assert linted(scene_from_gaussians(empty_gaussians(15, 4))) == ()
+    assert find_defects(sound_scene()) == ()
+    assert find_defects(scene_from_gaussians(create_empty_gaussians())) == ()
+    assert find_defects(scene_from_gaussians(create_empty_gaussians(15, 4))) == ()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -49,7 +49,7 @@ def test_values_that_are_not_finite_are_found_in_every_array(name, value):
 def test_opacities_of_zero_and_one_are_numbers_but_zero_never_shows():
     scene = sound_scene()
     scene.gaussians.opacity_logits[[3, 4, 5]] = [np.inf, -np.inf, np.nan]
-    broken, hidden = linted(scene)
+    broken, hidden = find_defects(scene)
     assert (broken.kind, broken.rows.tolist()) == ("not_finite", [5])
     assert (hidden.kind, hidden.rows.tolist()) == ("never_shown", [4])
 
@@ -76,11 +76,11 @@ def test_giants_and_outliers_are_measured_by_the_scene(unit):
     scene = sound_scene()
     scene.gaussians.means *= np.float32(unit)
     scene.gaussians.log_scales += np.float32(np.log(unit))
-    assert linted(scene) == ()
+    assert find_defects(scene) == ()
     scene.gaussians.log_scales[20, 1] = np.log(50 * unit)
     scene.gaussians.means[30] = [0, 0, -1000 * unit]
     scene.gaussians.means[31] = [40 * unit, 0, 0]
-    giant, outlier = linted(scene)
+    giant, outlier = find_defects(scene)
     assert (giant.kind, giant.rows.tolist()) == ("giant_scale", [20])
     assert (outlier.kind, outlier.rows.tolist()) == ("far_outlier", [30])
 
@@ -94,17 +94,17 @@ def test_scales_beyond_any_number_are_giant():
 def test_scenes_without_an_extent_are_not_measured():
     few = sound_scene(count=5)
     few.gaussians.means[0] = 1e9
-    assert linted(few) == ()
+    assert find_defects(few) == ()
     point = sound_scene()
     point.gaussians.means[:] = 7
-    assert linted(point) == ()
+    assert find_defects(point) == ()
 
 
 def test_actors_are_not_measured_by_the_background():
     scene = random_scene(count=400)
     scene.gaussians.opacity_logits[:] = 1
     scene.gaussians.means[scene.nodes > 0] += 1e6
-    assert linted(scene) == ()
+    assert find_defects(scene) == ()
 
 
 @settings(max_examples=30, deadline=None)
@@ -120,7 +120,7 @@ def test_repeats_are_the_later_rows_of_equal_ones(copies):
         if key in seen:
             expected.append(row)
         seen.add(key)
-    found = [finding for finding in linted(scene) if finding.kind == "duplicate"]
+    found = [finding for finding in find_defects(scene) if finding.kind == "duplicate"]
     assert [finding.rows.tolist() for finding in found] == ([expected] if expected else [])
 
 
@@ -128,7 +128,7 @@ def test_splats_that_share_a_place_only_are_no_repeats():
     scene = sound_scene()
     scene.gaussians.means[1] = scene.gaussians.means[0]
     scene.gaussians.quats[1] = scene.gaussians.quats[0]
-    assert linted(scene) == ()
+    assert find_defects(scene) == ()
 
 
 @pytest.mark.parametrize(("used", "empty"), [(0, 15), (1, 12), (3, 12), (4, 7), (8, 7), (9, 0), (15, 0)])
@@ -136,7 +136,7 @@ def test_sh_that_is_never_used(used, empty):
     scene = sound_scene()
     scene.gaussians.sh_rest[:, used:] = 0
     if not empty:
-        assert linted(scene) == ()
+        assert find_defects(scene) == ()
         return
     finding = only_finding(scene)
     assert (finding.kind, finding.count, len(finding.rows)) == ("empty_sh", empty, 0)
@@ -147,7 +147,7 @@ def test_many_splats_take_less_time_than_sorting_them_by_place_twice():
     scene = sound_scene(count=300_000, features=0)
     linting, sorting = [], []
     for _ in range(4):
-        linting.append(cpu_seconds(lambda: linted(scene)))
+        linting.append(cpu_seconds(lambda: find_defects(scene)))
         sorting.append(cpu_seconds(lambda: np.lexsort(scene.gaussians.means.T)))
     assert min(linting) < 2 * min(sorting)
 

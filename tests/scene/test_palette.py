@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scene import random_gaussians
 
-from instdrive_core.maths.spherical_harmonics import color_from_dc, rest_basis
-from instdrive_core.scene.palette import MAX_ENTRIES, ColorPalette, PaletteFullError, baked_colors
+from instdrive_core.maths.spherical_harmonics import color_from_dc, evaluate_rest_basis
+from instdrive_core.scene.palette import MAX_ENTRIES, ColorPalette, PaletteFullError, bake_colors
 
 RED = np.array([[0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0]], np.float32)
 
@@ -30,7 +30,7 @@ def test_equal_entries_are_shared_and_truncation_forgets():
 
 def test_assigning_returns_what_was_there_and_marks_it_dirty():
     palette = ColorPalette(6)
-    reader = palette.dirty_reader()
+    reader = palette.create_dirty_reader()
     assert reader.take() == (0, 6)
     version, entry = palette.version, palette.add(RED)
     before = palette.assign(np.array([1, 4]), np.array([entry, entry], np.uint16))
@@ -69,10 +69,10 @@ def test_baked_parameters_show_the_mapped_color_from_everywhere(seed, degree):
     entries = [palette.add(rng.normal(size=(3, 4)).astype(np.float32), alpha) for alpha in (1.0, 0.5)]
     rows = np.array([0, 3, 4, 9])
     palette.assign(rows, np.array(entries * 2, np.uint16))
-    dc, rest, logits = baked_colors(gaussians, palette, rows)
+    dc, rest, logits = bake_colors(gaussians, palette, rows)
     directions = rng.normal(size=(4, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    basis = rest_basis(directions, gaussians.sh_rest.shape[1])
+    basis = evaluate_rest_basis(directions, gaussians.sh_rest.shape[1])
 
     def shown(sh_dc, sh_rest):
         return color_from_dc(sh_dc) + np.einsum("nk,nkc->nc", basis, sh_rest)

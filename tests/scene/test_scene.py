@@ -3,21 +3,21 @@ import pytest
 from random_scene import random_scene
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.scene import node_rotations, placed, scene_from_gaussians
+from instdrive_core.scene.scene import extract_node_rotations, place_in_world, scene_from_gaussians
 
 
 def test_pose_palette_names_background_first_and_who_is_present():
     scene = random_scene(actors=2)
-    poses, present = scene.at(0.1)
+    poses, present = scene.find_node_poses(0.1)
     np.testing.assert_array_equal(poses[0], np.eye(4))
-    np.testing.assert_allclose(poses[1], scene.actors[0].pose_at(0.1))
+    np.testing.assert_allclose(poses[1], scene.actors[0].interpolate_pose(0.1))
     assert present.tolist() == [1, 1, 0]
 
 
 def test_placing_moves_actors_and_leaves_the_background_alone():
     scene = random_scene(actors=2)
-    gaussians, (poses, _) = scene.gaussians, scene.at(0.3)
-    means, quats = placed(gaussians.means, gaussians.quats, scene.nodes, poses)
+    gaussians, (poses, _) = scene.gaussians, scene.find_node_poses(0.3)
+    means, quats = place_in_world(gaussians.means, gaussians.quats, scene.nodes, poses)
     still = scene.nodes == 0
     assert means[still].tobytes() == gaussians.means[still].tobytes()
     for row in np.flatnonzero(~still)[::7]:
@@ -29,8 +29,8 @@ def test_placing_moves_actors_and_leaves_the_background_alone():
 
 def test_a_static_scene_is_not_copied_by_placing():
     scene = scene_from_gaussians(random_scene().gaussians)
-    poses, _ = scene.at(0.0)
-    means, quats = placed(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
+    poses, _ = scene.find_node_poses(0.0)
+    means, quats = place_in_world(scene.gaussians.means, scene.gaussians.quats, scene.nodes, poses)
     assert means is scene.gaussians.means
     assert quats is scene.gaussians.quats
 
@@ -38,7 +38,7 @@ def test_a_static_scene_is_not_copied_by_placing():
 def test_rotations_are_orthonormal_again():
     poses = np.tile(np.eye(4), (2, 1, 1))
     poses[1, :3, :3] *= 1 + 1e-4
-    np.testing.assert_allclose(node_rotations(poses)[1], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(extract_node_rotations(poses)[1], np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize(

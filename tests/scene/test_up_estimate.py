@@ -9,14 +9,13 @@ from random_scene import random_scene
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.turn_scene import TurnScene
-from instdrive_core.edits.queries.bake import baked
-from instdrive_core.formats.registry import open_scene
-from instdrive_core.formats.stated_up import stated_up
+from instdrive_core.edits.queries.bake import bake_document
+from instdrive_core.formats.registry import find_stated_up, open_scene
 from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.scene.camera import Camera, CameraView, look_at
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
-from instdrive_core.scene.up_estimate import estimated_up
-from instdrive_core.scene.upright import AXES, direction_of, upright_rotation
+from instdrive_core.scene.up_estimate import estimate_up
+from instdrive_core.scene.upright import AXES, compute_axis_direction, compute_upright_rotation
 
 SAMPLE = Path(__file__).parents[2] / "assets/sample_scene"
 SPLATS = Path(__file__).parents[3] / "shared/data/splats"
@@ -31,13 +30,13 @@ def street():
 def lying(scene, up):
     """The scene turned so that what was up points along `up`."""
     document = Document(replace(scene))
-    w, x, y, z = quaternion_from_matrix(upright_rotation(up).T).tolist()
+    w, x, y, z = quaternion_from_matrix(compute_upright_rotation(up).T).tolist()
     document.apply(TurnScene((w, x, y, z)))
-    return baked(document)
+    return bake_document(document)
 
 
 def anonymous(scene):
-    """As another program would have it: no cameras, no instances, one moment."""
+    """Scene as another program would have it: no cameras, no instances, one moment."""
     return scene_from_gaussians(scene.gaussians.select(scene.nodes == 0))
 
 
@@ -47,10 +46,10 @@ def degrees(left, right):
 
 @pytest.mark.parametrize("axis", AXES)
 def test_a_street_is_known_by_its_ground_and_by_its_cameras_however_it_lies(street, axis):
-    up = direction_of(axis)
+    up = compute_axis_direction(axis)
     turned = lying(street, up)
     for scene, reason in ((turned, "the photos' cameras"), (anonymous(turned), "the ground")):
-        found = estimated_up(scene)
+        found = estimate_up(scene)
         assert (found.axis, found.confident, found.reason) == (axis, True, reason)
         np.testing.assert_array_equal(found.direction, up)
         assert found.tilt == 0
@@ -60,50 +59,50 @@ def test_a_street_is_known_by_its_ground_and_by_its_cameras_however_it_lies(stre
 def test_a_tilt_is_found_within_a_degree(street, up):
     turned = lying(street, up)
     for scene in (turned, anonymous(turned)):
-        found = estimated_up(scene)
+        found = estimate_up(scene)
         assert degrees(found.direction, up) < 1
         assert found.confident
         assert found.tilt > 3
 
 
 def test_strays_and_broken_splats_do_not_matter(street):
-    scene = anonymous(lying(street, direction_of("+x")))
+    scene = anonymous(lying(street, compute_axis_direction("+x")))
     gaussians = scene.gaussians.copy()
     gaussians.means[::50] *= 1e6
     gaussians.means[1::50] = np.nan
     gaussians.quats[2::50] = 0
     gaussians.log_scales[3::50] = np.inf
-    found = estimated_up(scene_from_gaussians(gaussians))
+    found = estimate_up(scene_from_gaussians(gaussians))
     assert (found.axis, found.confident) == ("+x", True)
 
 
 def test_what_has_no_ground_is_no_news_but_for_what_its_format_says():
     blob = scene_from_gaussians(random_scene(count=2000).gaussians)
-    assert not estimated_up(blob).confident
-    assert estimated_up(blob).axis == "-y", "most files of other programs have the axes of a photo"
-    assert estimated_up(random_scene(count=2000, actors=1)).axis == "+z", "cameras that stand upright"
+    assert not estimate_up(blob).confident
+    assert estimate_up(blob).axis == "-y", "most files of other programs have the axes of a photo"
+    assert estimate_up(random_scene(count=2000, actors=1)).axis == "+z", "cameras that stand upright"
     named = replace(random_scene(count=2000), views=())
-    assert (estimated_up(named).axis, estimated_up(named).confident) == ("+z", False), "instances are ours"
-    stated = estimated_up(blob, stated_up(Path("a.SPZ")))
+    assert (estimate_up(named).axis, estimate_up(named).confident) == ("+z", False), "instances are ours"
+    stated = estimate_up(blob, find_stated_up(Path("a.SPZ")))
     assert (stated.axis, stated.confident, stated.reason) == ("-y", True, "the file's format")
-    assert stated_up(Path("a.ply")) is None
+    assert find_stated_up(Path("a.ply")) is None
 
 
 @pytest.mark.parametrize("count", [0, 1, 150])
 def test_few_splats_say_nothing(count):
     scene = random_scene(count=max(count, 1)).gaussians.select(slice(0, count))
-    assert not estimated_up(scene_from_gaussians(scene)).confident
+    assert not estimate_up(scene_from_gaussians(scene)).confident
 
 
 def test_splats_in_one_place_say_nothing():
     gaussians = random_scene(count=500).gaussians
     gaussians.means[:] = 1
-    assert not estimated_up(scene_from_gaussians(gaussians)).confident
+    assert not estimate_up(scene_from_gaussians(gaussians)).confident
 
 
 def around(up, pitch, count=12):
     """Cameras in a ring, all looking down by `pitch` degrees; the ring lies across `up`."""
-    views, rotation = [], upright_rotation(up).T
+    views, rotation = [], compute_upright_rotation(up).T
     for index, angle in enumerate(np.linspace(0, 2 * np.pi, count, endpoint=False)):
         place = np.array([np.cos(angle), np.sin(angle), np.tan(np.radians(pitch))])
         pose = look_at(place, np.zeros(3))
@@ -116,14 +115,14 @@ def around(up, pitch, count=12):
 def test_cameras_that_look_down_from_all_sides_still_know_what_is_level(pitch):
     up = np.array([0.3, -0.8, 0.5])
     scene = replace(scene_from_gaussians(random_scene().gaussians), views=around(up, pitch))
-    assert degrees(estimated_up(scene).direction, up) < 0.1
+    assert degrees(estimate_up(scene).direction, up) < 0.1
 
 
 def test_cameras_that_disagree_are_not_believed():
-    views = around(direction_of("+z"), 10) + around(direction_of("-z"), 10)
+    views = around(compute_axis_direction("+z"), 10) + around(compute_axis_direction("-z"), 10)
     scene = replace(scene_from_gaussians(random_scene().gaussians), views=views)
     assert isinstance(scene, Scene)
-    assert not estimated_up(scene).confident
+    assert not estimate_up(scene).confident
 
 
 @pytest.mark.parametrize(
@@ -143,5 +142,5 @@ def test_files_of_other_programs(name, axis, reason):
     path = SPLATS / name
     if not path.exists():
         pytest.skip("the shared example files are not here")
-    found = estimated_up(open_scene(path), stated_up(path))
+    found = estimate_up(open_scene(path), find_stated_up(path))
     assert (found.axis, found.confident, found.reason) == (axis or "-y", axis is not None, reason)

@@ -1,10 +1,8 @@
 """Everything of a document that an edit may change."""
 
+from instdrive_core.edits.document.fingerprint import Part, fingerprint
+
 
 def snapshot(document):
-    """Everything an edit may change, as bytes and values."""
-    arrays = [document.state.flags, document.colors.indices, document.colors.matrices, document.colors.alphas]
-    arrays += [document.transforms.indices, document.transforms.values]
-    arrays += [document.scene.instance_ids, *document.scene.gaussians.arrays().values()]
-    arrays += [array for track in document.scene.actors for array in (track.world_from_box, track.dimensions)]
-    return [array.tobytes() for array in arrays], list(document.scene.table), document.first_free_id
+    """Digest of each part of a document by the part's name, so that a failing comparison names the part."""
+    return {part.name: fingerprint(document, (part,)) for part in Part}

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from instdrive_core.datasets.clip import Clip, Frame, is_held_out
-from instdrive_core.evaluation.metrics.box_pixels import box_silhouette
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.evaluation.metrics.box_pixels import find_box_silhouette
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.masks.ground_truth import GroundTruthInstance
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
@@ -20,7 +20,7 @@ from instdrive_core.scene.track import Track
 
 ROAD, PARKED, DRIVING, POLE = 1, 2, 3, 4
 COLORS = np.array([[0.6, 0.7, 0.9], [0.3, 0.3, 0.3], [0.8, 0.1, 0.1], [0.1, 0.2, 0.8], [0.9, 0.8, 0.1]], np.float32)
-"""Of sky, road, parked, driving, pole."""
+"""Colours of sky, road, parked, driving, pole."""
 SPACING, DEVIATION = 0.2, 0.1
 ROAD_SIDE, ROAD_END = 8.0, 25.0
 WIDTH, HEIGHT = 192, 108
@@ -47,14 +47,14 @@ def box_surface(size: np.ndarray) -> np.ndarray:
 
 def exact_labels(camera: Camera, boxes: list[tuple[int, np.ndarray, np.ndarray]]) -> np.ndarray:
     """Nearest box per pixel, else the road where the ray meets it, else 0 for the sky."""
-    rays = camera.ray_directions()
+    rays = camera.compute_ray_directions()
     downward = np.minimum(rays[..., 2:], -1e-9)
     hits = camera.position - rays * camera.position[2] / downward
     on_road = (np.abs(hits[..., 0]) < ROAD_SIDE) & (hits[..., 1] > -ROAD_SIDE) & (hits[..., 1] < ROAD_END)
     labels = np.where(on_road & (rays[..., 2] < 0), ROAD, 0).astype(np.uint32)
     far_to_near = sorted(boxes, key=lambda box: -np.linalg.norm(box[1][:3, 3] - camera.position))
     for label, world_from_box, size in far_to_near:
-        labels[box_silhouette(camera, world_from_box, size)] = label
+        labels[find_box_silhouette(camera, world_from_box, size)] = label
     return labels
 
 
@@ -69,7 +69,7 @@ class ToyTruth:
     def load(self, frame: Frame) -> np.ndarray:
         return self.labels[frame.key]
 
-    def sky(self, frame: Frame) -> np.ndarray:
+    def load_sky(self, frame: Frame) -> np.ndarray:
         return self.labels[frame.key] == 0
 
 
@@ -101,7 +101,7 @@ def toy_scene(parked: Track, driving: Track, views: tuple[CameraView, ...]) -> S
     )
     faces = np.broadcast_to(COLORS[0], (6, 2, 2, 3)).copy()
     nodes = (ids == DRIVING).astype(np.uint16)
-    table = table_from_ids(ids, means, ids, nodes)
+    table = build_instance_table(ids, means, ids, nodes)
     return Scene(gaussians, ids, ids.copy(), nodes, table, (driving,), Sky(faces), views, code_bits=3)
 
 
@@ -116,8 +116,8 @@ def toy_drive() -> ToyDrive:
         for name, target in (("front", [0.0, 10.0, 0.5]), ("side", [3.0, 8.0, 0.5])):
             at = look_at(np.array([-1.0 if name == "front" else 0.5, -2.0 + 0.1 * index, 2.0]), np.array(target))
             camera = Camera(170.0, 170.0, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT, at)
-            boxes = [(PARKED, parked.pose_at(time), parked.dimensions), *poles]
-            boxes.append((DRIVING, driving.pose_at(time), driving.dimensions))
+            boxes = [(PARKED, parked.interpolate_pose(time), parked.dimensions), *poles]
+            boxes.append((DRIVING, driving.interpolate_pose(time), driving.dimensions))
             seen = exact_labels(camera, boxes)
             photo = np.round(COLORS[seen] * 255).astype(np.uint8)
             valid = np.ones(seen.shape, bool)

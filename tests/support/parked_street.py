@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.camera import Camera, CameraView, look_at
@@ -84,7 +84,7 @@ def scene_of(rng, means, ids, colors, views) -> Scene:
     )
     ids = ids.astype(np.uint32)
     zeros = np.zeros(count, np.uint32)
-    table = table_from_ids(ids, gaussians.means, zeros, None, NAMES, {CAR: "Car", OTHER_CAR: "Car"})
+    table = build_instance_table(ids, gaussians.means, zeros, None, NAMES, {CAR: "Car", OTHER_CAR: "Car"})
     return Scene(gaussians, ids, zeros, np.zeros(count, np.uint16), table, views=views)
 
 

@@ -100,7 +100,7 @@ def write_colmap_binary(root: Path, model: PhotoModel) -> Path:
 
 
 def write_colmap_text(root: Path, model: PhotoModel) -> Path:
-    """The same model as text."""
+    """Write the model as COLMAP's text files."""
     write_photos(root / "images", model)
     folder = root / "sparse" / "0"
     folder.mkdir(parents=True)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.activations import logit
 from instdrive_core.maths.rotations import quaternion_from_matrix
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.camera import Camera, CameraView, look_at
-from instdrive_core.scene.gaussians import Gaussians, concatenated
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -85,7 +85,7 @@ def car(rng, spacing, color):
             parts += box(rng, (x, y, -0.75), (x + 0.14, y + 0.6, -0.2), spacing, (0.03, 0.03, 0.03))
     for x in (-0.8, 0.5):
         parts.append(plane(rng, (x, -2.22, -0.1), (0.3, 0, 0), (0, 0, 0.15), spacing / 2, (0.8, 0.05, 0.05)))
-    return concatenated(parts)
+    return concatenate_gaussians(parts)
 
 
 def road_color(points):
@@ -115,7 +115,7 @@ def tree(rng, x, y):
         np.zeros((count, 3, 3)),
         np.zeros((count, 0)),
     )
-    return concatenated([*trunk, crown])
+    return concatenate_gaussians([*trunk, crown])
 
 
 def parts_of(rng, spacing):
@@ -181,13 +181,13 @@ def procedural_street(spacing: float = 0.16, seed: int = 3) -> Scene:
         np.concatenate([np.full(len(part.gaussians), getattr(part, name)) for part in parts])
         for name in ("instance", "codeword", "node")
     )
-    gaussians = concatenated([part.gaussians for part in parts])
+    gaussians = concatenate_gaussians([part.gaussians for part in parts])
     ids, codewords, nodes = ids.astype(np.uint32), codewords.astype(np.uint32), nodes.astype(np.uint16)
     names = {ROAD: "road", HOUSES: "houses left", HOUSES + 3: "houses right", 3: "pavement left", 4: "pavement right"}
     names |= {FIRST_CAR + k: f"parked car {k + 1}" for k in range(5)} | {30 + k: f"tree {k + 1}" for k in range(4)}
     classes = {key: name.split()[0].capitalize() for key, name in names.items()}
     classes |= {FIRST_CAR + k: "Car" for k in range(5)} | {DRIVING_CAR: "Car"}
-    table = table_from_ids(ids, gaussians.means, codewords, nodes, names | {DRIVING_CAR: "driving car"}, classes)
+    table = build_instance_table(ids, gaussians.means, codewords, nodes, names | {DRIVING_CAR: "driving car"}, classes)
     return Scene(
         gaussians, ids, codewords, nodes, table, (driving_track(),), evening_sky(), dataset_views(), code_bits=8
     )

@@ -1,4 +1,4 @@
-"""What tests of projects share: a scene with edits of several kinds, and all that edits may change, as bytes."""
+"""What tests of projects share: a scene with edits of several kinds, and archives with a member rewritten."""
 
 import json
 import zipfile
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from document_snapshot import snapshot
 from random_scene import random_scene
 
 from instdrive_core.edits.document.document import Document
@@ -50,16 +51,6 @@ def edited_document(folder: Path) -> Document:
     document.undo()
     document.undo()
     return document
-
-
-def snapshot(document: Document) -> tuple:
-    """Everything that edits may change."""
-    scene = document.scene
-    arrays = [document.state.flags, document.colors.indices, document.colors.values]
-    arrays += [document.transforms.indices, document.transforms.values]
-    arrays += [scene.instance_ids, scene.codewords, scene.nodes, *scene.gaussians.arrays().values()]
-    arrays += [array for track in scene.actors for array in (track.times, track.world_from_box, track.dimensions)]
-    return [array.tobytes() for array in arrays], list(scene.table), document.first_free_id
 
 
 def assert_same_document(left: Document, right: Document) -> None:

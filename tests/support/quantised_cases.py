@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from random_scene import random_gaussians
 
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 
 
 @st.composite
@@ -27,7 +27,7 @@ def hard_gaussians(draw, max_count=700):
 
 def rotation_angles(left, right):
     """Degrees (n,) between the rotations of two arrays of quaternions of any length."""
-    left, right = normalized(left.astype(np.float64)), normalized(right.astype(np.float64))
+    left, right = normalize_quaternions(left.astype(np.float64)), normalize_quaternions(right.astype(np.float64))
     # Of both signs the nearer; by chords, which keep their digits where the angle is small.
     chords = np.minimum(np.linalg.norm(left - right, axis=1), np.linalg.norm(left + right, axis=1))
     return np.degrees(4 * np.arcsin(chords / 2))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.camera import Camera, CameraView, look_at
 from instdrive_core.scene.gaussians import Gaussians
@@ -60,7 +60,7 @@ def random_scene(seed=0, count=200, instances=6, actors=2, degree=3, features=4)
         instance_ids=ids,
         codewords=codewords,
         nodes=nodes,
-        table=table_from_ids(ids, gaussians.means, codewords, nodes, names, classes),
+        table=build_instance_table(ids, gaussians.means, codewords, nodes, names, classes),
         actors=tuple(random_track(rng, f"actor-{k}", 0.2 * k) for k in range(actors)),
         sky=Sky(rng.random((6, 4, 4, 3)).astype(np.float32)),
         views=views,

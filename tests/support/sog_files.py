@@ -59,7 +59,7 @@ def meta_of(rng, count, bands=2, palette=70):
 
 
 def legacy_meta_of(meta):
-    """The same scene's description in the first version: ranges where codebooks stood."""
+    """Description of the scene in the first version of the format: ranges where codebooks stood."""
     old = {name: dict(value) for name, value in meta.items() if isinstance(value, dict)}
     old["means"]["shape"] = [meta["count"], 3]
     old["scales"] |= {"mins": [-9.0, -8.0, -7.0], "maxs": [1.0, 2.0, 3.0]}

@@ -4,7 +4,7 @@ import json
 
 import torch
 
-from instdrive_core.masks.sam.labels import SamOptions
+from instdrive_core.masks.sam.options import SamOptions
 
 EDGE = 64
 """Pixels of the square that the tiny models look at."""

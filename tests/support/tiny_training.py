@@ -7,8 +7,8 @@ import numpy as np
 from instdrive_core.rasterize.render import render
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.training.gaussians.model import model_from_gaussians
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.gaussians.model import build_model
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.trainer import Trainer
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
@@ -67,7 +67,7 @@ def photographed(gaussians: Gaussians, which: np.ndarray, seed: int) -> list[Tra
 
 
 def tiny_config(schedule: str = "after") -> TrainConfig:
-    config = train_config("instdrive" if schedule == "after" else "paper", "demo", seed=3)
+    config = build_train_config("instdrive" if schedule == "after" else "paper", "demo", seed=3)
     return replace(
         config,
         geometry=replace(config.geometry, iterations=30, coarse_iterations=8, sky_resolution=8),
@@ -84,5 +84,5 @@ def new_trainer(config: TrainConfig) -> tuple[Trainer, np.ndarray]:
     start = truth.copy()
     start.sh_dc += rng.normal(0, 0.6, start.sh_dc.shape).astype(np.float32)
     sky = np.full((6, 8, 8, 3), 0.5, np.float32)
-    model = model_from_gaussians(start, np.zeros(len(which), np.uint16), (), sky, [view.time for view in views])
-    return Trainer(model, ViewStore.of(views), config, scene_radius=10.0), which
+    model = build_model(start, np.zeros(len(which), np.uint16), (), sky, [view.time for view in views])
+    return Trainer(model, ViewStore.from_views(views), config, scene_radius=10.0), which

@@ -10,7 +10,7 @@ import math
 import pytest
 import torch
 
-from instdrive_core.training.backends.device import missing_for_cuda
+from instdrive_core.training.backends.device import explain_missing_cuda
 from instdrive_core.training.backends.gsplat_backend import GsplatBackend
 
 CHANNEL_COUNTS = {1, 2, 3, 4, 5, 8, 9, 16, 17, 32}
@@ -23,7 +23,7 @@ def backend_of(kind: str) -> GsplatBackend:
     """`like 1.5` and `like 1.6`: on the stand-in, which differ in `absgrad`; `gsplat`: the real one, or a skip."""
     if kind != "gsplat":
         return GsplatBackend(torch.device("cpu"), TorchSplatting(holder=kind == "like 1.6"))
-    missing = missing_for_cuda()
+    missing = explain_missing_cuda()
     if missing is not None:
         pytest.skip(missing)
     return GsplatBackend()

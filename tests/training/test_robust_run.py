@@ -19,7 +19,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.files import atomic
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.training.run import CHECKPOINT, LOG, RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, TrainConfig, train_config
+from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config
 
 PROGRAM = """
 import sys
@@ -32,7 +32,7 @@ NEVER = 1_000_000
 
 
 def short() -> TrainConfig:
-    config = train_config("instdrive", "demo", seed=1)
+    config = build_train_config("instdrive", "demo", seed=1)
     return replace(
         config,
         init=InitConfig(lidar_points=2_000, near_points=200, far_points=200, actor_points=100),
@@ -80,7 +80,7 @@ def finished(process: subprocess.Popen) -> None:
 
 
 def started(street: Path, out: Path, resume: bool = False, lines: int = NEVER) -> subprocess.Popen:
-    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parents[1] / "support"), str(street), str(out)]
+    command = [sys.executable, "-c", PROGRAM, str(Path(__file__).parent), str(street), str(out)]
     return subprocess.Popen([*command, "resume" if resume else "new", str(lines)], stderr=subprocess.PIPE)
 
 

@@ -9,16 +9,18 @@ import pytest
 from safetensors.numpy import load_file
 
 from instdrive_core.datasets.clip import ClipOptions
+from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.formats.ply.inria import write_ply
-from instdrive_core.instances.codebook import quantized
-from instdrive_core.training.build_trainer import with_first_features
+from instdrive_core.instances.codebook import quantize_features
+from instdrive_core.training.build_trainer import add_first_features
+from instdrive_core.training.gaussians import first_gaussians
 from instdrive_core.training.run import CHECKPOINT, RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, TrainConfig, on_frozen_geometry, train_config
-from instdrive_core.training.settings.events import CheckpointDue, Refined
+from instdrive_core.training.settings.config import InitConfig, TrainConfig, build_train_config, keep_geometry
+from instdrive_core.training.settings.events import CheckpointDue, DensifyDone
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ def street(tmp_path_factory):
 
 
 def short(method="instdrive") -> TrainConfig:
-    config = train_config(method, "demo", seed=1)
+    config = build_train_config(method, "demo", seed=1)
     return replace(
         config,
         init=InitConfig(lidar_points=3_000, near_points=200, far_points=200, actor_points=100),
@@ -94,7 +96,7 @@ def test_votes_name_instances_without_training(street, tmp_path):
     assert any("objects" in note for note in notes)
     scene = read_scene_folder(run)
     assert (scene.instance_ids > 0).all()
-    np.testing.assert_array_equal(scene.codewords, quantized(scene.gaussians.features))
+    np.testing.assert_array_equal(scene.codewords, quantize_features(scene.gaussians.features))
     pairs = np.unique(np.stack([scene.instance_ids, scene.codewords]), axis=1)
     assert pairs.shape[1] == len(scene.table) == len(np.unique(scene.codewords))
     for node in range(1, len(scene.actors) + 1):
@@ -114,7 +116,7 @@ def test_votes_are_the_same_after_an_interruption(street, tmp_path):
 
 
 def test_votes_leave_a_scene_trained_elsewhere_as_it_is(street, trained, tmp_path):
-    run = train(street, tmp_path / "run", config=on_frozen_geometry(by_votes()), init=trained)
+    run = train(street, tmp_path / "run", config=keep_geometry(by_votes()), init=trained)
     before, after = read_scene_folder(trained), read_scene_folder(run)
     for name in ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"):
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
@@ -169,7 +171,7 @@ def trained(street, tmp_path_factory):
 
 
 def with_growth(config: TrainConfig) -> TrainConfig:
-    """The same with Gaussians that grow within the few steps there are."""
+    """Configuration whose Gaussians grow within the few steps there are."""
     return replace(config, densify=replace(config.densify, start=4, every=5, stop=0.9, gradient_threshold=1e-6))
 
 
@@ -178,7 +180,7 @@ def test_gaussians_grow_up_to_the_cap(street, tmp_path):
     config = replace(config, densify=replace(config.densify, max_gaussians=4_500))
     events = []
     run = train(street, tmp_path / "run", config=config, on_event=events.append)
-    grown = [event for event in events if isinstance(event, Refined)]
+    grown = [event for event in events if isinstance(event, DensifyDone)]
     assert grown[0].cloned + grown[0].split > 0
     assert max(event.gaussians for event in grown) == 4_500
     assert json.loads((run / "run.json").read_text())["n_gaussians"] == grown[-1].gaussians
@@ -190,12 +192,12 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
     """Its geometry and colours stay as they are, whichever origin they are stored with; a .ply brings no actors."""
     before, start = read_scene_folder(trained), trained
     if form == "ply":
-        before = frozen_at(before, 0.0)
+        before = freeze_at_time(before, 0.0)
         before.gaussians.means += np.float32(5)
         before.origin = before.origin - 5
         start = tmp_path / "elsewhere.ply"
         write_ply(start, before)
-    config = on_frozen_geometry(short(method))
+    config = keep_geometry(short(method))
     run = train(street, tmp_path / "run", config=config, init=start)
     after = read_scene_folder(run)
     assert len(after) == len(before)
@@ -205,7 +207,7 @@ def test_instances_are_learned_on_a_scene_trained_elsewhere(street, trained, tmp
         np.testing.assert_array_equal(getattr(after.gaussians, name), getattr(before.gaussians, name), err_msg=name)
     assert len(after.actors) == len(before.actors)
     assert bool(before.actors) == (form == "run")
-    first = with_first_features(before.gaussians, config.instances, config.seed).features
+    first = add_first_features(before.gaussians, config.instances, config.seed).features
     assert np.abs(after.gaussians.features - first).max() > 0.01
     lines = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
     assert {line["stage"] for line in lines} == {"instances"}
@@ -222,13 +224,13 @@ def test_colours_are_trained_on_from_another_scene(street, trained, tmp_path):
 
 
 def test_a_scene_from_somewhere_else_is_refused(street, trained, tmp_path):
-    scene = frozen_at(read_scene_folder(trained), 0.0)
+    scene = freeze_at_time(read_scene_folder(trained), 0.0)
     scene.gaussians.means += np.float32(10_000)
     write_ply(tmp_path / "far.ply", scene)
     with pytest.raises(DataError, match=r"far.ply.*before a camera.*world coordinates"):
-        train(street, tmp_path / "run", config=on_frozen_geometry(short()), init=tmp_path / "far.ply")
+        train(street, tmp_path / "run", config=keep_geometry(short()), init=tmp_path / "far.ply")
     with pytest.raises(OptionError, match="--init"):
-        train(street, tmp_path / "other", config=on_frozen_geometry(short()))
+        train(street, tmp_path / "other", config=keep_geometry(short()))
 
 
 def test_a_static_run_has_no_actors_and_says_so(street, tmp_path):
@@ -246,3 +248,24 @@ def test_a_clip_without_cuboids_is_static_and_says_so(street, tmp_path):
     scene = read_scene_folder(train(bare, tmp_path / "run", notes))
     assert scene.actors == ()
     assert any("no cuboids" in note for note in notes)
+
+
+def test_moving_objects_that_lidar_hardly_hits_are_told(street, tmp_path, monkeypatch):
+    monkeypatch.setattr(first_gaussians, "MIN_ACTOR_POINTS", 10**9)
+    notes = []
+    run = train(street, tmp_path / "run", notes)
+    assert read_scene_folder(run).actors == ()
+    (told,) = [note for note in notes if "moving objects will blur" in note]
+    assert "LiDAR points lie in their boxes" in told
+    assert json.loads((run / "run.json").read_text())["notes"] == notes
+
+
+def test_moving_objects_of_a_clip_without_lidar_are_told(street, tmp_path):
+    bare, notes = tmp_path / "bare", []
+    shutil.copytree(street, bare, ignore=shutil.ignore_patterns("lidar"))
+    assert read_scene_folder(train(bare, tmp_path / "run", notes)).actors == ()
+    moving = [track for track in load_clip(str(bare), ClipOptions(cameras="1")).tracks if track.moving]
+    (told,) = [note for note in notes if "moving objects will blur" in note]
+    assert told.startswith(f"{len(moving)} of {len(moving)} ")
+    assert "no LiDAR points" in told
+    assert f"{moving[0].label} {moving[0].id}" in told

@@ -7,11 +7,11 @@ import pytest
 import torch
 from tiny_training import new_trainer, tiny_config
 
-from instdrive_core.instances.codebook import quantized
-from instdrive_core.training.checkpoint import load_checkpoint, restore, save_checkpoint
+from instdrive_core.instances.codebook import quantize_features
+from instdrive_core.training.checkpoint import load_checkpoint, restore_trainer, save_checkpoint
 from instdrive_core.training.gaussians.view_rendering import GEOMETRY
-from instdrive_core.training.settings.config import TrainConfig, on_frozen_geometry
-from instdrive_core.training.settings.events import CheckpointDue, Refined, StepDone
+from instdrive_core.training.settings.config import TrainConfig, keep_geometry
+from instdrive_core.training.settings.events import CheckpointDue, DensifyDone, StepDone
 from instdrive_core.training.trainer import Trainer, TrainingDivergedError
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -29,7 +29,7 @@ def test_colour_improves_and_every_object_gets_one_code(schedule):
     steps = [event for event in trainer.run() if isinstance(event, StepDone)]
     rgb = [event.psnr for event in steps if event.stage == "rgb"]
     assert rgb[-1] > rgb[0] + 2
-    codes = quantized(trainer.model.gaussians().features)
+    codes = quantize_features(trainer.model.gaussians().features)
     majority = [np.bincount(codes[which == number]).argmax() for number in (1, 2, 3)]
     assert len(set(majority)) == 3
     assert np.mean(codes == np.array(majority)[which - 1]) > 0.9
@@ -54,7 +54,7 @@ def test_instance_losses_leave_geometry_and_colour_alone():
 
 
 def growing(config: TrainConfig) -> TrainConfig:
-    """The same with densification and a reset of the opacities within the few steps there are."""
+    """Configuration with densification and a reset of the opacities within the few steps there are."""
     densify = replace(
         config.densify,
         start=4,
@@ -74,7 +74,7 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
     config = growing(tiny_config(schedule))
     config = replace(config, checkpoint_every=12)
     whole, _ = new_trainer(config)
-    grown = [event for event in whole.run() if isinstance(event, Refined)]
+    grown = [event for event in whole.run() if isinstance(event, DensifyDone)]
     assert sum(event.cloned + event.split for event in grown) > 0
 
     first, _ = new_trainer(config)
@@ -87,7 +87,7 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
                 break
     checkpoint = load_checkpoint(tmp_path / "part.safetensors")
     second = Trainer(checkpoint.model(first.store.times), first.store, config, checkpoint.scene_radius)
-    restore(second, checkpoint)
+    restore_trainer(second, checkpoint)
     for _ in second.run():
         pass
     for name, value in {**whole.model.parameters, **whole.model.shared}.items():
@@ -95,14 +95,14 @@ def test_a_resumed_run_ends_bit_equal(tmp_path, stop_after, schedule):
 
 
 def test_frozen_geometry_learns_instances_alone():
-    config = on_frozen_geometry(tiny_config())
+    config = keep_geometry(tiny_config())
     trainer, which = new_trainer(config)
     before = {name: trainer.model.parameters[name].clone() for name in GEOMETRY}
     stages = {event.stage for event in trainer.run() if isinstance(event, StepDone)}
     assert stages == {"instances"}
     for name, value in before.items():
         assert torch.equal(value, trainer.model.parameters[name]), name
-    codes = quantized(trainer.model.gaussians().features)
+    codes = quantize_features(trainer.model.gaussians().features)
     assert len({int(np.bincount(codes[which == number]).argmax()) for number in (1, 2, 3)}) == 3
 
 
@@ -127,7 +127,7 @@ def test_a_loss_that_is_no_number_stops_the_run():
 def test_empty_masks_train_colour_only():
     trainer, _ = new_trainer(tiny_config())
     views = [trainer.store.get(number) for number in range(len(trainer.store))]
-    store = ViewStore.of([replace(view, labels=np.zeros_like(view.labels)) for view in views])
+    store = ViewStore.from_views([replace(view, labels=np.zeros_like(view.labels)) for view in views])
     empty = Trainer(trainer.model, store, trainer.config, 10.0)
     assert not empty.has_masks
     assert {event.stage for event in empty.run()} == {"rgb"}

@@ -13,12 +13,12 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
 from instdrive_core.formats.folder.scenes import read_scene_folder
-from instdrive_core.training.gaussians.initialize import initial_scene
-from instdrive_core.training.gaussians.sparse_start import points_without_lidar
+from instdrive_core.training.gaussians.first_gaussians import build_initial_scene
+from instdrive_core.training.gaussians.points_without_lidar import gather_points_without_lidar
 from instdrive_core.training.run import RunRequest, run_training
-from instdrive_core.training.settings.config import InitConfig, train_config
+from instdrive_core.training.settings.config import InitConfig, build_train_config
 from instdrive_core.training.settings.events import StepDone
-from instdrive_core.training.views.view_store import view_store
+from instdrive_core.training.views.view_store import open_view_store
 
 INIT = InitConfig(lidar_points=400, near_points=100, far_points=100)
 
@@ -29,7 +29,7 @@ def model():
 
 
 def run(clip, out, iterations=12):
-    config = train_config("instdrive", "demo", seed=1)
+    config = build_train_config("instdrive", "demo", seed=1)
     geometry = replace(config.geometry, iterations=iterations, coarse_iterations=4, sky_resolution=8)
     notes, losses = [], []
     run_training(
@@ -58,9 +58,9 @@ def test_without_points_training_starts_from_random_ones(model, tmp_path):
     del content["ply_file_path"]
     (root / "transforms.json").write_text(json.dumps(content))
     clip = load_clip(str(root), ClipOptions())
-    with view_store(clip, None) as store:
-        start = initial_scene(clip, store, INIT, 0, seed=1)
-        again = initial_scene(clip, store, INIT, 0, seed=1)
+    with open_view_store(clip, None) as store:
+        start = build_initial_scene(clip, store, INIT, 0, seed=1)
+        again = build_initial_scene(clip, store, INIT, 0, seed=1)
         depths = np.concatenate([facts.camera.project(start.gaussians.means)[1] for facts in store.facts])
     assert len(start.gaussians) == 600
     assert np.isfinite(start.gaussians.means).all()
@@ -82,8 +82,8 @@ def test_a_recorded_drive_whose_sweeps_are_missing_starts_from_random_points(tmp
 
 def test_sparse_points_are_taken_with_their_colours(model, tmp_path):
     clip = load_clip(str(write_colmap_binary(tmp_path / "clip", model)), ClipOptions())
-    with view_store(clip, None) as store:
-        points = points_without_lidar(clip, store, INIT, seed=1)
+    with open_view_store(clip, None) as store:
+        points = gather_points_without_lidar(clip, store, INIT, seed=1)
     assert len(points.lidar) == 40
     np.testing.assert_allclose(points.lidar.colors, model.colors / 255, atol=1e-6)
     assert len(points.near) > 0
@@ -93,5 +93,8 @@ def test_sparse_points_are_taken_with_their_colours(model, tmp_path):
 def test_points_that_no_photo_sees_are_an_error(model, tmp_path):
     clip = load_clip(str(write_colmap_binary(tmp_path / "clip", model)), ClipOptions())
     above = replace(clip.points, points=clip.points.points + np.float32([0, 0, 500]))
-    with view_store(clip, None) as store, pytest.raises(DataError, match="no training photo sees one of its 40 points"):
-        initial_scene(replace(clip, points=above), store, INIT, 0, seed=1)
+    with (
+        open_view_store(clip, None) as store,
+        pytest.raises(DataError, match="no training photo sees one of its 40 points"),
+    ):
+        build_initial_scene(replace(clip, points=above), store, INIT, 0, seed=1)

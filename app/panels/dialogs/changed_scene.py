@@ -1,38 +1,40 @@
-"""Asking whether a project, or a dead editor's work, is opened though its scene is no longer the one edited."""
+"""The question that is asked when a project's scene file has changed since it was edited."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.session.requests import AskChangedScene
 
 TITLE = "The scene has changed"
 
 
 class ChangedSceneDialog:
-    """Opens itself when `files.changed_scene` is set."""
+    """Opens the document anyway, or leaves it closed."""
 
-    names: tuple[str, ...] = ()
+    def __init__(self) -> None:
+        self._request: AskChangedScene | None = None
+        """The request, until the user has answered it."""
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Never by name."""
+    def open(self, ui: Ui, request: AskChangedScene) -> None:
+        """Open it."""
+        self._request = request
+        imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        files = ui.session.files
-        changed = files.changed_scene
-        if changed is None:
+        """Draw one frame."""
+        request = self._request
+        if request is None:
             return
-        if not imgui.is_popup_open(TITLE):
-            imgui.open_popup(TITLE)
 
         def open_anyway() -> None:
-            files.changed_scene = None
-            changed.open_anyway()
+            self._request = None
+            request.open_anyway()
 
-        def leave() -> None:
-            files.changed_scene = None
+        def cancel() -> None:
+            self._request = None
 
-        then = "Opened anyway, the edits are done on the scene as it is now, without those that do not fit."
-        question(ui, TITLE, f"{changed.said}\n\n{then}", {"Cancel": leave, "Open anyway": open_anyway})
+        then = "If you open it anyway, the edits that still fit are applied to the scene as it is now."
+        draw_question(ui, TITLE, f"{request.reason}\n\n{then}", {"Cancel": cancel, "Open anyway": open_anyway})

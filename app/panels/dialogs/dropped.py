@@ -1,4 +1,4 @@
-"""What to do with files dropped onto the window."""
+"""Opens or inserts files that were dropped onto the window."""
 
 from __future__ import annotations
 
@@ -7,46 +7,41 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from instdrive_app.files.file_names import enumerated
-from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sorted_out
-from instdrive_app.panels.dialogs.file_purposes import PURPOSES
-from instdrive_app.panels.dialogs.questions import Answers, question
+from instdrive_app.files.file_names import join_names
+from instdrive_app.panels.dialogs.dropped_files import DroppedFiles, sort_dropped
+from instdrive_app.panels.dialogs.questions import Answers, draw_question
 from instdrive_app.panels.widgets.ui import Ui
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import ReceiveDrop
 
 TITLE = "Dropped files"
 
 
 class DroppedDialog:
-    """Opens what is dropped; where a scene is open already it asks whether to insert it there."""
-
-    names: tuple[str, ...] = ()
+    """Opens dropped files; if a scene is open already, it asks whether to insert them there."""
 
     def __init__(self) -> None:
         self._asked: DroppedFiles | None = None
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Never by name."""
+    def open(self, ui: Ui, request: ReceiveDrop) -> None:
+        """Open or insert the files at once, or open the dialog that asks."""
+        self._receive(ui.session, request.paths)
 
     def draw(self, ui: Ui) -> None:
-        """One frame: `session.dropped` is taken up."""
-        session = ui.session
-        dropped, session.dropped = session.dropped, ()
-        if dropped:
-            self._take(session, dropped)
+        """Draw one frame."""
         if self._asked is not None:
-            text, answers = _asking(session, self._asked)
-            question(ui, TITLE, text, answers)
+            text, answers = _compose_question(ui.session, self._asked)
+            draw_question(ui, TITLE, text, answers)
 
-    def _take(self, session: EditorSession, dropped: Sequence[Path]) -> None:
-        if session.jobs.blocking:
-            session.messages.error("Please wait until the work under way is done, then drop again")
+    def _receive(self, session: EditorSession, dropped: Sequence[Path]) -> None:
+        if session.jobs.is_blocking:
+            session.messages.error("Please wait until the present job is done, then drop the files again")
             return
         if imgui.internal.get_top_most_popup_modal() is not None:
             # Another question would close the one that is open, without an answer.
-            session.messages.error("Please finish with the dialog that is open, then drop again")
+            session.messages.error("Please close the open dialog, then drop the files again")
             return
-        found = sorted_out(dropped)
+        found = sort_dropped(dropped)
         if found.complaint:
             session.messages.error(found.complaint)
         if not found.openable:
@@ -58,8 +53,8 @@ class DroppedDialog:
             imgui.open_popup(TITLE)
 
 
-def _asking(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
-    """The question, and what its answers do."""
+def _compose_question(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
+    """Text of the question, and what its answers do."""
     first = found.openable[0]
 
     def insert() -> None:
@@ -69,24 +64,24 @@ def _asking(session: EditorSession, found: DroppedFiles) -> tuple[str, Answers]:
         _open_first(session, found)
 
     if len(found.openable) == 1:
-        text = f"{first.name} can be opened instead of this scene, or inserted into it."
+        text = f"Open {first.name} instead of this scene, or insert it into this scene?"
         return text, {"Cancel": lambda: None, "Insert": insert, "Open": open_first}
-    beside = ", side by side" if len(found.scenes) > 1 else ""
+    arranged = ", side by side" if len(found.scenes) > 1 else ""
     text = (
-        f"{enumerated(found.scenes)} can be inserted into this scene{beside}. "
-        f"Only one can be opened instead of it: {first.name}."
+        f"{join_names(found.scenes)} can be inserted into this scene{arranged}. "
+        f"Only the first, {first.name}, can be opened instead."
     )
     return text, {"Cancel": lambda: None, "Open the first": open_first, "Insert": insert}
 
 
 def _open_first(session: EditorSession, found: DroppedFiles) -> None:
     first, *others = found.openable
-    PURPOSES["open"].act(session, first)
+    session.files.leave_for(first)
     if others:
-        session.messages.info(f"One scene is open at a time: {first.name}. Left out: {enumerated(others)}")
+        session.messages.info(f"Only one scene can be open at a time: {first.name}. Left out: {join_names(others)}")
 
 
 def _insert(session: EditorSession, found: DroppedFiles) -> None:
-    session.inserting.insert(*found.scenes)
+    session.insertion.insert(*found.scenes)
     if found.projects:
-        session.messages.info(f"Projects can be opened, not inserted. Left out: {enumerated(found.projects)}")
+        session.messages.info(f"Projects can be opened but not inserted. Left out: {join_names(found.projects)}")

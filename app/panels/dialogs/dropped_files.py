@@ -1,4 +1,4 @@
-"""What can be done with each of the files that were dropped onto the window."""
+"""Sorts dropped files by what can be done with them."""
 
 from __future__ import annotations
 
@@ -8,63 +8,64 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from instdrive_app.files.file_names import name_problem
+from instdrive_app.files.file_names import find_name_problem
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
-_TOLD = 3
-"""Problems that are told of one drop; of more, their number."""
+_MOST_REPORTED = 3
+"""Problems of one drop that are spelled out; further ones are only counted."""
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")
-"""How a web page's link begins when it is dropped; a drive's letter is shorter."""
+"""Matches the beginning of a link dropped from a web browser; a Windows drive has only one letter."""
 
 
 @dataclass(frozen=True)
 class DroppedFiles:
-    """Files and folders of one drop, in its order."""
+    """The files and folders of one drop, in its order."""
 
     scenes: tuple[Path, ...]
     """Can be opened or inserted."""
     projects: tuple[Path, ...]
     """Can be opened only."""
     openable: tuple[Path, ...]
-    """Both."""
+    """Scenes and projects together."""
     problems: tuple[str, ...]
-    """Why the others are left, a sentence each."""
+    """Why the other files cannot be opened, one sentence each."""
 
     @property
     def complaint(self) -> str:
-        """The problems as one message; empty where there are none."""
-        told = list(self.problems[:_TOLD])
-        if len(self.problems) > _TOLD:
-            told.append(f"So it is with {counted(len(self.problems) - _TOLD, 'other')} of what was dropped")
-        return ". ".join(told)
+        """All problems in one message; empty if there are none."""
+        sentences = list(self.problems[:_MOST_REPORTED])
+        if len(self.problems) > _MOST_REPORTED:
+            rest = format_count(len(self.problems) - _MOST_REPORTED, "other")
+            sentences.append(f"{rest} cannot be opened either")
+        return ". ".join(sentences)
 
 
-def sorted_out(paths: Iterable[Path]) -> DroppedFiles:
-    """Look at what was dropped."""
+def sort_dropped(paths: Iterable[Path]) -> DroppedFiles:
+    """Sort dropped paths into scenes, projects and problems; repeated paths count once."""
     openable, problems = [], []
     for path in dict.fromkeys(paths):
-        problem = _problem(path)
+        problem = _find_problem(path)
         if problem:
             problems.append(problem)
         else:
             openable.append(path)
-    scenes = [path for path in openable if not PURPOSES["insert"].problem(path)]
+    scenes = [path for path in openable if not PURPOSES["insert"].find_problem(path)]
     projects = [path for path in openable if path not in scenes]
     return DroppedFiles(tuple(scenes), tuple(projects), tuple(openable), tuple(problems))
 
 
-def _problem(path: Path) -> str:
-    """Why a path cannot be opened; empty where it can."""
-    if name_problem(path):
-        return name_problem(path)
-    if not PURPOSES["open"].problem(path):
+def _find_problem(path: Path) -> str:
+    """Why a path cannot be opened; empty if it can."""
+    if find_name_problem(path):
+        return find_name_problem(path)
+    if not PURPOSES["open"].find_problem(path):
         return ""
     if os.path.isdir(path):
-        return f"The folder {path.name or path} holds no scene. Drop a run's folder or one that holds a scene"
+        return f"The folder {path.name or path} contains no scene. Drop a training run's folder or a scene folder"
     if os.path.exists(path):
-        return f"{path.name} is no scene or project that can be opened"
+        return f"{path.name} is not a scene or project that can be opened"
     if _ADDRESS.match(str(path)):
         address = str(path).replace(":/", "://", 1)  # a Path has one slash for two
         return f"{address} is not on this computer. Download it, then drop the file"
-    return f"{path} cannot be found. It may have been moved, or must not be read"
+    return f"{path} was not found. It may have been moved, or you may not be allowed to read it"

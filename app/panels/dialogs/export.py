@@ -1,4 +1,4 @@
-"""The rows above the path when something is exported: what, in which format, and what that format can be asked for."""
+"""The export dialog's rows above the path: what to export, in which format, and the format's options."""
 
 from __future__ import annotations
 
@@ -9,146 +9,147 @@ from typing import TypeVar
 from imgui_bundle import imgui
 
 from instdrive_app.panels.dialogs.file_purposes import PURPOSES, FilePurpose
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import KINDS, WRITTEN, ExportChoice, What
-from instdrive_core.formats.registry import FORMATS, SIBR
+from instdrive_core.formats.registry import FORMATS
 
-BEGINNINGS: dict[str, What] = {"export": "scene", "export_selection": "selection"}
-"""What the dialog begins with, by the name it is asked for."""
-FOLDER_TITLE = "InstDrive scene folder"
-_TITLES = {fmt.suffix: fmt.title for fmt in FORMATS} | {SIBR: "INRIA layout for SIBR viewers", "": FOLDER_TITLE}
-_OBJECT_FILES = ((".json", "Boxes, and tracks of what moves"), (".glb", "3D scene with a node per instance"))
-_MASK_FORMATS = ((False, "PNG: exact colours, and labels"), (True, "COCO panoptic"))
+"""What is exported at first, by the purpose that the dialog is opened for."""
+_TITLES = {fmt.suffix: fmt.title for fmt in FORMATS}
+_OBJECT_FILES = ((".json", "Boxes, and tracks of moving objects"), (".glb", "3D scene with one node per instance"))
+_MASK_FORMATS = ((False, "PNG: exact colours and labels"), (True, "COCO panoptic"))
 _SCALES = (1.0, 2.0, 4.0)
-_HOLDING_INSTANCES = ("", ".ply")
+_ENDINGS_WITH_IDS = ("", ".ply")
 _LABEL_EM, _COMBO_EM = 4.2, 27.0
 Key = TypeVar("Key")
 
 
 class ExportOptions:
-    """Draws the rows; what they say is kept in `session.exporting`."""
+    """Draws the rows; the choices themselves are kept in `session.export`."""
 
-    names: tuple[str, ...] = tuple(BEGINNINGS)
     rows = 3
-    """Lines that they take above the path."""
+    """Lines that the options take above the path."""
 
-    def begin(self, session: EditorSession, name: str) -> str:
+    def begin(self, session: EditorSession, what: What) -> str:
         """The dialog opens under one of `names`; returns the path to propose."""
-        session.exporting.begin(BEGINNINGS[name])
-        return str(session.exporting.proposed())
+        session.export.begin(what)
+        return str(session.export.propose_path())
 
-    def purpose(self, session: EditorSession) -> FilePurpose:
-        """What paths the present choice takes."""
-        kind = session.exporting.kind
-        refusal = "" if session.exporting.amounts.get(session.exporting.choice.what) else kind.missing
+    def build_purpose(self, session: EditorSession) -> FilePurpose:
+        """The purpose that accepts the paths that fit the present choice."""
+        kind = session.export.kind
+        refusal = "" if session.export.amounts.get(session.export.choice.what) else kind.missing
         return replace(PURPOSES["export"], suffixes=kind.endings, folders=kind.takes_folder, refusal=refusal)
 
     def draw(self, ui: Ui, path: str) -> str:
-        """One frame; returns the path, with another name where the choice asks for one."""
-        exporting = ui.session.exporting
-        _label("Export")
+        """Draw one frame; returns the path, renamed where the choice needs another ending."""
+        exporting = ui.session.export
+        _draw_label("Export")
         kinds: list[tuple[What, str]] = [(name, kind.title) for name, kind in KINDS.items()]
-        what = _combo(ui, "what", kinds, exporting.choice.what)
+        what = _draw_combo(ui, "what", kinds, exporting.choice.what)
         if what != exporting.choice.what:
             exporting.choice = replace(exporting.choice, what=what)
-            path = str(exporting.proposed_beside(path))
+            path = str(exporting.propose_path_in(path))
         imgui.same_line()
-        dim_text(exporting.amounts.get(exporting.choice.what, ""))
-        _label("As")
-        path = self._format(ui, path)
-        _label("")
-        dim_text(_note(ui.session, ending_of(path)))
+        draw_dim_text(exporting.amounts.get(exporting.choice.what, ""))
+        _draw_label("As")
+        path = self._draw_format(ui, path)
+        _draw_label("")
+        draw_dim_text(_describe_choice(ui.session, find_ending(path)))
         return path
 
-    def _format(self, ui: Ui, path: str) -> str:
-        exporting = ui.session.exporting
+    def _draw_format(self, ui: Ui, path: str) -> str:
+        exporting = ui.session.export
         choice = exporting.choice
         match choice.what:
             case "scene" | "selection":
-                ending = _combo(ui, "format", [(suffix, _titled(suffix)) for suffix in (*WRITTEN, "")], ending_of(path))
-                path = with_ending(path, ending)
-                exporting.choice = _scene_switches(ui, choice, ending)
+                ending = _draw_combo(
+                    ui, "format", [(suffix, _format_title(suffix)) for suffix in (*WRITTEN, "")], find_ending(path)
+                )
+                path = replace_ending(path, ending)
+                exporting.choice = _draw_scene_switches(ui, choice, ending)
             case "instances" | "actors":
-                suffix = _combo(ui, "format", [(suffix, _titled(suffix)) for suffix in WRITTEN], choice.suffix)
-                exporting.choice = _scene_switches(ui, replace(choice, suffix=suffix), suffix)
+                suffix = _draw_combo(
+                    ui, "format", [(suffix, _format_title(suffix)) for suffix in WRITTEN], choice.suffix
+                )
+                exporting.choice = _draw_scene_switches(ui, replace(choice, suffix=suffix), suffix)
             case "objects":
                 titles = [(suffix, f"{suffix}   {title}") for suffix, title in _OBJECT_FILES]
-                path = with_ending(path, _combo(ui, "format", titles, ending_of(path)))
-                exporting.choice = replace(choice, hulls=_switch(ui, "hulls", "Hulls", choice.hulls))
+                path = replace_ending(path, _draw_combo(ui, "format", titles, find_ending(path)))
+                exporting.choice = replace(choice, hulls=_draw_switch(ui, "hulls", "Hulls", choice.hulls))
             case "masks":
-                coco = _combo(ui, "format", _MASK_FORMATS, choice.coco)
-                exporting.choice = replace(choice, coco=coco, scale=_scale(ui, choice))
+                coco = _draw_combo(ui, "format", _MASK_FORMATS, choice.coco)
+                exporting.choice = replace(choice, coco=coco, scale=_draw_scale(ui, choice))
             case "cameras" | "view":
                 imgui.align_text_to_frame_padding()
                 imgui.text(f".png   {ui.session.state.view_mode.value}, as in the view")
-                exporting.choice = replace(choice, scale=_scale(ui, choice))
+                exporting.choice = replace(choice, scale=_draw_scale(ui, choice))
         return path
 
 
-def ending_of(path: str) -> str:
-    """The ending by which a format is known, the longest that fits; empty for none."""
+def find_ending(path: str) -> str:
+    """Find the longest known file ending of a path; empty if it has none."""
     known = (*WRITTEN, *(suffix for suffix, _ in _OBJECT_FILES), ".png")
     name = path.rpartition("/")[2].lower()
     return max((suffix for suffix in known if name.endswith(suffix)), key=len, default="")
 
 
-def with_ending(path: str, ending: str) -> str:
-    """The path with another known ending in the place of its own; one that has it already stays letter by letter."""
-    own = ending_of(path)
+def replace_ending(path: str, ending: str) -> str:
+    """Replace a path's known ending by another; a path that already has the ending stays exactly as it is."""
+    own = find_ending(path)
     return path if own == ending else f"{path[: len(path) - len(own)]}{ending}"
 
 
-def _scene_switches(ui: Ui, choice: ExportChoice, ending: str) -> ExportChoice:
+def _draw_scene_switches(ui: Ui, choice: ExportChoice, ending: str) -> ExportChoice:
     document = ui.session.document
     if ending == ".ply":
-        hint = "SH degree 3, exact columns and nothing else, under any name that ends in .ply"
-        return replace(choice, sibr=_switch(ui, "sibr", "For SIBR viewers", choice.sibr, hint))
+        hint = "SH degree 3 and exactly the columns that SIBR expects; any name that ends in .ply will do"
+        return replace(choice, sibr=_draw_switch(ui, "sibr", "For SIBR viewers", choice.sibr, hint))
     if ending == "" and document is not None and document.scene.actors:
-        hint = "Without their tracks, moving objects stand where they are at the time shown"
-        return replace(choice, keep_tracks=_switch(ui, "tracks", "Keep tracks", choice.keep_tracks, hint))
+        hint = "Without tracks, moving objects stay where they are at the time shown"
+        return replace(choice, keep_tracks=_draw_switch(ui, "tracks", "Keep tracks", choice.keep_tracks, hint))
     return choice
 
 
-def _note(session: EditorSession, ending: str) -> str:
-    """What the present choice means for time and instances."""
-    choice, document = session.exporting.choice, session.document
+def _describe_choice(session: EditorSession, ending: str) -> str:
+    """Explain what the present choice means for time and instances."""
+    choice, document = session.export.choice, session.document
     has_actors = document is not None and bool(document.scene.actors)
-    standing = f"Moving objects stand where they are at {session.state.time:.2f} s. " if has_actors else ""
+    standing = f"Moving objects stay where they are at {session.state.time:.2f} s. " if has_actors else ""
     match choice.what:
         case "scene" | "selection":
             tracked = not ending and choice.keep_tracks
             moment = "Moving objects keep their tracks. " if tracked and has_actors else standing
             has_ids = document is not None and len(document.scene.table) > 0
-            keeps_ids = ending in _HOLDING_INSTANCES and not (choice.sibr and ending == ".ply")
-            return moment + ("" if keeps_ids or not has_ids else "Instance IDs have no place in this format.")
+            keeps_ids = ending in _ENDINGS_WITH_IDS and not (choice.sibr and ending == ".ply")
+            return moment + ("" if keeps_ids or not has_ids else "This format cannot hold instance IDs.")
         case "instances":
             return f"{standing}instances.json lists the files."
         case "actors":
-            return "x right, y forward, z up from the box's middle; poses beside, as .poses.json."
+            return "x right, y forward, z up from the box's centre; poses go into .poses.json."
         case "objects":
-            return f"{standing}A .json has all times." if has_actors else "Upright boxes around what is solid."
+            return f"{standing}A .json holds all times." if has_actors else "Upright boxes around the solid splats."
         case "masks":
-            return "What a click would select, for each photo's camera."
+            return "What a click would select, seen by each photo's camera."
         case "cameras":
-            return "One folder per camera; what is hidden is left out."
+            return "One folder per camera; hidden splats are left out."
         case "view":
             lens, scale = session.state.viewpoint.lens, choice.scale
-            return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; what is hidden is left out."
+            return f"{lens.width * scale:.0f} × {lens.height * scale:.0f} pixels; hidden splats are left out."
 
 
-def _titled(suffix: str) -> str:
-    return f"{suffix}   {_TITLES[suffix]}" if suffix else FOLDER_TITLE
+def _format_title(suffix: str) -> str:
+    return f"{suffix}   {_TITLES[suffix]}".lstrip()
 
 
-def _label(text: str) -> None:
+def _draw_label(text: str) -> None:
     imgui.align_text_to_frame_padding()
-    dim_text(text)
+    draw_dim_text(text)
     imgui.same_line(_LABEL_EM * imgui.get_font_size())
 
 
-def _combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key) -> Key:
-    """A list to choose from; marks: ``export.NAME`` and ``export.NAME.KEY``."""
+def _draw_combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key) -> Key:
+    """Draw a drop-down list and return the chosen key; marks: ``export.NAME`` and ``export.NAME.KEY``."""
     imgui.set_next_item_width(_COMBO_EM * imgui.get_font_size())
     opened = imgui.begin_combo(f"##{name}", dict(entries).get(current, ""), imgui.ComboFlags_.height_large)
     ui.mark(f"export.{name}")
@@ -163,7 +164,7 @@ def _combo(ui: Ui, name: str, entries: Sequence[tuple[Key, str]], current: Key) 
     return chosen
 
 
-def _switch(ui: Ui, name: str, title: str, on: bool, hint: str = "") -> bool:
+def _draw_switch(ui: Ui, name: str, title: str, on: bool, hint: str = "") -> bool:
     imgui.same_line()
     on = imgui.checkbox(title, on)[1]
     ui.mark(f"export.{name}")
@@ -172,8 +173,8 @@ def _switch(ui: Ui, name: str, title: str, on: bool, hint: str = "") -> bool:
     return on
 
 
-def _scale(ui: Ui, choice: ExportChoice) -> float:
-    """The size of pictures, relative to the film."""
+def _draw_scale(ui: Ui, choice: ExportChoice) -> float:
+    """Draw the choice of picture size and return it, as a factor of the film's size."""
     scale = choice.scale
     for factor in _SCALES:
         imgui.same_line()

@@ -1,4 +1,4 @@
-"""What paths are asked for, and what is done with the answer."""
+"""The purposes for which the editor asks for a path: which paths fit, and what is done with the answer."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from pathlib import Path
 
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.session.export_kinds import WRITTEN
-from instdrive_core.formats.folder.scenes import MANIFEST
-from instdrive_core.formats.registry import FORMATS
-from instdrive_core.formats.sog.levels import is_sog_folder
+from instdrive_core.formats.registry import FORMATS, is_scene_folder
 from instdrive_core.project.save import SUFFIX
 
-SCENES = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
-FILES = (*SCENES, SUFFIX, ".json", ".glb", ".png")
-"""Endings that no folder's name should have."""
+SCENE_ENDINGS = tuple(fmt.suffix for fmt in FORMATS if fmt.suffix)
+FILE_ENDINGS = (*SCENE_ENDINGS, SUFFIX, ".json", ".glb", ".png")
+"""File endings that a folder's name must not have."""
 
 
 @dataclass(frozen=True)
@@ -25,82 +23,83 @@ class FilePurpose:
 
     title: str
     verb: str
-    """On the button."""
+    """Label of the button that accepts the path."""
     suffixes: tuple[str, ...]
-    """Endings, lower case, that are listed and taken; none where a folder is filled with files."""
-    act: Callable[[EditorSession, Path], None]
+    """Lower-case endings that are listed and accepted; empty if the answer is a folder to fill with files."""
+    act: Callable[[EditorSession, Path, Callable[[], None]], None]
+    """Does what the path was asked for; the last argument is what follows a save."""
     writes: bool = False
     folders: bool = True
-    """Whether the answer can be a folder: one that holds a scene, or a new one."""
+    """Whether the answer can be a scene folder, or a new folder."""
     suggestion: str = ""
-    """Ending of the name that is proposed for a new file, after the scene's own."""
+    """Ending of the proposed name for a new file, after the scene's own name."""
     refusal: str = ""
-    """Why no path can be the answer; empty where some can."""
-    closed: Callable[[EditorSession], None] = lambda _: None
-    """Called when the dialog is gone, after `act` where there was an answer."""
+    """Why no path at all can be accepted; empty if some can."""
 
-    def problem(self, path: Path) -> str:
-        """Why the path cannot be the answer; empty where it can."""
+    def find_problem(self, path: Path) -> str:
+        """Say why the path cannot be accepted; empty if it can."""
         if self.refusal or not self.writes:
-            return self.refusal or self._problem_of_old(path)
-        return self._problem_of_new(path) if self.suffixes else _problem_of_filled(path)
+            return self.refusal or self._check_existing(path)
+        return self._check_new(path) if self.suffixes else _check_filled_folder(path)
 
-    def _problem_of_old(self, path: Path) -> str:
+    def _check_existing(self, path: Path) -> str:
         if os.path.isfile(path) and path.name.lower().endswith(self.suffixes):
             return ""
         if self.folders and holds_scene(path):
             return ""
-        return "Choose a scene file or a folder that holds a scene"
+        return "Choose a scene file or a folder that contains a scene"
 
-    def _problem_of_new(self, path: Path) -> str:
+    def _check_new(self, path: Path) -> str:
         endings = " or ".join(self.suffixes)
         if os.path.isdir(path) and not (self.folders and holds_scene(path)):
             return f"Add a file name that ends in {endings}"
         if not path.name.lower().endswith(self.suffixes) and (path.suffix or not self.folders):
-            folder = ", or be that of a scene folder" if self.folders else ""
+            folder = ", or have no ending for a scene folder" if self.folders else ""
             return f"The name must end in {endings}{folder}"
-        return _problem_of_parent(path)
+        return _check_parent(path)
 
 
-def _problem_of_filled(path: Path) -> str:
-    """Of a folder that many files are written into."""
-    if os.path.isfile(path) or path.name.lower().endswith(FILES):
-        return "Many files are written: give the name of a folder"
+def _check_filled_folder(path: Path) -> str:
+    """Say why many files cannot be written into this folder; empty if they can."""
+    if os.path.isfile(path) or path.name.lower().endswith(FILE_ENDINGS):
+        return "Many files will be written: enter the name of a folder"
     if holds_scene(path):
-        return "That folder holds a scene; give the name of another"
-    return _problem_of_parent(path)
+        return "That folder contains a scene; choose another"
+    return _check_parent(path)
 
 
-def _problem_of_parent(path: Path) -> str:
-    return "" if os.path.isdir(path.parent) else f"There is no folder {path.parent}"
+def _check_parent(path: Path) -> str:
+    return "" if os.path.isdir(path.parent) else f"The folder {path.parent} does not exist"
 
 
 def holds_scene(folder: Path) -> bool:
-    """Whether this is a folder that can be opened as a scene; one that cannot be looked into is not."""
+    """Whether a folder can be opened as a scene; False for one that cannot be read."""
     try:
-        return folder.is_dir() and ((folder / MANIFEST).is_file() or is_sog_folder(folder))
+        return is_scene_folder(folder)
     except OSError:
         return False
 
 
-def _open(session: EditorSession, path: Path) -> None:
-    session.leave(lambda: session.files.open(path))
+def _open(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
+    session.files.leave_for(path)
 
 
-def _save(session: EditorSession, path: Path) -> None:
-    then, session.waiting = session.waiting, None
-    session.save(path, then or (lambda: None))
+def _insert(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
+    session.insertion.insert(path)
 
 
-def _stay(session: EditorSession) -> None:
-    """Who gives no name wants to stay: a later save must not end the editor."""
-    session.waiting = None
+def _save(session: EditorSession, path: Path, then: Callable[[], None]) -> None:
+    session.files.save(path, then)
+
+
+def _export(session: EditorSession, path: Path, _: Callable[[], None]) -> None:
+    session.export.write(path)
 
 
 PURPOSES = {
-    "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENES), _open),
-    "insert": FilePurpose("Insert a scene", "Insert", SCENES, lambda session, path: session.inserting.insert(path)),
-    "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX, closed=_stay),
-    "export": FilePurpose("Export", "Export", WRITTEN, lambda session, path: session.exporting.export(path), True),
+    "open": FilePurpose("Open a scene or project", "Open", (SUFFIX, *SCENE_ENDINGS), _open),
+    "insert": FilePurpose("Insert a scene", "Insert", SCENE_ENDINGS, _insert),
+    "save": FilePurpose("Save the project", "Save", (SUFFIX,), _save, True, False, SUFFIX),
+    "export": FilePurpose("Export", "Export", WRITTEN, _export, True),
 }
-"""By the name that `session.dialog` takes."""
+"""By `AskPath.purpose`; `AskExport` adapts the last one to what is exported."""

@@ -1,22 +1,22 @@
-"""What dialogs share: their place and the two buttons at their end."""
+"""What dialogs share: their place in the window, and the two buttons at the bottom."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
-from instdrive_app.panels.widgets.ui import Ui, scaled
+from instdrive_app.panels.widgets.ui import Ui, scale_pixels
 
 BUTTON_WIDTH = 92.0
 """Pixels at scale 1."""
 
 
-def centered(size: ImVec2, always: bool = False) -> None:
-    """Place the next window in the middle, never larger than the editor's; a height of 0 fits its content.
+def center_next_window(size: ImVec2, always: bool = False) -> None:
+    """Place the next window in the middle, never larger than the editor's window; a height of 0 fits its content.
 
-    Where not `always`, it can be moved away. What changes its size while it is open would else leave the middle.
+    Without `always` the user can move it. `always` keeps a window centred that changes its size while it is open.
     """
-    viewport, edge = imgui.get_main_viewport(), scaled(16)
+    viewport, edge = imgui.get_main_viewport(), scale_pixels(16)
     most = ImVec2(viewport.size.x - edge, viewport.size.y - edge)
     imgui.set_next_window_pos(
         viewport.get_center(), imgui.Cond_.always if always else imgui.Cond_.appearing, ImVec2(0.5, 0.5)
@@ -25,15 +25,15 @@ def centered(size: ImVec2, always: bool = False) -> None:
     imgui.set_next_window_size(ImVec2(min(size.x, most.x), min(size.y, most.y)))
 
 
-def enter_pressed() -> bool:
-    """Whether Enter was pressed in a dialog that was open before, and not while text is typed."""
+def is_enter_pressed() -> bool:
+    """Whether Enter was pressed in a dialog that was open already, and not while text is typed."""
     keys = (imgui.Key.enter, imgui.Key.keypad_enter)
     typed = imgui.get_io().want_text_input or imgui.is_window_appearing()
     return not typed and any(imgui.is_key_pressed(key, False) for key in keys)
 
 
-def _escaped() -> bool:
-    """Whether Escape was meant for the dialog: a list that is open in it goes first."""
+def _is_escape_pressed() -> bool:
+    """Whether Escape was pressed and meant for the dialog: a list that is open in it closes first."""
     pressed = imgui.is_key_pressed(imgui.Key.escape)
     if pressed and imgui.is_popup_open("", imgui.PopupFlags_.any_popup_id):
         imgui.internal.close_popup_to_level(1, True)
@@ -41,16 +41,17 @@ def _escaped() -> bool:
     return pressed
 
 
-def confirmed(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
-    """The two buttons at the end of a dialog; closes it where one is pressed, or Escape, or Enter.
+def draw_confirm_buttons(ui: Ui, title: str, entered: bool, valid: bool, cancel: str = "Cancel") -> bool:
+    """Draw the two buttons at the bottom of a dialog; returns whether the user confirmed.
 
-    `entered` tells that Enter ended a line of text; elsewhere it is taken here.
+    A button, Escape or Enter closes the dialog. `entered` says that Enter ended a line of text in this frame; Enter
+    pressed elsewhere is noticed here.
     """
-    entered |= enter_pressed()
+    entered |= is_enter_pressed()
     imgui.spacing()
-    width, style = scaled(BUTTON_WIDTH), imgui.get_style()
+    width, style = scale_pixels(BUTTON_WIDTH), imgui.get_style()
     imgui.set_cursor_pos_x(imgui.get_window_width() - 2 * width - style.item_spacing.x - style.window_padding.x)
-    cancelled = imgui.button(cancel, ImVec2(width, 0)) or _escaped()
+    cancelled = imgui.button(cancel, ImVec2(width, 0)) or _is_escape_pressed()
     ui.mark("dialog.cancel")
     imgui.same_line()
     imgui.begin_disabled(not valid)

@@ -1,41 +1,43 @@
-"""Asking before a project is written over that another editor has saved since."""
+"""The question before a project is overwritten that another editor has saved in the meantime."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.session.requests import AskOtherSave
 
 TITLE = "Saved by another editor"
 
 
 class OtherSaveDialog:
-    """Opens itself when `files.other_save` is set."""
+    """Overwrites the project, or leaves it as it is."""
 
-    names: tuple[str, ...] = ()
+    def __init__(self) -> None:
+        self._request: AskOtherSave | None = None
+        """The request, until the user has answered it."""
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Never by name."""
+    def open(self, ui: Ui, request: AskOtherSave) -> None:
+        """Open it."""
+        self._request = request
+        imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        files = ui.session.files
-        other = files.other_save
-        if other is None:
+        """Draw one frame."""
+        request = self._request
+        if request is None:
             return
-        if not imgui.is_popup_open(TITLE):
-            imgui.open_popup(TITLE)
 
         def save_over() -> None:
-            files.other_save = None
-            other.save_over()
+            self._request = None
+            request.save_over()
 
-        def leave() -> None:
-            files.other_save = None
+        def cancel() -> None:
+            self._request = None
 
         text = (
-            f"{other.path.name} was saved by another editor since it was opened here. Saved over, what was done there "
-            "is lost.\n\nFile, Save project as… keeps both."
+            f"Another editor has saved {request.path.name} since you opened it here. If you overwrite it, the changes "
+            "made there are lost.\n\nFile › Save project as… keeps both."
         )
-        question(ui, TITLE, text, {"Cancel": leave, "Save over it": save_over})
+        draw_question(ui, TITLE, text, {"Cancel": cancel, "Overwrite": save_over})

@@ -1,4 +1,4 @@
-"""Questions that have to be answered before something goes on."""
+"""Modal questions with a button for each answer."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Callable
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered, enter_pressed
+from instdrive_app.panels.dialogs.frame import center_next_window, is_enter_pressed
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, rgba
 from instdrive_app.panels.widgets.ui import Ui
 
 Answers = dict[str, Callable[[], None]]
-"""Title of each button and what it does, the least first; the last one is the proposed one, the first Escape's."""
+"""Title of each button and what it does. The first answers Escape; the last is highlighted and answers Enter."""
 
 
-def question(ui: Ui, title: str, text: str, answers: Answers) -> None:
-    """Draw a question while its popup is open; an answer closes it. Marks: ``question.TITLE OF BUTTON``."""
+def draw_question(ui: Ui, title: str, text: str, answers: Answers) -> None:
+    """Draw a question while its popup is open; an answer closes the popup. Marks: ``question.TITLE OF BUTTON``."""
     em = imgui.get_font_size()
-    centered(ImVec2(30 * em, 0))
+    center_next_window(ImVec2(30 * em, 0))
     if not imgui.begin_popup_modal(title, None, imgui.WindowFlags_.no_saved_settings)[0]:
         return
     imgui.text_wrapped(text)
@@ -37,7 +37,7 @@ def question(ui: Ui, title: str, text: str, answers: Answers) -> None:
         ui.mark(f"question.{name}")
         if proposed:
             imgui.pop_style_color(2)
-        pressed |= proposed and enter_pressed()
+        pressed |= proposed and is_enter_pressed()
         pressed |= name == names[0] and imgui.is_key_pressed(imgui.Key.escape)
         if pressed:
             imgui.close_current_popup()

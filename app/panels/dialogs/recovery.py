@@ -1,48 +1,47 @@
-"""Offering the work of editors that ended without saving."""
+"""Offers the work of editors that ended without saving."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered
+from instdrive_app.panels.dialogs.frame import center_next_window
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, ERROR, rgba
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.session.requests import OfferRecovery
 from instdrive_core.project.recoverable import RecoverableSession
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 TITLE = "Recover unsaved work"
 
 
 class RecoveryDialog:
-    """A row per document: recover it, discard it, or leave it for later."""
+    """Shows one row per document, to recover it, discard it, or leave it for later."""
 
-    names: tuple[str, ...] = ("recovery",)
-
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: OfferRecovery) -> None:
         """Open it."""
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         em = imgui.get_font_size()
-        centered(ImVec2(40 * em, 0))
+        center_next_window(ImVec2(40 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         imgui.text_wrapped("The editor ended without saving these documents. Their edits were kept.")
         imgui.spacing()
-        for number, session in enumerate(list(ui.session.autosave.recoverable)):
+        for number, session in enumerate(list(ui.session.files.autosave.recoverable)):
             imgui.push_id(number)
-            self._row(ui, session, number)
+            self._draw_row(ui, session, number)
             imgui.pop_id()
         imgui.spacing()
         imgui.set_cursor_pos_x(imgui.get_window_width() - 7 * em - imgui.get_style().window_padding.x)
         later = imgui.button("Later", ImVec2(7 * em, 0)) or imgui.is_key_pressed(imgui.Key.escape)
         ui.mark("recovery.later")
-        if later or not ui.session.autosave.recoverable:
+        if later or not ui.session.files.autosave.recoverable:
             imgui.close_current_popup()
         imgui.end_popup()
 
-    def _row(self, ui: Ui, session: RecoverableSession, number: int) -> None:
+    def _draw_row(self, ui: Ui, session: RecoverableSession, number: int) -> None:
         em = imgui.get_font_size()
         imgui.separator()
         imgui.push_font(ui.fonts.bold, 0.0)
@@ -62,16 +61,16 @@ class RecoveryDialog:
         imgui.pop_style_color(2)
         imgui.end_disabled()
         ui.mark(f"recovery.{number}.recover")
-        changes = counted(session.edits, "change")
-        dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
+        changes = format_count(session.edits, "change")
+        draw_dim_text(f"{changes}, the last on {session.changed:%Y-%m-%d at %H:%M}")
         if session.problem:
             imgui.push_style_color(imgui.Col_.text, rgba(ERROR))
             imgui.text_wrapped(session.problem)
             imgui.pop_style_color()
         else:
-            dim_text(str(session.path.parent))
+            draw_dim_text(str(session.path.parent))
         if discarded:
-            ui.session.autosave.discard(session)
+            ui.session.files.autosave.discard(session)
         if recovered:
-            ui.session.recover(session)
+            ui.session.files.recover(session)
             imgui.close_current_popup()

@@ -1,28 +1,27 @@
-"""Asking for the class of instances."""
+"""Asks for the class of some instances."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, fitted_selectable, scaled_size
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, draw_fitted_selectable, scale_size
+from instdrive_app.session.requests import AskClass
 
 TITLE = "Set class"
 
 
 class ClassDialog:
-    """A class of the scene by a click, or any other by typing; an empty one means unknown."""
-
-    names: tuple[str, ...] = ("class",)
+    """Offers the scene's classes, and a field to type any other; an empty name means unknown."""
 
     def __init__(self) -> None:
         self._ids: tuple[int, ...] = ()
         self._text = ""
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: AskClass) -> None:
         """Open it with the present class, where there is one."""
         document = ui.session.document
-        self._ids = ui.session.asked_about
+        self._ids = request.ids
         if document is None or not self._ids:
             return
         classes = {document.scene.table[i].class_name for i in self._ids}
@@ -30,8 +29,8 @@ class ClassDialog:
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        centered(scaled_size(340, 0))
+        """Draw one frame."""
+        center_next_window(scale_size(340, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         if imgui.is_window_appearing():
@@ -40,15 +39,15 @@ class ClassDialog:
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
         entered, self._text = imgui.input_text_with_hint("##class", "unknown", self._text, flags)
         ui.mark("class.name")
-        known = ui.session.labels.classes()
+        known = ui.session.labels.list_classes()
         height = min(max(len(known), 1), 8) * imgui.get_text_line_height_with_spacing()
         imgui.begin_child("##known", ImVec2(0, height))
         for name in known:
             flags = imgui.SelectableFlags_.no_auto_close_popups | imgui.SelectableFlags_.allow_double_click
-            if fitted_selectable(name, name, name == self._text, flags):
+            if draw_fitted_selectable(name, name, name == self._text, flags):
                 self._text, entered = name, imgui.is_mouse_double_clicked(0)
             ui.mark(f"class.{name}")
         imgui.end_child()
-        if confirmed(ui, "Set", entered, True):
+        if draw_confirm_buttons(ui, "Set", entered, True):
             ui.session.labels.set_class(self._ids, self._text.strip())
         imgui.end_popup()

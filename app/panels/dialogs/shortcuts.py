@@ -1,4 +1,4 @@
-"""The sheet of keys and mouse moves."""
+"""The sheet of keyboard shortcuts and mouse gestures."""
 
 from __future__ import annotations
 
@@ -7,114 +7,113 @@ from dataclasses import dataclass
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import shortcut_title
-from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, centered, enter_pressed
-from instdrive_app.panels.menus import full_title
-from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
+from instdrive_app.action import format_shortcut
+from instdrive_app.panels.dialogs.frame import BUTTON_WIDTH, center_next_window, is_enter_pressed
+from instdrive_app.panels.menus import format_action_title
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
+from instdrive_app.session.requests import ShowShortcuts
 
 TITLE = "Keys and mouse"
 MOUSE = (
-    ("Click", "Select; again there: the one behind"),
+    ("Click", "Select; click again for what is behind"),
     ("Shift + click", "Add to the selection"),
     ("Ctrl + click", "Remove from the selection"),
     ("Alt + click", "Select the whole codeword"),
-    ("Shift + Ctrl", "With a region: keep what is inside"),
+    ("Shift + Ctrl", "With a region: keep only what is inside"),
     ("Right click", "Menu"),
-    ("Left drag", "Orbit around what is under the cursor; region tools: select"),
+    ("Left drag", "Orbit around the point under the cursor; region tools: select"),
     ("Right drag", "Look around; region tools: orbit"),
     ("Middle, Shift + drag", "Pan"),
-    ("Wheel", "Nearer, farther"),
-    ("W A S D, Q E", "Fly; with Shift: faster"),
-    ("Up, Down, Home, End", "In the list: go to a row; Shift extends"),
+    ("Wheel", "Move closer or away"),
+    ("W A S D, Q E", "Fly; faster with Shift"),
+    ("Up, Down, Home, End", "In the list: go to a row; Shift extends the selection"),
 )
 COLUMNS = 3
 
 
 @dataclass(frozen=True)
-class Section:
-    """What is listed under one heading."""
+class ShortcutGroup:
+    """The shortcuts under one heading."""
 
     title: str
     rows: tuple[tuple[str, str], ...]
-    """Keys and what they do."""
+    """Keys, and what they do."""
 
 
 class ShortcutSheet:
-    """Everything that has a key, menu by menu."""
+    """Lists every action that has a shortcut, menu by menu, and the mouse gestures."""
 
-    names: tuple[str, ...] = ("shortcuts",)
-
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: ShowShortcuts) -> None:
         """Open it."""
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        centered(ImVec2(76 * imgui.get_font_size(), 0), always=True)
+        """Draw one frame."""
+        center_next_window(ImVec2(76 * imgui.get_font_size(), 0), always=True)
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         style = imgui.get_style()
         # Title and button stay in place where the rest scrolls.
-        below = 2 * (imgui.get_frame_height_with_spacing() + style.window_padding.y + scaled(12))
+        below = 2 * (imgui.get_frame_height_with_spacing() + style.window_padding.y + scale_pixels(12))
         imgui.set_next_window_size_constraints(ImVec2(0, 0), ImVec2(1e6, imgui.get_main_viewport().size.y - below))
         if imgui.begin_child("##sections", ImVec2(0, 0), imgui.ChildFlags_.auto_resize_y):
-            self._sheet(ui)
+            self._draw_sheet(ui)
         imgui.end_child()
-        width, padding = scaled(BUTTON_WIDTH), imgui.get_style().window_padding.x
+        width, padding = scale_pixels(BUTTON_WIDTH), imgui.get_style().window_padding.x
         imgui.set_cursor_pos_x(imgui.get_window_width() - width - padding)
         closed = imgui.button("Close", ImVec2(width, 0))
         ui.mark("dialog.cancel")
-        if closed or enter_pressed() or imgui.is_key_pressed(imgui.Key.escape):
+        if closed or is_enter_pressed() or imgui.is_key_pressed(imgui.Key.escape):
             imgui.close_current_popup()
         imgui.end_popup()
 
-    def _sheet(self, ui: Ui) -> None:
+    def _draw_sheet(self, ui: Ui) -> None:
         if not imgui.begin_table("##sheet", COLUMNS, imgui.TableFlags_.sizing_stretch_same):
             return
-        for column in balanced(_sections(ui), COLUMNS):
+        for column in balance_columns(_collect_groups(ui), COLUMNS):
             imgui.table_next_column()
-            for section in column:
-                _draw_section(ui, section)
+            for group in column:
+                _draw_group(ui, group)
         imgui.end_table()
 
 
-def balanced(sections: Sequence[Section], columns: int) -> list[list[Section]]:
-    """The sections in order, parted so that the longest column is as short as it can be."""
-    heights = [len(section.rows) + 2 for section in sections]
+def balance_columns(groups: Sequence[ShortcutGroup], columns: int) -> list[list[ShortcutGroup]]:
+    """Distribute groups over columns, in order, so that the longest column is as short as possible."""
+    heights = [len(group.rows) + 2 for group in groups]
     limit = max(heights, default=0)
     while True:
-        parted: list[list[Section]] = [[]]
-        filled = 0
-        for section, height in zip(sections, heights, strict=True):
-            if filled and filled + height > limit:
-                parted.append([])
-                filled = 0
-            parted[-1].append(section)
-            filled += height
-        if len(parted) <= columns:
-            return parted
+        filled: list[list[ShortcutGroup]] = [[]]
+        height_so_far = 0
+        for group, height in zip(groups, heights, strict=True):
+            if height_so_far and height_so_far + height > limit:
+                filled.append([])
+                height_so_far = 0
+            filled[-1].append(group)
+            height_so_far += height
+        if len(filled) <= columns:
+            return filled
         limit += 1
 
 
-def _sections(ui: Ui) -> list[Section]:
-    commands = ui.session.commands
+def _collect_groups(ui: Ui) -> list[ShortcutGroup]:
+    commands = ui.session.actions
     found = []
     for menu in commands.menus:
         rows = [
-            (", ".join(map(shortcut_title, command.shortcuts)), full_title(command))
+            (", ".join(map(format_shortcut, command.shortcuts)), format_action_title(command))
             for command in commands.in_menu(menu)
             if command.shortcuts
         ]
-        found.append(Section(menu, tuple(rows)))
-    return [*(section for section in found if section.rows), Section("Mouse", MOUSE)]
+        found.append(ShortcutGroup(menu, tuple(rows)))
+    return [*(group for group in found if group.rows), ShortcutGroup("Mouse", MOUSE)]
 
 
-def _draw_section(ui: Ui, section: Section) -> None:
+def _draw_group(ui: Ui, group: ShortcutGroup) -> None:
     imgui.push_font(ui.fonts.bold, 0.0)
-    imgui.text(section.title)
+    imgui.text(group.title)
     imgui.pop_font()
-    for key, action in section.rows:
-        dim_text(key)
+    for key, action in group.rows:
+        draw_dim_text(key)
         imgui.same_line(imgui.get_font_size() * 9.5)
         imgui.text_wrapped(action)
     imgui.spacing()

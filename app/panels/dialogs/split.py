@@ -1,41 +1,40 @@
-"""Asking how far apart the parts of an instance must be to become instances of their own."""
+"""Asks how far apart the parts of an instance must be to become instances of their own."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, bounded_slider, dim_text, scaled_size
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, draw_bounded_slider, draw_dim_text, scale_size
+from instdrive_app.session.requests import AskSplit
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds.split import DEFAULT_GAP, SplitInstance
 
 TITLE = "Split by component"
-SHOWN = 6
-"""Sizes of parts that are told one by one."""
+MOST_SIZES = 6
+"""Parts whose sizes are listed one by one."""
 
 
 class SplitDialog:
-    """Shows beforehand, worked out beside the window, which parts a gap gives."""
-
-    names: tuple[str, ...] = ("split",)
+    """Previews the parts that a gap gives; they are computed on another thread."""
 
     def __init__(self) -> None:
         self._instance, self._gap = 0, DEFAULT_GAP
         self._split = SplitInstance(1)
         self._sizes: tuple[int, ...] | None = None
-        """Of the parts that `_split` makes; None while they are looked for."""
+        """Splats in each part that `_split` makes; None while they are computed."""
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Open it for the first instance asked about."""
-        if not ui.session.asked_about or ui.session.document is None:
+    def open(self, ui: Ui, request: AskSplit) -> None:
+        """Open it for an instance of the document."""
+        if ui.session.document is None:
             return
-        self._instance = ui.session.asked_about[0]
-        self._try(ui)
+        self._instance = request.instance
+        self._preview(ui)
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        centered(scaled_size(360, 0))
+        """Draw one frame."""
+        center_next_window(scale_size(360, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
         document = ui.session.document
@@ -45,21 +44,21 @@ class SplitDialog:
             return
         imgui.text_wrapped(document.scene.table[self._instance].name)
         imgui.align_text_to_frame_padding()
-        dim_text("Parts farther apart than")
+        draw_dim_text("Parts farther apart than")
         imgui.same_line()
         imgui.set_next_item_width(-1)
-        _, self._gap = bounded_slider("##gap", self._gap, 0.05, 5.0, "%.2f m", imgui.SliderFlags_.logarithmic)
+        _, self._gap = draw_bounded_slider("##gap", self._gap, 0.05, 5.0, "%.2f m", imgui.SliderFlags_.logarithmic)
         ui.mark("split.gap")
         if imgui.is_item_deactivated_after_edit():
-            self._try(ui)
+            self._preview(ui)
         imgui.push_text_wrap_pos(0)
-        imgui.text(_told(self._sizes))
+        imgui.text(_describe_parts(self._sizes))
         imgui.pop_text_wrap_pos()
-        if confirmed(ui, "Split", False, self._sizes is not None and len(self._sizes) > 1):
+        if draw_confirm_buttons(ui, "Split", False, self._sizes is not None and len(self._sizes) > 1):
             ui.session.labels.split(self._split)
         imgui.end_popup()
 
-    def _try(self, ui: Ui) -> None:
+    def _preview(self, ui: Ui) -> None:
         document = ui.session.document
         assert document is not None
         split = self._split = SplitInstance(self._instance, self._gap)
@@ -69,14 +68,14 @@ class SplitDialog:
             if split is self._split:
                 self._sizes = sizes
 
-        frozen = frozen_copy(document)
+        frozen = freeze_document(document)
         ui.session.jobs.submit("Looking for parts", lambda: split.prepare(frozen), show, modal=False)
 
 
-def _told(sizes: tuple[int, ...] | None) -> str:
+def _describe_parts(sizes: tuple[int, ...] | None) -> str:
     if sizes is None:
         return "Looking for parts…"
     if len(sizes) < 2:
-        return "It hangs together; try a smaller gap."
-    shown = " · ".join(f"{size:,}" for size in sizes[:SHOWN])
-    return f"{len(sizes)} parts of {shown}{' …' if len(sizes) > SHOWN else ''} splats"
+        return "The instance is all one part; try a smaller gap."
+    shown = " · ".join(f"{size:,}" for size in sizes[:MOST_SIZES])
+    return f"{len(sizes)} parts of {shown}{' …' if len(sizes) > MOST_SIZES else ''} splats"

@@ -1,45 +1,47 @@
-"""Asking whether a part of a scene is opened that does not fit into memory whole."""
+"""Offers to open only some splats of a scene that does not fit into memory."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
-from instdrive_core.errors import gigabytes, ordinal
+from instdrive_app.session.requests import AskTooLarge
+from instdrive_core.errors import format_gigabytes, format_ordinal
 
 TITLE = "The scene is too large"
 
 
 class TooLargeDialog:
-    """Opens itself when `files.too_large` is set."""
+    """Opens every k-th splat of the scene, or nothing."""
 
-    names: tuple[str, ...] = ()
+    def __init__(self) -> None:
+        self._request: AskTooLarge | None = None
+        """The request, until the user has answered it."""
 
-    def ask(self, ui: Ui, name: str) -> None:
-        """Never by name."""
+    def open(self, ui: Ui, request: AskTooLarge) -> None:
+        """Open it."""
+        self._request = request
+        imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        files = ui.session.files
-        if files.too_large is None:
+        """Draw one frame."""
+        if self._request is None:
             return
-        path, found = files.too_large
-        if not imgui.is_popup_open(TITLE):
-            imgui.open_popup(TITLE)
+        path, found = self._request.path, self._request.error
         keep_every = found.keep_every or found.count
-        every = f"every {ordinal(keep_every)}"
+        every = f"every {format_ordinal(keep_every)}"
 
         def open_part() -> None:
-            files.too_large = None
-            files.open(path, keep_every=keep_every)
+            self._request = None
+            ui.session.files.open(path, keep_every=keep_every)
 
-        def leave() -> None:
-            files.too_large = None
+        def cancel() -> None:
+            self._request = None
 
         text = (
-            f"{path.name} has {found.count:,} splats and needs {gigabytes(found.needed)} to be edited, "
-            f"{gigabytes(found.available)} are free. Open {every} splat?\n\n"
-            "The splats that are opened are made larger, so that they leave no gaps. The file stays as it is."
+            f"{path.name} has {found.count:,} splats. Editing it needs {format_gigabytes(found.needed)} of memory; "
+            f"{format_gigabytes(found.available)} are free. Open {every} splat?\n\n"
+            "The splats are then made larger, so that they leave no gaps. The file does not change."
         )
-        question(ui, TITLE, text, {"Cancel": leave, f"Open {every}": open_part})
+        draw_question(ui, TITLE, text, {"Cancel": cancel, f"Open {every}": open_part})

@@ -1,4 +1,4 @@
-"""Asking which way is up in a scene that lies on its side, and for its unit of length."""
+"""Asks which way is up in a scene that lies on its side, and for its unit of length."""
 
 from __future__ import annotations
 
@@ -9,89 +9,96 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.panels.dialogs.frame import centered, confirmed
-from instdrive_app.panels.widgets.ui import Ui, dim_text
+from instdrive_app.panels.dialogs.frame import center_next_window, draw_confirm_buttons
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text
+from instdrive_app.session.requests import AskUp
 from instdrive_core.edits.kinds.turn_scene import SCALE_LIMITS
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.up_estimate import UpEstimate
-from instdrive_core.scene.upright import AXES, UP, Axis, axis_title, direction_of, nearest_axis, upright_rotation
+from instdrive_core.scene.upright import (
+    AXES,
+    UP,
+    Axis,
+    compute_axis_direction,
+    compute_upright_rotation,
+    find_nearest_axis,
+    format_axis,
+)
 
 TITLE = "Turn upright"
 VIEW, GROUND = "view", "ground"
-"""Choices beside the axes: the view's up, and a ground that lies askew to all axes."""
+"""Choices beside the axes: up in the view, and up from a ground that is aligned with no axis."""
 Choice = Axis | str
 
 
 class TurnUprightDialog:
-    """The guess is chosen as soon as it is there, unless the user was quicker."""
-
-    names: tuple[str, ...] = ("turn_upright",)
+    """Offers the axes, the view's up and an estimate, which is chosen when it arrives unless the user was quicker."""
 
     def __init__(self) -> None:
         self._choice: Choice = UP
         self._chosen = False
-        """Whether the user has chosen."""
+        """Whether the user has made a choice."""
         self._scale = 1.0
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: AskUp) -> None:
         """Open it, and guess which way is up."""
         self._choice, self._chosen, self._scale = UP, False, 1.0
-        ui.session.turning.look(self._propose)
+        ui.session.orientation.guess_up(self._propose)
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         em = imgui.get_font_size()
-        centered(ImVec2(31 * em, 0))
+        center_next_window(ImVec2(31 * em, 0))
         if not imgui.begin_popup_modal(TITLE, None, imgui.WindowFlags_.no_saved_settings)[0]:
             return
-        estimate = ui.session.turning.estimate
-        imgui.text("What points up, as the scene lies now?")
+        estimate = ui.session.orientation.estimate
+        imgui.text("Which direction of the scene is up?")
         imgui.spacing()
-        self._axes(ui)
-        self._other_choices(ui, estimate)
+        self._draw_axes(ui)
+        self._draw_other_choices(ui, estimate)
         imgui.spacing()
-        self._scale_field(ui)
+        self._draw_scale_field(ui)
         imgui.separator()
         imgui.push_text_wrap_pos(0)
-        up = self._up(ui, estimate)
+        up = self._find_up(ui, estimate)
         if ui.session.document is not None:
-            imgui.text(told(up, self._scale, ui.session.document.scene))
-        dim_text(guessed(estimate))
+            imgui.text(describe_turn(up, self._scale, ui.session.document.scene))
+        draw_dim_text(describe_guess(estimate))
         imgui.pop_text_wrap_pos()
-        changes = self._scale != 1 or not np.array_equal(up, direction_of(UP))
-        if confirmed(ui, "Turn", False, changes):
-            ui.session.turning.turn(up, self._scale)
+        changes = self._scale != 1 or not np.array_equal(up, compute_axis_direction(UP))
+        if draw_confirm_buttons(ui, "Turn", False, changes):
+            ui.session.orientation.turn(up, self._scale)
         imgui.end_popup()
 
     def _propose(self, found: UpEstimate) -> None:
         if not self._chosen:
             self._choice = GROUND if found.tilt else found.axis
 
-    def _axes(self, ui: Ui) -> None:
+    def _draw_axes(self, ui: Ui) -> None:
         column = imgui.get_font_size() * 5
         for number, axis in enumerate(AXES):
             if number:
                 imgui.same_line(number * column + imgui.get_style().window_padding.x)
-            self._radio(ui, axis, axis_title(axis))
+            self._draw_radio(ui, axis, format_axis(axis))
 
-    def _other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
-        up, angle = ui.session.turning.view_up()
-        axis, tilt = nearest_axis(up)
-        exact = f"{axis_title(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {axis_title(axis)}"
+    def _draw_other_choices(self, ui: Ui, estimate: UpEstimate | None) -> None:
+        up, angle = ui.session.orientation.find_view_up()
+        axis, tilt = find_nearest_axis(up)
+        exact = f"{format_axis(axis)}, exactly" if tilt == 0 else f"{tilt:.0f}° from {format_axis(axis)}"
         near = f" (the view is {angle:.0f}° off)" if angle >= 1 else ""
-        self._radio(ui, VIEW, f"What is up in the view: {exact}{near}")
+        self._draw_radio(ui, VIEW, f"Up in the view: {exact}{near}")
         if estimate is not None and estimate.tilt:
-            self._radio(ui, GROUND, f"Up by {estimate.reason}: {estimate.words}")
+            self._draw_radio(ui, GROUND, f"Up by {estimate.reason}: {estimate.words}")
 
-    def _radio(self, ui: Ui, choice: Choice, title: str) -> None:
+    def _draw_radio(self, ui: Ui, choice: Choice, title: str) -> None:
         if imgui.radio_button(f"{title}##{choice}", self._choice == choice):
             self._choice, self._chosen = choice, True
         ui.mark(f"upright.{choice}")
 
-    def _scale_field(self, ui: Ui) -> None:
+    def _draw_scale_field(self, ui: Ui) -> None:
         imgui.align_text_to_frame_padding()
-        dim_text("Scale everything by")
+        draw_dim_text("Scale everything by")
         imgui.same_line()
         imgui.set_next_item_width(imgui.get_font_size() * 6)
         _, scale = imgui.input_float("##scale", self._scale, 0.0, 0.0, "%g")
@@ -99,44 +106,44 @@ class TurnUprightDialog:
         if isfinite(scale):
             self._scale = min(max(scale, SCALE_LIMITS[0]), SCALE_LIMITS[1])
         imgui.same_line()
-        dim_text("(0.01 where the file is in centimetres)")
+        draw_dim_text("(0.01 if the file is in centimetres)")
 
-    def _up(self, ui: Ui, estimate: UpEstimate | None) -> Float64[ndarray, "3"]:
-        """The chosen direction."""
+    def _find_up(self, ui: Ui, estimate: UpEstimate | None) -> Float64[ndarray, "3"]:
+        """The chosen direction, a unit vector in the world."""
         if self._choice == VIEW:
-            return ui.session.turning.view_up()[0]
+            return ui.session.orientation.find_view_up()[0]
         if self._choice == GROUND and estimate is not None:
             return estimate.direction
-        return next((direction_of(axis) for axis in AXES if axis == self._choice), direction_of(UP))
+        return next((compute_axis_direction(axis) for axis in AXES if axis == self._choice), compute_axis_direction(UP))
 
 
-def told(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
-    """What happens to a scene whose `up` becomes up, in a few short sentences."""
-    rotation = upright_rotation(up)
+def describe_turn(up: Float64[ndarray, "3"], scale: float, scene: Scene) -> str:
+    """Describe, in a few short sentences, what turning `up` (unit vector) upwards and scaling does to a scene."""
+    rotation = compute_upright_rotation(up)
     angle = float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
     if angle == 0 and scale == 1:
-        return "Nothing: +Z is up already."
-    axis, tilt = nearest_axis(up)
+        return "Nothing changes: +Z is already up."
+    axis, tilt = find_nearest_axis(up)
     parts = []
     if angle:
-        name = axis_title(axis) if tilt == 0 else f"what lies {tilt:.0f}° from {axis_title(axis)}"
+        name = format_axis(axis) if tilt == 0 else f"the direction {tilt:.0f}° from {format_axis(axis)}"
         parts.append(f"The whole scene turns by {angle:.0f}°, so that {name} points up.")
     if scale != 1:
         parts.append(f"Everything becomes {scale:g} times as large.")
     along = {"the drives": scene.actors, "the photos' cameras": scene.views, "the sky": scene.sky}
     if names := [name for name, found in along.items() if found]:
         words = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        verb = "goes" if names == ["the sky"] else "go"
-        parts.append(f"{words[0].upper()}{words[1:]} {verb} along.")
-    return " ".join([*parts, "It can be undone."])
+        verb = "changes" if names == ["the sky"] else "change"
+        parts.append(f"{words[0].upper()}{words[1:]} {verb} with it.")
+    return " ".join([*parts, "You can undo this."])
 
 
-def guessed(estimate: UpEstimate | None) -> str:
-    """How the guess came about."""
+def describe_guess(estimate: UpEstimate | None) -> str:
+    """Say which way is guessed to be up, and why."""
     if estimate is None:
-        return "Looking for the way up…"
+        return "Estimating which way is up…"
     if estimate.confident:
-        return f"Guess: {estimate.words}, known from {estimate.reason}."
+        return f"Guess: {estimate.words}, according to {estimate.reason}."
     if estimate.axis == UP:
-        return "Nothing in the scene says that it lies on its side."
-    return f"No ground was found. In most files of other programs {axis_title(estimate.axis)} points up."
+        return "Nothing suggests that the scene lies on its side."
+    return f"No ground was found. In most files from other programs, {format_axis(estimate.axis)} points up."

@@ -1,44 +1,49 @@
-"""Asking before unsaved changes are lost."""
+"""The question before unsaved changes are lost."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.dialogs.questions import question
+from instdrive_app.panels.dialogs.questions import draw_question
 from instdrive_app.panels.widgets.ui import Ui
+from instdrive_app.session.requests import AskPath, AskUnsaved
 
 TITLE = "Unsaved changes"
 
 
 class UnsavedDialog:
-    """Save, do not save, or stay; then `session.waiting` goes on."""
+    """Offers to save, not to save, or to stay; unless the user stays, what the request waits with follows."""
 
-    names: tuple[str, ...] = ("unsaved",)
+    def __init__(self) -> None:
+        self._request: AskUnsaved | None = None
+        """The request, until the user has answered it."""
 
-    def ask(self, ui: Ui, name: str) -> None:
+    def open(self, ui: Ui, request: AskUnsaved) -> None:
         """Open it."""
+        self._request = request
         imgui.open_popup(TITLE)
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
-        session = ui.session
-        path, project = session.files.path, session.files.project
-        where = "not saved" if project else "in no project file"
-        text = f"The changes to {path.name if path else 'the scene'} are {where} yet."
+        """Draw one frame."""
+        request, files = self._request, ui.session.files
+        if request is None:
+            return
+        path, project = files.path, files.project
+        name, where = path.name if path else "the scene", "" if project else " to a project file"
+        text = f"The changes to {name} have not been saved{where}."
 
         def save() -> None:
-            if session.files.project is None:
-                session.dialog = "save"  # which goes on with what is waiting
+            self._request = None
+            if files.project is None:
+                ui.session.requests.put(AskPath("save", request.then))
             else:
-                then, session.waiting = session.waiting, None
-                session.save(then=then or (lambda: None))
+                files.save(then=request.then)
 
         def discard() -> None:
-            then, session.waiting = session.waiting, None
-            if then is not None:
-                then()
+            self._request = None
+            request.then()
 
         def stay() -> None:
-            session.waiting = None
+            self._request = None
 
-        question(ui, TITLE, text, {"Cancel": stay, "Don't save": discard, "Save": save})
+        draw_question(ui, TITLE, text, {"Cancel": stay, "Don't save": discard, "Save": save})

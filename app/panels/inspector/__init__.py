@@ -1,1 +1,1 @@
-"""The selected instances in numbers: facts, colour, adjustments, placement."""
+"""The inspector: facts about the selected instances, and their colour, adjustments and placement."""

@@ -1,14 +1,14 @@
-"""What is known of the selected instances; the class can be changed in place."""
+"""Facts about the selected instances; the class can be changed in place."""
 
 from __future__ import annotations
 
 import numpy as np
 from imgui_bundle import imgui
 
-from instdrive_app.panels.inspector.rows import fact, widget_label
-from instdrive_app.panels.widgets.codeword import bit_squares
-from instdrive_app.panels.widgets.ui import Ui, dim_text, scaled
-from instdrive_app.session.kept import Kept
+from instdrive_app.panels.inspector.rows import draw_fact, draw_widget_label
+from instdrive_app.panels.widgets.codeword import draw_bit_squares
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, scale_pixels
+from instdrive_app.session.versioned_cache import VersionedCache
 from instdrive_core.edits.document.document import Document
 from instdrive_core.instances.table import Instance
 
@@ -16,19 +16,19 @@ Ids = tuple[int, ...]
 
 
 class FactsSection:
-    """One instance in full, several in sum."""
+    """Shows all facts of one instance, or totals of several."""
 
     title: str = ""
 
     def __init__(self) -> None:
         self._class = TextField("class")
-        self._known: Kept[tuple[set[str], int, int]] = Kept()
+        self._known: VersionedCache[tuple[set[str], int, int]] = VersionedCache()
 
     def draw(self, ui: Ui, document: Document, ids: Ids) -> None:
-        """One frame."""
+        """Draw one frame."""
         table, labels = document.scene.table, ui.session.labels
-        classes, drawn, selected = self._in_sum(document, ids)
-        widget_label("Class")
+        classes, drawn, selected = self._sum_up(document, ids)
+        draw_widget_label("Class")
         arrow = imgui.get_frame_height()
         hint = "unknown" if len(classes) == 1 else "several"
         entered = self._class.draw(ui, "inspector.class", next(iter(classes)) if len(classes) == 1 else "", hint, arrow)
@@ -38,30 +38,30 @@ class FactsSection:
         if imgui.arrow_button("##classes", imgui.Dir.down):
             imgui.open_popup("##known classes")
         ui.mark("inspector.classes")
-        self._known_classes(ui, document, ids)
+        self._draw_class_popup(ui, document, ids)
         if len(ids) == 1:
-            _one(document, table[ids[0]])
+            _draw_single_instance(document, table[ids[0]])
         else:
-            fact("Splats", f"{drawn:,}")
+            draw_fact("Splats", f"{drawn:,}")
         if selected < drawn:
-            fact("Selected", f"{selected:,} of the splats")
-            dim_text("What is below changes whole instances")
+            draw_fact("Selected", f"{selected:,} of the splats")
+            draw_dim_text("Changes below affect whole instances")
 
-    def _in_sum(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
-        """Classes, and splats drawn and selected; looked up again only where something has changed."""
+    def _sum_up(self, document: Document, ids: Ids) -> tuple[set[str], int, int]:
+        """Classes, and numbers of splats drawn and selected; kept until something changes."""
 
-        def in_sum() -> tuple[set[str], int, int]:
-            counts = document.counts()
+        def sum_states() -> tuple[set[str], int, int]:
+            counts = document.count_states()
             chosen = np.isin(counts.ids, ids)
             drawn, selected = int(counts.drawn[chosen].sum()), int(counts.selected[chosen].sum())
             return {document.scene.table[i].class_name for i in ids}, drawn, selected
 
-        return self._known.of(document, (ids, document.state.version, document.table_version), in_sum)
+        return self._known.get(document, (ids, document.versions.states, document.versions.table), sum_states)
 
-    def _known_classes(self, ui: Ui, document: Document, ids: Ids) -> None:
+    def _draw_class_popup(self, ui: Ui, document: Document, ids: Ids) -> None:
         if not imgui.begin_popup("##known classes"):
             return
-        names = ui.session.labels.classes()
+        names = ui.session.labels.list_classes()
         for name in (*names, ""):
             chosen = all(document.scene.table[i].class_name == name for i in ids)
             if imgui.selectable(name or "unknown", chosen)[0]:
@@ -71,14 +71,14 @@ class FactsSection:
 
 
 class TextField:
-    """A line of text that is applied by Enter or by leaving it, and taken back by Escape."""
+    """A text field: Enter or leaving it applies the text, Escape restores it."""
 
     def __init__(self, name: str) -> None:
         self._id = name
         self._text: str | None = None
 
     def draw(self, ui: Ui, mark: str, present: str, hint: str = "", free: float = 0.0) -> str | None:
-        """One frame, `free` pixels short of the right edge; returns the text where it was changed, else None."""
+        """Draw one frame, `free` pixels short of the right edge; returns the text if it was changed, else None."""
         imgui.set_next_item_width(imgui.get_content_region_avail().x - free)
         shown = present if self._text is None else self._text
         entered, text = imgui.input_text_with_hint(
@@ -99,18 +99,18 @@ class TextField:
         return text if text != present and not cancelled else None
 
 
-def _one(document: Document, instance: Instance) -> None:
-    summary = document.instance_flags(instance.id)
+def _draw_single_instance(document: Document, instance: Instance) -> None:
+    summary = document.summarize_instance(instance.id)
     drawn = f"{summary.drawn:,}" if summary.drawn == summary.count else f"{summary.drawn:,} of {summary.count:,}"
-    fact("Splats", drawn)
+    draw_fact("Splats", drawn)
     low, high = instance.bounds
     size = [b - a for a, b in zip(low, high, strict=True)]
-    fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
+    draw_fact("Size", f"{size[0]:.2f} × {size[1]:.2f} × {size[2]:.2f} m")
     if instance.node:
         track = document.scene.actors[instance.node - 1]
-        fact("Moves", f"{track.path_length():.1f} m along its track")
+        draw_fact("Moves", f"{track.compute_path_length():.1f} m along its track")
     if document.scene.code_bits:
-        fact("Codeword", str(instance.codeword))
-        imgui.same_line(0, scaled(10))
-        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(9)) / 2)
-        bit_squares(instance.codeword, document.scene.code_bits, scaled(9), scaled(2))
+        draw_fact("Codeword", str(instance.codeword))
+        imgui.same_line(0, scale_pixels(10))
+        imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scale_pixels(9)) / 2)
+        draw_bit_squares(instance.codeword, document.scene.code_bits, scale_pixels(9), scale_pixels(2))

@@ -1,11 +1,11 @@
-"""Colours to give to instances: a row of presets, and a picker whose drags are one step each."""
+"""Recolouring of instances: a row of presets, and a picker whose drags are one step each."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
 from instdrive_app.panels.widgets.gestures import Gesture
-from instdrive_app.panels.widgets.ui import Ui, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, scale_size
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorMode
 
@@ -21,33 +21,33 @@ PRESETS: dict[str, tuple[float, float, float]] = {
 }
 MODES: dict[RecolorMode, str] = {"tint": "Tint", "hue": "Hue", "solid": "Solid"}
 MODE_HINTS: dict[RecolorMode, str] = {
-    "tint": "All in this colour; light, shade and reflections stay",
-    "hue": "Turns the hues to this colour's; greys, light and shade stay",
-    "solid": "One flat colour from everywhere",
+    "tint": "Everything takes this colour; light, shade and reflections stay",
+    "hue": "Hues become this colour's; greys, light and shade stay",
+    "solid": "One flat colour from every direction",
 }
 
 
-def preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
-    """One small button per preset; returns whether one was clicked."""
+def draw_preset_row(ui: Ui, where: str, ids: tuple[int, ...]) -> bool:
+    """Draw one small button per preset, which recolours the instances; returns whether one was clicked."""
     size, clicked = imgui.get_frame_height() * 0.86, False
-    imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(5, 5))
+    imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(5, 5))
     for number, (name, color) in enumerate(PRESETS.items()):
         if number:
             imgui.same_line()
         flags = imgui.ColorEditFlags_.no_tooltip | imgui.ColorEditFlags_.no_drag_drop
         if imgui.color_button(f"##{where}.{name}", ImVec4(*color, 1.0), flags, ImVec2(size, size)):
-            ui.session.recolor_color = color
-            ui.session.recolor(ids, ui.session.recolor_mode, color)
+            ui.session.colors.color = color
+            ui.session.colors.recolor(ids, ui.session.colors.mode, color)
             clicked = True
         ui.mark(f"{where}.color.{name}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"{MODES[ui.session.recolor_mode]} {name}")
+            imgui.set_tooltip(f"{MODES[ui.session.colors.mode]} {name}")
     imgui.pop_style_var()
     return clicked
 
 
 class RecolorSection:
-    """Mode switch, presets and colour picker for some instances."""
+    """Draws mode switch, presets and colour picker for the selected instances."""
 
     title: str = "Colour"
 
@@ -55,26 +55,26 @@ class RecolorSection:
         self._gesture = Gesture("recolour")
 
     def draw(self, ui: Ui, document: Document, ids: tuple[int, ...]) -> None:
-        """Every change is applied at once; one drag in the picker is one step of the history."""
+        """Draw one frame; every change is applied at once, and one drag in the picker is one step of the history."""
         session = ui.session
         for number, (mode, title) in enumerate(MODES.items()):
             if number:
                 imgui.same_line()
-            if imgui.radio_button(title, session.recolor_mode == mode):
-                session.recolor_mode = mode
+            if imgui.radio_button(title, session.colors.mode == mode):
+                session.colors.mode = mode
             ui.mark(f"inspector.mode.{mode}")
             if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
                 imgui.set_tooltip(MODE_HINTS[mode])
-        preset_row(ui, "inspector", ids)
+        draw_preset_row(ui, "inspector", ids)
         flags = imgui.ColorEditFlags_
         style = flags.no_alpha | flags.display_hex | flags.picker_hue_wheel | flags.no_options | flags.no_label
         imgui.same_line()
         imgui.set_next_item_width(-1)
         pressed = imgui.is_mouse_clicked(0)
-        changed, picked = imgui.color_edit3("##recolor", list(session.recolor_color), style)
-        gesture = self._gesture.after_item(pressed)
+        changed, picked = imgui.color_edit3("##recolor", list(session.colors.color), style)
+        gesture = self._gesture.name_drag(pressed)
         ui.mark("inspector.color")
         if changed:
             r, g, b = (min(max(float(channel), 0.0), 1.0) for channel in picked)
-            session.recolor_color = (r, g, b)
-            session.recolor(ids, session.recolor_mode, (r, g, b), gesture)
+            session.colors.color = (r, g, b)
+            session.colors.recolor(ids, session.colors.mode, (r, g, b), gesture)

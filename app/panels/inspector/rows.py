@@ -1,28 +1,28 @@
-"""Rows of the inspector: a dim label, and beside it a fact or a widget."""
+"""Rows of the inspector: a dim label with a fact or a widget beside it."""
 
 from __future__ import annotations
 
 from imgui_bundle import imgui
 
-from instdrive_app.panels.widgets.ui import dim_text, fitted_text
+from instdrive_app.panels.widgets.ui import draw_dim_text, fit_text
 
 LABEL_WIDTH = 5.2
-"""Of the column of labels, in font sizes."""
+"""Width of the label column, in font sizes."""
 
 
-def widget_label(name: str) -> None:
-    """The label of the widget that comes next."""
+def draw_widget_label(name: str) -> None:
+    """Draw the label of the widget that comes next."""
     imgui.align_text_to_frame_padding()
-    fact_label(name)
+    draw_fact_label(name)
 
 
-def fact_label(name: str) -> None:
-    """The label of the text that comes next."""
-    dim_text(name)
+def draw_fact_label(name: str) -> None:
+    """Draw the label of the text that comes next."""
+    draw_dim_text(name)
     imgui.same_line(imgui.get_font_size() * LABEL_WIDTH)
 
 
-def fact(name: str, value: str) -> None:
-    """A whole row; a value that is too long is cut."""
-    fact_label(name)
-    imgui.text(fitted_text(value, imgui.get_content_region_avail().x))
+def draw_fact(name: str, value: str) -> None:
+    """Draw a label and a value; a value that is too long is cut."""
+    draw_fact_label(name)
+    imgui.text(fit_text(value, imgui.get_content_region_avail().x))

@@ -1,4 +1,4 @@
-"""Going through a list by keys: which row comes next, and what is selected then."""
+"""Walking through a list by keys: which row comes next, and what is selected then."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ Step = Literal["up", "down", "first", "last"]
 
 @dataclass(frozen=True)
 class Walk:
-    """Where the keys are in a list of instances; 0 = nowhere yet."""
+    """The range selected by keys in a list of instances; 0 means nowhere yet."""
 
     anchor: int = 0
-    """The end of a range that stays."""
+    """The end of the range that stays."""
     cursor: int = 0
     """The end that moves."""
 
-    def after(self, step: Step, extends: bool, ids: Sequence[int], may_stop: Callable[[int], bool]) -> Walk:
-        """The walk after one key; `extends` keeps the anchor. The cursor stays where no further row may be stopped at;
-        where it is in no row, the step goes to the first one, or to the last one if it leads upwards."""
+    def advance(self, step: Step, extends: bool, ids: Sequence[int], may_stop: Callable[[int], bool]) -> Walk:
+        """The walk after one key; `extends` keeps the anchor.
+
+        The cursor stays if it may stop at no further row. A cursor that is in no row goes to the first row, or to the
+        last one if the step leads upwards.
+        """
         row = ids.index(self.cursor) if self.cursor in ids else None
         last = len(ids) - 1
         if step == "first" or (step == "down" and row is None):
@@ -32,7 +35,7 @@ class Walk:
         cursor = next((ids[place] for place in path if may_stop(ids[place])), self.cursor)
         return Walk(self.anchor if extends and self.anchor in ids else cursor, cursor)
 
-    def between(self, ids: Sequence[int]) -> tuple[int, ...]:
-        """The instances from one end to the other, in the order of the list; both ends must be in it."""
+    def list_range(self, ids: Sequence[int]) -> tuple[int, ...]:
+        """List the instances from one end to the other, in the list's order; both ends must be in the list."""
         first, last = sorted((ids.index(self.anchor), ids.index(self.cursor)))
         return tuple(ids[first : last + 1])

@@ -1,4 +1,4 @@
-"""The right-click menu of an instance, the same in the viewport and in the list."""
+"""The context menu of an instance, the same in the viewport and in the list."""
 
 from __future__ import annotations
 
@@ -7,10 +7,18 @@ from collections.abc import Callable
 import numpy as np
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.commands import shortcut_title
-from instdrive_app.panels.inspector.recolor import preset_row
-from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon_menu_item, icon_submenu, scaled, swatch
+from instdrive_app.action import format_shortcut
+from instdrive_app.panels.inspector.recolor import draw_preset_row
+from instdrive_app.panels.widgets.ui import (
+    Ui,
+    begin_icon_submenu,
+    draw_icon_menu_item,
+    draw_swatch,
+    fit_text,
+    scale_pixels,
+)
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskClass, AskName, AskSplit
 from instdrive_core.edits.document.document import Document
 
 Ids = tuple[int, ...]
@@ -19,107 +27,127 @@ WIDEST = 260.0
 """Pixels, at scale 1, that a name may take."""
 
 
-def instance_menu(ui: Ui, instance_id: int) -> None:
-    """Menu items for one instance, or for the whole selection where the instance belongs to it."""
+def draw_instance_menu(ui: Ui, instance_id: int) -> None:
+    """Draw the menu's items for one instance, or for the whole selection if the instance is part of it."""
     document = ui.session.document
     if document is None or instance_id not in document.scene.table:
         return
-    ids = ui.session.selected if instance_id in ui.session.selected else (instance_id,)
+    ids = ui.session.selection.ids if instance_id in ui.session.selection.ids else (instance_id,)
     instance = document.scene.table[instance_id]
-    swatch(instance)
+    draw_swatch(instance)
     imgui.same_line()
-    imgui.text(fitted_text(instance.name, scaled(WIDEST)) if len(ids) == 1 else f"{len(ids)} instances")
+    imgui.text(fit_text(instance.name, scale_pixels(WIDEST)) if len(ids) == 1 else f"{len(ids)} instances")
     imgui.separator()
     locked = _is_locked(document, ids)
-    _visibility(ui, document, ids, locked)
+    _draw_visibility(ui, document, ids, locked)
     imgui.separator()
     imgui.begin_disabled(locked)
-    _names(ui, document, instance_id, ids)
+    _draw_names(ui, document, instance_id, ids)
     imgui.end_disabled()
-    _kinds(ui, document, instance_id)
+    _draw_kinds(ui, document, instance_id)
     imgui.separator()
     imgui.begin_disabled(locked)
-    _repairs(ui, document, instance_id, ids)
+    _draw_repairs(ui, document, instance_id, ids)
     imgui.separator()
-    _item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.reset_colors(ids))
+    _draw_item(ui, "reset", "edit.reset_colors", "Reset colours", lambda: ui.session.colors.reset(ids))
     imgui.dummy(ImVec2(0, 1))
-    if preset_row(ui, "menu", ids):
+    if draw_preset_row(ui, "menu", ids):
         imgui.close_current_popup()
     imgui.end_disabled()
 
 
 def _is_locked(document: Document, ids: Ids) -> bool:
-    counts = document.counts()
+    counts = document.count_states()
     chosen = np.isin(counts.ids, ids)
     return bool((counts.locked >= counts.count - counts.deleted)[chosen].all())
 
 
-def _visibility(ui: Ui, document: Document, ids: Ids, locked: bool) -> None:
+def _draw_visibility(ui: Ui, document: Document, ids: Ids, locked: bool) -> None:
     session = ui.session
-    counts = document.counts()
+    counts = document.count_states()
     hidden = not counts.drawn[np.isin(counts.ids, ids)].any()
-    solo = set(ids) == set(session.solo.ids)
-    _item(ui, "delete", "edit.delete", "Delete", lambda: _delete(session, ids), not locked)
-    _item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.hide(ids, not hidden))
-    _item(ui, "lock", "edit.lock", "Unlock" if locked else "Lock", lambda: session.lock(ids, not locked))
-    _item(ui, "solo", "edit.solo", "Show all again" if solo else "Show only this", lambda: session.solo.toggle(ids))
-    _item(ui, "frame", "view.frame", "Frame", lambda: session.navigation.frame(ids))
+    solo = set(ids) == set(session.visibility.solo.ids)
+    _draw_item(ui, "delete", "edit.delete", "Delete", lambda: _delete(session, ids), not locked)
+    _draw_item(ui, "hide", "edit.hide", "Show" if hidden else "Hide", lambda: session.visibility.hide(ids, not hidden))
+    _draw_item(
+        ui, "lock", "edit.lock", "Unlock" if locked else "Lock", lambda: session.visibility.lock(ids, not locked)
+    )
+    _draw_item(
+        ui,
+        "solo",
+        "edit.solo",
+        "Show all again" if solo else "Show only this",
+        lambda: session.visibility.solo.toggle(ids),
+    )
+    _draw_item(ui, "frame", "view.frame", "Frame", lambda: session.navigation.frame(ids))
 
 
 def _delete(session: EditorSession, ids: Ids) -> None:
-    if ids == session.selected:  # as the key does: of a part of an instance no more than the part
-        session.delete_selection()
+    if ids == session.selection.ids:  # as the key does: of a part of an instance no more than the part
+        session.deletion.delete_selection()
     else:
-        session.delete(ids)
+        session.deletion.delete(ids)
 
 
-def _names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
+def _draw_names(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     session = ui.session
     if len(ids) == 1:
-        _item(ui, "rename", "edit.rename", "Rename…", lambda: session.ask_name(instance_id))
-    opened = icon_submenu("ICON_FA_TAG", "Set class")
+        _draw_item(ui, "rename", "edit.rename", "Rename…", lambda: session.requests.put(AskName(instance_id)))
+    opened = begin_icon_submenu("ICON_FA_TAG", "Set class")
     ui.mark("menu.classes")
     if opened:
-        for name in session.labels.classes():
-            title = f"{fitted_text(name, scaled(WIDEST))}##{name}"
+        for name in session.labels.list_classes():
+            title = f"{fit_text(name, scale_pixels(WIDEST))}##{name}"
             if imgui.menu_item(title, "", all(document.scene.table[i].class_name == name for i in ids))[0]:
                 session.labels.set_class(ids, name)
             ui.mark(f"menu.class.{name}")
         imgui.separator()
         if imgui.menu_item("Other…", "", False)[0]:
-            session.ask("class", ids)
+            session.requests.put(AskClass(ids))
         ui.mark("menu.class")
         imgui.end_menu()
 
 
-def _kinds(ui: Ui, document: Document, instance_id: int) -> None:
+def _draw_kinds(ui: Ui, document: Document, instance_id: int) -> None:
     session, instance = ui.session, document.scene.table[instance_id]
     what = (
-        f"class {fitted_text(instance.class_name, scaled(WIDEST / 2))}" if instance.class_name else "what has no class"
+        f"class {fit_text(instance.class_name, scale_pixels(WIDEST / 2))}"
+        if instance.class_name
+        else "instances without a class"
     )
-    _item(ui, "select_class", "select.class", f"Select {what}", lambda: session.select_class(instance.class_name))
+    _draw_item(
+        ui,
+        "select_class",
+        "select.class",
+        f"Select {what}",
+        lambda: session.selection.select_class(instance.class_name),
+    )
     if document.scene.code_bits:
         title = f"Select codeword {instance.codeword}"
-        _item(ui, "codeword", "select.codeword", title, lambda: session.select_codeword_of(instance_id))
+        _draw_item(ui, "codeword", "select.codeword", title, lambda: session.selection.select_codeword(instance_id))
 
 
-def _repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
+def _draw_repairs(ui: Ui, document: Document, instance_id: int, ids: Ids) -> None:
     session = ui.session
     if len(ids) > 1:
         title = f"Merge {len(ids)} instances into this"
-        _item(ui, "merge", "labels.merge", title, lambda: session.labels.merge(ids, instance_id))
+        _draw_item(ui, "merge", "labels.merge", title, lambda: session.labels.merge(ids, instance_id))
     else:
-        _item(ui, "split", "labels.split", "Split by component…", lambda: session.ask("split", ids))
-    _item(ui, "absorb", "labels.absorb", "Absorb floaters", lambda: session.labels.absorb(ids))
-    if session.selected and instance_id not in session.selected:
-        title = "Give the selected splats to this"
-        _item(ui, "reassign", "labels.reassign", title, lambda: session.labels.reassign(instance_id))
+        _draw_item(
+            ui, "split", "labels.split", "Split by component…", lambda: session.requests.put(AskSplit(instance_id))
+        )
+    _draw_item(ui, "absorb", "labels.absorb", "Absorb floaters", lambda: session.labels.absorb(ids))
+    if session.selection.ids and instance_id not in session.selection.ids:
+        title = "Assign the selected splats to this"
+        _draw_item(ui, "reassign", "labels.reassign", title, lambda: session.labels.reassign(instance_id))
 
 
-def _item(ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True) -> None:
-    """An item that does what a command does, to the menu's instances; icon and shortcut are the command's."""
-    command = ui.session.commands[command_id]
-    shortcut = shortcut_title(command.shortcuts[0]) if command.shortcuts else ""
-    if icon_menu_item(command.icon, title, shortcut, enabled=enabled):
+def _draw_item(
+    ui: Ui, name: str, command_id: str, title: str, action: Callable[[], None], enabled: bool = True
+) -> None:
+    """Draw an item that runs `action` on the menu's instances, with the icon and shortcut of a registered action."""
+    command = ui.session.actions[command_id]
+    shortcut = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
+    if draw_icon_menu_item(command.icon, title, shortcut, enabled=enabled):
         action()
     ui.mark(f"menu.{name}")

@@ -1,4 +1,4 @@
-"""The list of instances, in step with the view: what is selected, hovered, hidden, locked or shown alone."""
+"""The list of instances, in step with the view: selected, hovered, hidden, locked or shown alone."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from instdrive_app.panels.instances.list_walk import Step, Walk
 from instdrive_app.panels.instances.row import BIT_SIZE, COLUMNS, Row, RowPainter
 from instdrive_app.panels.instances.rows import InstanceRows, Query
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, rgba
-from instdrive_app.panels.widgets.ui import Ui, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import Ui, get_icon, scale_pixels, scale_size
+from instdrive_app.session.requests import AskName
 from instdrive_core.edits.document.document import Document
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 WALKING: dict[imgui.Key, Step] = {
     imgui.Key.up_arrow: "up",
@@ -20,16 +21,15 @@ WALKING: dict[imgui.Key, Step] = {
     imgui.Key.home: "first",
     imgui.Key.end: "last",
 }
-"""Keys that go through the list while it has the keyboard; in the field for the search the first two."""
+"""Keys that walk through the focused list; in the search field only the first two do."""
 OWN_SHORTCUTS = frozenset({"Home", "Shift+Home"})
-"""Of commands, which mean something else then."""
+"""Shortcuts of actions that mean something else while the list is focused."""
 UNKNOWN = "unknown"
-"""How the class that is none is called."""
+"""Name shown for instances without a class."""
 
 
 class InstancesPanel:
-    """Search, filter by class, sort; select (Shift: a range, Ctrl: one more; also by keys), hide, lock, show alone,
-    rename."""
+    """Searches, filters and sorts instances; selects (Shift: a range, Ctrl: one more), hides, locks, solos, renames."""
 
     def __init__(self) -> None:
         self._rows, self._query = InstanceRows(), Query()
@@ -41,7 +41,7 @@ class InstancesPanel:
         self._own_click = False
 
     def draw(self, ui: Ui) -> None:
-        """One frame."""
+        """Draw one frame."""
         document = ui.session.document
         if document is None:
             imgui.push_text_wrap_pos(0)
@@ -50,22 +50,22 @@ class InstancesPanel:
             return
         if self._query.class_name is not None and self._query.class_name not in dict(self._rows.classes):
             self._query = replace(self._query, class_name=None)
-        self._search(ui, document)
+        self._draw_search(ui, document)
         self._take_rename(ui)
         self._rows.update(document, self._query)
-        self._class_chips(ui)
-        self._banner(ui, document)
-        self._keys(ui, document)
-        self._table(ui, document)
+        self._draw_class_chips(ui)
+        self._draw_banner(ui, document)
+        self._handle_keys(ui, document)
+        self._draw_table(ui, document)
         self._take_rename(ui)
 
     # ------------------------------------------------------------------ above the list
 
-    def _search(self, ui: Ui, document: Document) -> None:
+    def _draw_search(self, ui: Ui, document: Document) -> None:
         code_button = document.scene.code_bits > 0
         room = imgui.get_frame_height() + imgui.get_style().item_inner_spacing.x if code_button else 0
         imgui.set_next_item_width(-room or -1)
-        hint = f"{icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
+        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  Name, class or number"
         _, search = imgui.input_text_with_hint("##search", hint, self._query.search)
         ui.mark("instances.search")
         self._types_search = imgui.is_item_active()
@@ -74,44 +74,44 @@ class InstancesPanel:
             return
         imgui.same_line(0, imgui.get_style().item_inner_spacing.x)
         imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if self._shows_codes else DIM))
-        if imgui.button(icon("ICON_FA_BARCODE"), ImVec2(imgui.get_frame_height(), 0)):
+        if imgui.button(get_icon("ICON_FA_BARCODE"), ImVec2(imgui.get_frame_height(), 0)):
             self._flips_codes = True
         imgui.pop_style_color()
         ui.mark("instances.codes")
         imgui.set_item_tooltip("Show the codeword of each instance, bit by bit")
 
-    def _class_chips(self, ui: Ui) -> None:
-        """One button per class: a click lists that class only, another one all again. As many as fit into a line."""
+    def _draw_class_chips(self, ui: Ui) -> None:
+        """Draw one button per class, as many as fit into a line; a click lists only that class, a second one all."""
         if len(self._rows.classes) < 2:
             return
         imgui.push_style_var(imgui.StyleVar_.frame_rounding, imgui.get_text_line_height() / 2)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(7, 1))
-        imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(4, 6))
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, scale_size(7, 1))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(4, 6))
         more, end = (
-            imgui.calc_text_size("…").x + scaled(18),
+            imgui.calc_text_size("…").x + scale_pixels(18),
             imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x,
         )
         chosen = self._query.class_name
-        # The chosen one comes first, so that it is never among those that do not fit.
+        # The chosen class comes first, so that it always fits.
         order = sorted(self._rows.classes, key=lambda item: item[0] != chosen)
         left: list[tuple[str, int]] = []
         for number, (name, count) in enumerate(order):
             text = f"{name or UNKNOWN} {count}"
             last = number == len(order) - 1
-            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + scaled(4)
-            if number and x + imgui.calc_text_size(text).x + scaled(14) + (0 if last else more) > end:
+            x = imgui.get_cursor_screen_pos().x if number == 0 else imgui.get_item_rect_max().x + scale_pixels(4)
+            if number and x + imgui.calc_text_size(text).x + scale_pixels(14) + (0 if last else more) > end:
                 left = order[number:]
                 break
             if number:
                 imgui.same_line()
-            self._chip(ui, name, text, name == chosen)
+            self._draw_chip(ui, name, text, name == chosen)
         imgui.pop_style_var(1)
         if left:
-            imgui.same_line(0, scaled(4))
-            self._other_chips(ui, left)
+            imgui.same_line(0, scale_pixels(4))
+            self._draw_other_chips(ui, left)
         imgui.pop_style_var(2)
 
-    def _chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
+    def _draw_chip(self, ui: Ui, name: str, text: str, on: bool) -> None:
         if on:
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT, 0.9))
         imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT, 1.0 if on else 0.85))
@@ -120,9 +120,9 @@ class InstancesPanel:
         imgui.pop_style_color(2 if on else 1)
         ui.mark(f"instances.class.{name or UNKNOWN}")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("List all classes again" if on else f"List {name or 'instances without a class'} only")
+            imgui.set_tooltip("List all classes again" if on else f"List only {name or 'instances without a class'}")
 
-    def _other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
+    def _draw_other_chips(self, ui: Ui, classes: list[tuple[str, int]]) -> None:
         if imgui.button("…##classes"):
             imgui.open_popup("##classes")
         ui.mark("instances.classes")
@@ -133,11 +133,11 @@ class InstancesPanel:
                 ui.mark(f"instances.class.{name or UNKNOWN}")
             imgui.end_popup()
 
-    def _banner(self, ui: Ui, document: Document) -> None:
-        """What keeps instances out of the list or the view, and the way back."""
-        solo, shown = ui.session.solo.ids, len(self._rows.ids)
+    def _draw_banner(self, ui: Ui, document: Document) -> None:
+        """Say what keeps instances out of the list or the view, with a button to undo it."""
+        solo, shown = ui.session.visibility.solo.ids, len(self._rows.ids)
         if shown < self._rows.total:
-            self._notice(
+            self._draw_notice(
                 ui,
                 f"{shown:,} of {self._rows.total:,}",
                 "Select",
@@ -146,11 +146,13 @@ class InstancesPanel:
                 self._select_shown,
             )
         if solo:
-            left = len(document.visible_instances())
-            what = f"Only {counted(left, 'instance')} shown" if left else "All that is left is hidden"
-            self._notice(ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.solo.leave())
+            left = len(document.find_visible_instances())
+            what = f"Only {format_count(left, 'instance')} shown" if left else "Everything is hidden"
+            self._draw_notice(
+                ui, what, "Show all", "instances.leave_solo", True, lambda ui: ui.session.visibility.solo.leave()
+            )
 
-    def _notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
+    def _draw_notice(self, ui: Ui, text: str, button: str, mark: str, enabled: bool, action) -> None:
         imgui.align_text_to_frame_padding()
         imgui.text_colored(rgba(ACCENT if mark == "instances.leave_solo" else DIM), text)
         width = imgui.calc_text_size(button).x + 2 * imgui.get_style().frame_padding.x
@@ -163,56 +165,56 @@ class InstancesPanel:
 
     def _select_shown(self, ui: Ui) -> None:
         self._own_click = True
-        ui.session.select(self._rows.ids)
+        ui.session.selection.select(self._rows.ids)
 
     # ------------------------------------------------------------------ by keys
 
-    def _keys(self, ui: Ui, document: Document) -> None:
-        """Arrows, Home and End go from row to row, with Shift they extend the selection; Enter renames."""
+    def _handle_keys(self, ui: Ui, document: Document) -> None:
+        """Walk from row to row by arrows, Home and End; Shift extends the selection, Enter renames."""
         io = imgui.get_io()
         if ui.popup_open or not imgui.is_window_focused(imgui.FocusedFlags_.child_windows):
             return
         typing = io.want_text_input or self._painter.renamed != 0
         if not typing:
             ui.claimed_shortcuts = OWN_SHORTCUTS
-            if imgui.is_key_pressed(imgui.Key.enter, False) and len(ui.session.selected) == 1:
-                ui.session.renamed = ui.session.selected[0]
+            if imgui.is_key_pressed(imgui.Key.enter, False) and len(ui.session.selection.ids) == 1:
+                ui.session.requests.put(AskName(ui.session.selection.ids[0]))
         for key, step in WALKING.items():
             allowed = not typing or (self._types_search and step in ("up", "down"))
             if allowed and not io.key_ctrl and not io.key_alt and imgui.is_key_pressed(key):
                 self._step(ui, document, step, io.key_shift)
 
     def _step(self, ui: Ui, document: Document, step: Step, extends: bool) -> None:
-        ids, selected = self._rows.ids, ui.session.selected
-        if self._walk.cursor not in selected:  # something else was selected since, in the view say
+        ids, selected = self._rows.ids, ui.session.selection.ids
+        if self._walk.cursor not in selected:  # something else was selected since, for example in the view
             start = next((i for i in selected if i in self._rows.place), 0)
             self._walk = Walk(start, start)
-        self._walk = self._walk.after(step, extends, ids, lambda i: not document.instance_flags(i).is_locked)
+        self._walk = self._walk.advance(step, extends, ids, lambda i: not document.summarize_instance(i).is_locked)
         if self._walk.cursor not in self._rows.place:
             return
         self._own_click, self._scroll_to = True, self._walk.cursor
-        chosen = self._walk.between(ids) if extends else (self._walk.cursor,)
+        chosen = self._walk.list_range(ids) if extends else (self._walk.cursor,)
         if chosen != selected:
-            ui.session.select(chosen)
+            ui.session.selection.select(chosen)
 
     # ------------------------------------------------------------------ the list
 
-    def _table(self, ui: Ui, document: Document) -> None:
+    def _draw_table(self, ui: Ui, document: Document) -> None:
         flags = imgui.TableFlags_
         style = (
             flags.scroll_y | flags.row_bg | flags.sortable | flags.hideable | flags.resizable | flags.no_saved_settings
         )
-        imgui.push_style_var(imgui.StyleVar_.cell_padding, scaled_size(3, 3))
+        imgui.push_style_var(imgui.StyleVar_.cell_padding, scale_size(3, 3))
         if imgui.begin_table("##instances", len(COLUMNS), style | flags.no_borders_in_body):
-            self._columns(document)
+            self._set_up_columns(document)
             self._draw_rows(ui, document)
             imgui.end_table()
         imgui.pop_style_var()
 
-    def _columns(self, document: Document) -> None:
+    def _set_up_columns(self, document: Document) -> None:
         fixed, stretch = imgui.TableColumnFlags_.width_fixed, imgui.TableColumnFlags_.width_stretch
         em = imgui.get_font_size()
-        code_width = min(document.scene.code_bits, 12) * scaled(BIT_SIZE + 1)
+        code_width = min(document.scene.code_bits, 12) * scale_pixels(BIT_SIZE + 1)
         for number, column in enumerate(COLUMNS):
             width = code_width if column.name == "Code" else column.width * em
             flags = stretch if column.stretches else fixed
@@ -236,9 +238,9 @@ class InstancesPanel:
             self._rows.update(document, self._query)
 
     def _draw_rows(self, ui: Ui, document: Document) -> None:
-        selected, solo = ui.session.selected, ui.session.solo.ids
+        selected, solo = ui.session.selection.ids, ui.session.visibility.solo.ids
         chosen = set(selected)
-        scroll_to = self._newly_selected(selected)
+        scroll_to = self._find_newly_selected(selected)
         if self._painter.renamed and self._painter.is_new:
             scroll_to = self._rows.place.get(self._painter.renamed)
         self._painter.begin()
@@ -252,7 +254,7 @@ class InstancesPanel:
         while clipper.step():
             for number in range(clipper.display_start, clipper.display_end):
                 instance = self._rows.instances[number]
-                summary = document.instance_flags(instance.id)
+                summary = document.summarize_instance(instance.id)
                 row = Row(instance, summary, instance.id in chosen, instance.id in solo, document.scene.code_bits)
                 if self._painter.draw(ui, row):
                     self._click(ui, row)
@@ -263,10 +265,10 @@ class InstancesPanel:
         if not self._rows.instances:
             imgui.table_next_row()
             imgui.table_set_column_index([column.name for column in COLUMNS].index("Name"))
-            imgui.text_disabled("No instances" if not self._rows.total else "None found")
+            imgui.text_disabled("No instances" if not self._rows.total else "No matches")
 
-    def _newly_selected(self, selected: tuple[int, ...]) -> int | None:
-        """The row to scroll to: the first that was selected elsewhere since the last frame."""
+    def _find_newly_selected(self, selected: tuple[int, ...]) -> int | None:
+        """Find the row to scroll to: the first one selected elsewhere since the last frame."""
         if selected == self._selected_before:
             return None
         before, own = set(self._selected_before), self._own_click
@@ -279,30 +281,30 @@ class InstancesPanel:
         self._own_click = True
         if io.key_shift and self._walk.anchor in self._rows.place:
             self._walk = replace(self._walk, cursor=instance)
-            session.select(self._walk.between(self._rows.ids), "add" if io.key_ctrl else "replace")
+            session.selection.select(self._walk.list_range(self._rows.ids), "add" if io.key_ctrl else "replace")
             return
         self._walk = Walk(instance, instance)
         if row.summary.is_locked:
-            session.messages.info(f"{row.instance.name} is locked: unlock it in order to select it")
+            session.messages.info(f"{row.instance.name} is locked. Unlock it to select it")
         elif io.key_ctrl:
-            session.select((instance,), "remove" if row.selected else "add")
+            session.selection.select((instance,), "remove" if row.selected else "add")
         else:
-            session.select((instance,))
+            session.selection.select((instance,))
 
     def _take_rename(self, ui: Ui) -> None:
-        """Where the user wants to rename an instance, let it be done in its row, and see that the row is there."""
+        """Start renaming in the instance's row if the user asked for it, and make sure that the list shows the row."""
         session = ui.session
-        if not session.renamed or session.document is None:
+        request = session.requests.take(AskName)
+        if request is None or session.document is None:
             return
-        if session.renamed in session.document.scene.table:
-            if session.renamed not in self._rows.place:
+        if request.instance in session.document.scene.table:
+            if request.instance not in self._rows.place:
                 self._query = replace(self._query, search="", class_name=None)
-            self._painter.rename(session.document.scene.table[session.renamed])
-        session.renamed = 0
+            self._painter.rename(session.document.scene.table[request.instance])
 
 
 def _keep_in_view() -> None:
-    """Scroll by as much as the last item, of a row, is out of what is seen of the list below its frozen header."""
+    """Scroll just as far as the last item's row is outside the visible list below its frozen header."""
     top, height = imgui.get_window_pos().y, imgui.get_window_height()
     row = imgui.get_item_rect_max().y - imgui.get_item_rect_min().y + 2 * imgui.get_style().cell_padding.y
     above = top + row - (imgui.get_item_rect_min().y - imgui.get_style().cell_padding.y)

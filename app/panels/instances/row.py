@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.instances.menu import instance_menu
-from instdrive_app.panels.widgets.codeword import bit_squares
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, packed, rgba
-from instdrive_app.panels.widgets.ui import Ui, fitted_text, icon, scaled, scaled_size, swatch
+from instdrive_app.panels.instances.menu import draw_instance_menu
+from instdrive_app.panels.widgets.codeword import draw_bit_squares
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Ui, draw_swatch, fit_text, get_icon, scale_pixels, scale_size
 from instdrive_core.edits.document.document import InstanceSummary
 from instdrive_core.instances.table import Instance
 
@@ -21,13 +21,13 @@ class Column(NamedTuple):
     name: str
     header: str
     width: float
-    """In font sizes, or a share of the rest where it stretches."""
+    """Width in font sizes, or a share of the remaining width if the column stretches."""
     stretches: bool = False
     flags: int = 0
 
 
 BIT_SIZE = 4.0
-"""Pixels of a bit's square at scale 1; one more is between two."""
+"""Side of a bit's square, in pixels at scale 1; the gap between two is one pixel."""
 _FIXED = imgui.TableColumnFlags_
 COLUMNS = (
     Column("Colour", "##colour", 0.8, flags=_FIXED.no_sort | _FIXED.no_resize | _FIXED.no_hide),
@@ -54,60 +54,62 @@ class Row(NamedTuple):
 
 
 class RowPainter:
-    """Draws rows, and the field for the new name in the one that is renamed."""
+    """Draws rows, with a name field in the row that is being renamed."""
 
     def __init__(self) -> None:
         self.renamed = 0
-        """The instance whose name is being typed; 0 = none."""
+        """The instance whose name is being typed; 0 for none."""
         self.is_new = False
-        """Whether the field for the name has not been drawn yet."""
+        """Whether the name field has not been drawn yet."""
         self._name = ""
         self._drawn = self._missed_press = False
 
     def begin(self) -> None:
-        """Before the rows of a frame. A name whose row was scrolled away or filtered out is given up."""
+        """Prepare for the rows of a frame; stop renaming if the row was scrolled away or filtered out."""
         if self.renamed and not self.is_new and not self._drawn:
             self.renamed = 0
         self._drawn = False
 
     def rename(self, instance: Instance) -> None:
-        """From the next frame on, let the user type a name in the instance's row."""
+        """Let the user type a name in the instance's row, from the next frame on."""
         self.renamed, self.is_new, self._name = instance.id, True, instance.name
 
     def draw(self, ui: Ui, row: Row) -> bool:
-        """One row of the present table; returns whether it was clicked."""
+        """Draw one row of the present table; returns whether it was clicked."""
         instance = row.instance
         imgui.push_id(instance.id)
         imgui.table_next_row()
         imgui.table_set_column_index(_PLACE["Colour"])
-        swatch(instance)
-        clicked = self._number(ui, row)
+        draw_swatch(instance)
+        clicked = self._draw_number(ui, row)
         if imgui.table_set_column_index(_PLACE["Code"]) and row.code_bits:
-            imgui.set_cursor_pos_y(imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scaled(BIT_SIZE)) / 2)
-            bit_squares(instance.codeword, row.code_bits, scaled(BIT_SIZE), scaled(1))
+            imgui.set_cursor_pos_y(
+                imgui.get_cursor_pos_y() + (imgui.get_text_line_height() - scale_pixels(BIT_SIZE)) / 2
+            )
+            draw_bit_squares(instance.codeword, row.code_bits, scale_pixels(BIT_SIZE), scale_pixels(1))
         color = rgba(DIM if row.summary.is_hidden or row.summary.is_locked else TEXT)
         imgui.table_set_column_index(_PLACE["Name"])
         if instance.id == self.renamed:
-            self._name_field(ui)
+            self._draw_name_field(ui)
         else:
-            self._text(instance.name, color)
+            self._draw_text(instance.name, color)
         if imgui.table_set_column_index(_PLACE["Class"]):
-            self._text(instance.class_name, color)
+            self._draw_text(instance.class_name, color)
         if imgui.table_set_column_index(_PLACE["Splats"]):
             text = f"{row.summary.count - row.summary.deleted:,}"
             free = imgui.get_content_region_avail().x - imgui.calc_text_size(text).x
             imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(free, 0))
             imgui.text_colored(color, text)
-        self._switches(ui, row)
+        self._draw_switches(ui, row)
         imgui.pop_id()
         return clicked or (self._missed_press and not imgui.is_any_item_active())
 
-    def _number(self, ui: Ui, row: Row) -> bool:
-        """The number, and with it the whole row as one thing to click, point at and open a menu on."""
+    def _draw_number(self, ui: Ui, row: Row) -> bool:
+        """Draw the number, and make the whole row one item to click, point at and open a menu on."""
         instance, state = row.instance, ui.session.state
         imgui.table_set_column_index(_PLACE["#"])
         if state.hovered == instance.id and not row.selected:
-            imgui.table_set_bg_color(imgui.TableBgTarget_.row_bg1, packed(ACCENT, 0.09))
+            imgui.table_set_bg_color(imgui.TableBgTarget_.row_bg1, pack_color(ACCENT, 0.09))
         flags = imgui.SelectableFlags_.span_all_columns | imgui.SelectableFlags_.allow_overlap
         clicked = imgui.selectable(str(instance.id), row.selected, flags)[0]
         self._missed_press = _misses_press()
@@ -117,21 +119,21 @@ class RowPainter:
             if imgui.is_mouse_double_clicked(0):
                 ui.session.navigation.frame((instance.id,))
         if imgui.begin_popup_context_item("##menu"):
-            instance_menu(ui, instance.id)
+            draw_instance_menu(ui, instance.id)
             imgui.end_popup()
         return clicked
 
-    def _text(self, text: str, color) -> None:
+    def _draw_text(self, text: str, color) -> None:
         width = imgui.get_content_region_avail().x
-        fitted = fitted_text(text, width)
+        fitted = fit_text(text, width)
         imgui.text_colored(color, fitted)
         if fitted != text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(text)
 
-    def _name_field(self, ui: Ui) -> None:
+    def _draw_name_field(self, ui: Ui) -> None:
         self._drawn = True
         imgui.set_next_item_width(-1)
-        imgui.push_style_var(imgui.StyleVar_.frame_padding, scaled_size(3, 0))
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, scale_size(3, 0))
         if self.is_new:
             imgui.set_keyboard_focus_here()
         flags = imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all
@@ -147,7 +149,7 @@ class RowPainter:
                 ui.session.labels.rename(self.renamed, name)
             self.renamed = 0
 
-    def _switches(self, ui: Ui, row: Row) -> None:
+    def _draw_switches(self, ui: Ui, row: Row) -> None:
         session, instance, summary = ui.session, row.instance, row.summary
         ids = (instance.id,)
         imgui.push_style_color(imgui.Col_.button, rgba(DIM, 0.0))
@@ -160,15 +162,15 @@ class RowPainter:
                 0.6 if hidden else 1.0,
                 False,
                 "Show" if hidden else "Hide",
-                lambda: session.hide(ids, not hidden),
+                lambda: session.visibility.hide(ids, not hidden),
             ),
             (
                 "Locked",
                 "ICON_FA_LOCK" if locked else "ICON_FA_LOCK_OPEN",
                 1.0 if locked else 0.35,
                 locked,
-                "Unlock" if locked else "Lock: it can be neither selected nor edited",
-                lambda: session.lock(ids, not locked),
+                "Unlock" if locked else "Lock, so that it cannot be selected or edited",
+                lambda: session.visibility.lock(ids, not locked),
             ),
             (
                 "Solo",
@@ -176,14 +178,14 @@ class RowPainter:
                 1.0 if row.solo else 0.35,
                 row.solo,
                 "Show all again" if row.solo else "Show only this",
-                lambda: session.solo.leave() if row.solo else session.solo.enter(ids),
+                lambda: session.visibility.solo.leave() if row.solo else session.visibility.solo.enter(ids),
             ),
         )
         for column, symbol, weight, on, hint, action in switches:
             if not imgui.table_set_column_index(_PLACE[column]):
                 continue
             imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else DIM, weight))
-            if imgui.button(f"{icon(symbol)}##{column}", ImVec2(-1, 0)):
+            if imgui.button(f"{get_icon(symbol)}##{column}", ImVec2(-1, 0)):
                 action()
             imgui.pop_style_color()
             ui.mark(f"instances.{instance.id}.{_MARKS[column]}")
@@ -194,9 +196,9 @@ class RowPainter:
 
 
 def _misses_press() -> bool:
-    """Whether the last item was pressed in the very frame in which the mouse came to it, as where a frame lasts long.
+    """Whether the last item was pressed in the same frame in which the mouse reached it, as happens in long frames.
 
-    An item that others may overlap becomes active only where it was pointed at in the frame before, too.
+    ImGui activates an item that others may overlap only if the mouse was over it in the frame before, too.
     """
     return imgui.is_item_hovered() and imgui.is_mouse_clicked(0) and not imgui.is_item_active()
 

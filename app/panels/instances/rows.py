@@ -1,10 +1,11 @@
-"""Which instances the list shows, in which order: worked out when something changes, not in every frame."""
+"""Which instances the list shows, in which order; computed when something changes, not in every frame."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int64
@@ -16,19 +17,19 @@ from instdrive_core.instances.table import Instance
 
 @dataclass(frozen=True)
 class Query:
-    """What the user asked the list for."""
+    """Search, filter and sort order that the user has set."""
 
     search: str = ""
-    """Words that all must occur in number, name or class."""
+    """Words that must all occur in number, name or class."""
     class_name: str | None = None
-    """Only this class; empty = those that have none, None = all."""
+    """Class to list: empty for instances without one, None for all classes."""
     column: str = "#"
     descending: bool = False
 
 
 @dataclass(frozen=True)
 class _States:
-    """Per instance that is left: splats left, and whether it is hidden or locked."""
+    """For each instance that has splats left: their number, and whether it is hidden or locked."""
 
     ids: ndarray
     left: Int64[ndarray, " m"]
@@ -36,7 +37,7 @@ class _States:
     locked: Bool[ndarray, " m"]
 
     @classmethod
-    def of(cls, counts: InstanceCounts) -> _States:
+    def from_counts(cls, counts: InstanceCounts) -> _States:
         left = counts.count - counts.deleted
         alive = left > 0
         return cls(
@@ -58,20 +59,20 @@ class _States:
 
 
 class InstanceRows:
-    """The rows of the list; `update` must be called once a frame and does nothing where nothing changed."""
+    """The rows of the list. Call `update` once a frame; it does nothing if nothing has changed."""
 
     def __init__(self) -> None:
         self.instances: tuple[Instance, ...] = ()
-        """What the list shows, in order."""
+        """The listed instances, in order."""
         self.ids: tuple[int, ...] = ()
         self.place: dict[int, int] = {}
-        """The row of each instance shown."""
+        """Row of each listed instance."""
         self.total = 0
-        """How many instances are left, shown or not."""
+        """Number of instances that have splats left, listed or not."""
         self.classes: tuple[tuple[str, int], ...] = ()
-        """The classes of all that is left and how many instances have them, in alphabetical order, unknown last."""
+        """Classes with their numbers of instances, in alphabetical order; instances without a class come last."""
         self._document: Document | None = None
-        self._table_version = self._state_version = -1
+        self._versions: DocumentVersions | None = None
         self._states: _States | None = None
         self._query: Query | None = None
         self._alive: list[Instance] = []
@@ -80,18 +81,18 @@ class InstanceRows:
         self._locked: set[int] = set()
 
     def update(self, document: Document, query: Query) -> None:
-        """Bring the rows to the document's state and the query."""
-        table_changed = document is not self._document or document.table_version != self._table_version
+        """Bring the rows up to date with the document and the query."""
+        before, now = self._versions, document.versions
+        table_changed = document is not self._document or before is None or now.table != before.table
         changed = table_changed or query != self._query
-        if table_changed or document.state.version != self._state_version:
-            states = _States.of(document.counts())
+        if before is None or table_changed or now.states != before.states:
+            states = _States.from_counts(document.count_states())
             changed = changed or not states.equals(self._states)
             if changed:
                 self._count(document, states)
         if changed:
             self._sort(query)
-        self._document, self._query = document, query
-        self._table_version, self._state_version = document.table_version, document.state.version
+        self._document, self._query, self._versions = document, query, now
 
     def _count(self, document: Document, states: _States) -> None:
         table = document.scene.table
@@ -112,17 +113,17 @@ class InstanceRows:
         found = [
             i for i in self._alive if query.class_name in (None, i.class_name) and (not words or matches(i, words))
         ]
-        found.sort(key=self._key(query.column), reverse=query.descending)
+        found.sort(key=self._build_sort_key(query.column), reverse=query.descending)
         self.instances = tuple(found)
         self.ids = tuple(instance.id for instance in found)
         self.place = {instance_id: row for row, instance_id in enumerate(self.ids)}
 
-    def _key(self, column: str) -> Callable[[Instance], tuple]:
-        keys: dict[str, Callable[[Instance], tuple]] = {
+    def _build_sort_key(self, column: str) -> Callable[[Instance], tuple[Any, ...]]:
+        keys: dict[str, Callable[[Instance], tuple[Any, ...]]] = {
             "#": lambda i: (i.id,),
             "Code": lambda i: (i.codeword, i.id),
-            "Name": lambda i: (natural(i.name), i.id),
-            "Class": lambda i: (not i.class_name, i.class_name.lower(), natural(i.name)),
+            "Name": lambda i: (build_natural_key(i.name), i.id),
+            "Class": lambda i: (not i.class_name, i.class_name.lower(), build_natural_key(i.name)),
             "Splats": lambda i: (self._left[i.id], i.id),
             "Shown": lambda i: (i.id in self._hidden, i.id),
             "Locked": lambda i: (i.id not in self._locked, i.id),
@@ -131,12 +132,12 @@ class InstanceRows:
 
 
 def matches(instance: Instance, words: list[str]) -> bool:
-    """Whether number, name or class contain every one of these lower-case words."""
+    """Whether number, name and class together contain every one of these lower-case words."""
     text = f"{instance.id} {instance.name} {instance.class_name}".lower()
     return all(word in text for word in words)
 
 
-def natural(text: str) -> tuple[tuple[int, int, str], ...]:
-    """A key that sorts ``car 9`` before ``car 10``."""
+def build_natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Build a sort key that puts ``car 9`` before ``car 10``."""
     parts = re.split(r"(\d+)", text.lower())
     return tuple((0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts if part)

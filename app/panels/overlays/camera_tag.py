@@ -1,34 +1,35 @@
-"""Which camera the viewport looks through."""
+"""A tag with the name of the camera that the viewport looks through."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, packed
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
+from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
 
 
 class CameraTag:
-    """Through which camera the viewport looks, at the top right."""
+    """Names the current camera at the picture's top right."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         state, document = ui.session.state, ui.session.document
-        assert document is not None
+        if document is None:
+            return
         name = "Free camera"
         if state.dataset_view is not None:
             view = document.scene.views[state.dataset_view]
             name = f"{view.name.replace('_', ' ')}  ·  {view.index}"
-        text = f"{icon('ICON_FA_VIDEO')}  {name}"
+        text = f"{get_icon('ICON_FA_VIDEO')}  {name}"
         size = imgui.calc_text_size(text)
-        padding, gap = scaled(10), scaled(5)
+        padding, gap = scale_pixels(10), scale_pixels(5)
         right, top = place.x + place.width - padding, place.y + padding
         draw = imgui.get_window_draw_list()
         draw.add_rect_filled(
             ImVec2(right - size.x - 2 * padding, top),
             ImVec2(right, top + size.y + 2 * gap),
-            packed(BACKGROUND, 0.78),
-            scaled(4),
+            pack_color(BACKGROUND, 0.78),
+            scale_pixels(4),
         )
-        draw.add_text(ImVec2(right - size.x - padding, top + gap), packed(TEXT), text)
+        draw.add_text(ImVec2(right - size.x - padding, top + gap), pack_color(TEXT), text)
         ui.marks["viewport.camera_tag"] = (right - size.x - 2 * padding, top, right, top + size.y + 2 * gap)

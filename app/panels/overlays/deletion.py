@@ -1,4 +1,4 @@
-"""What the last deletion left: residue as dots, the hole hatched, and a box that says so and cleans up."""
+"""What the last deletion left behind: residue as dots, the hole hatched, and a box with buttons to repair both."""
 
 from __future__ import annotations
 
@@ -9,157 +9,157 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.commands import Command
-from instdrive_app.panels.overlays.hole_pattern import HolePattern, hole_pattern, projected
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, packed, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled
-from instdrive_app.session.aftermath import Finding
+from instdrive_app.action import Action
+from instdrive_app.panels.overlays.hole_pattern import HolePattern, build_hole_pattern, project_shapes
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, ERROR, TEXT, pack_color, rgba
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels
+from instdrive_app.session.deletion_review import DeletionFindings
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.scene import Scene
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 MAX_DOTS = 1500
-"""Of more residue, dots are thinned out."""
+"""Dots drawn at most; more residue is thinned out."""
 DOT = 2.5
-"""Radius in pixels at scale 1, as are the others."""
+"""Radius of a dot; like the other lengths in pixels at scale 1."""
 MARGIN, PADDING, LINE_GAP, BUTTON_GAP = 10.0, 10.0, 6.0, 16.0
 LEGEND_HEIGHT = 56.0
-"""Of what other views have in the same corner."""
+"""Height of what views other than colour show in the same corner."""
 
 
 @dataclass(frozen=True)
 class _Line:
-    """One line of the box: what is left, and the command that removes it."""
+    """One line of the box: what is left, and the action that repairs it."""
 
     text: str
     button: str
-    command: Command
+    command: Action
 
 
 class DeletionOverlay:
-    """Drawn while something is left of the last deletion."""
+    """Shows the review of the last deletion, as long as there is one."""
 
     def __init__(self) -> None:
         self._pattern: tuple[Hole, HolePattern] | None = None
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
-        found, document, snapshot = ui.session.aftermath.finding, ui.session.document, ui.view.snapshot
+        """Draw one frame."""
+        found, document, snapshot = ui.session.deletion.review.findings, ui.session.document, ui.view.snapshot
         if found is None or document is None or snapshot is None:
             return
         draw = imgui.get_window_draw_list()
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
         if found.hole is not None:
-            _draw_pattern(self._pattern_of(found.hole), snapshot.camera, place)
+            _draw_pattern(self._find_pattern(found.hole), snapshot.camera, place)
         if found.residue_count:
-            _draw_dots(_in_world(found, document.scene, ui.session.state.time), snapshot.camera, place)
+            _draw_dots(_place_residue(found, document.scene, ui.session.state.time), snapshot.camera, place)
         draw.pop_clip_rect()
         _draw_box(ui, found, place)
 
-    def _pattern_of(self, hole: Hole) -> HolePattern:
+    def _find_pattern(self, hole: Hole) -> HolePattern:
         if self._pattern is None or self._pattern[0] is not hole:
-            self._pattern = (hole, hole_pattern(hole))
+            self._pattern = (hole, build_hole_pattern(hole))
         return self._pattern[1]
 
 
 def _draw_pattern(pattern: HolePattern, camera: Camera, place: Rectangle) -> None:
     draw, origin = imgui.get_window_draw_list(), ImVec2(place.x, place.y)
-    stripes, hatching, outline = pattern.seen(camera)
-    # Without the soft edges of `add_quad_filled`, which would show where stripes meet.
+    stripes, hatching, outline = pattern.project(camera)
+    # `add_quad_filled` would draw soft edges, which show where stripes meet.
     draw.prim_reserve(6 * len(stripes), 4 * len(stripes))
-    blank, color = imgui.get_font_tex_uv_white_pixel(), packed(ACCENT, 0.18)
+    blank, color = imgui.get_font_tex_uv_white_pixel(), pack_color(ACCENT, 0.18)
     for corners in stripes:
         a, b, c, d = (ImVec2(origin.x + x, origin.y + y) for x, y in corners)
         draw.prim_quad_uv(a, b, c, d, blank, blank, blank, blank, color)
     for lines, alpha, width in ((hatching, 0.35, 1.0), (outline, 0.9, 1.5)):
         for (ax, ay), (bx, by) in lines:
             start, end = ImVec2(origin.x + ax, origin.y + ay), ImVec2(origin.x + bx, origin.y + by)
-            draw.add_line(start, end, packed(ACCENT, alpha), scaled(width))
+            draw.add_line(start, end, pack_color(ACCENT, alpha), scale_pixels(width))
 
 
-def _in_world(found: Finding, scene: Scene, time: float) -> Float64[ndarray, "r 3"]:
-    """Places of the residue, some of it where there is much."""
+def _place_residue(found: DeletionFindings, scene: Scene, time: float) -> Float64[ndarray, "r 3"]:
+    """World positions (metres) of at most `MAX_DOTS` splats of residue at a time in seconds."""
     step = -(-len(found.residue) // MAX_DOTS)
     places, nodes = found.residue[::step], found.nodes[::step]
     if not nodes.any():
         return places
-    poses = scene.at(time)[0][nodes]
+    poses = scene.find_node_poses(time)[0][nodes]
     return np.einsum("nij,nj->ni", poses[:, :3, :3], places) + poses[:, :3, 3]
 
 
 def _draw_dots(places: Float64[ndarray, "r 3"], camera: Camera, place: Rectangle) -> None:
     draw = imgui.get_window_draw_list()
-    for ((x, y),) in projected(places[:, None], camera):
+    for ((x, y),) in project_shapes(places[:, None], camera):
         at = ImVec2(place.x + x, place.y + y)
-        draw.add_circle_filled(at, scaled(DOT + 1), packed(BACKGROUND, 0.6), 12)
-        draw.add_circle_filled(at, scaled(DOT), packed(ERROR), 12)
+        draw.add_circle_filled(at, scale_pixels(DOT + 1), pack_color(BACKGROUND, 0.6), 12)
+        draw.add_circle_filled(at, scale_pixels(DOT), pack_color(ERROR), 12)
 
 
-def _draw_box(ui: Ui, found: Finding, place: Rectangle) -> None:
-    lines = _lines(ui, found)
+def _draw_box(ui: Ui, found: DeletionFindings, place: Rectangle) -> None:
+    lines = _compose_lines(ui, found)
     title = f"Deleted {found.report.name}"
-    row, padding = imgui.get_frame_height() + scaled(LINE_GAP), scaled(PADDING)
+    row, padding = imgui.get_frame_height() + scale_pixels(LINE_GAP), scale_pixels(PADDING)
     words = max(imgui.calc_text_size(text).x for text in (title, *(line.text for line in lines)))
     buttons = max(imgui.calc_text_size(line.button).x for line in lines) + 2 * imgui.get_style().frame_padding.x
-    width = words + scaled(BUTTON_GAP) + buttons + 2 * padding
-    height = row * (1 + len(lines)) - scaled(LINE_GAP) + 2 * padding
-    left, bottom = place.x + scaled(MARGIN), place.y + place.height - scaled(MARGIN)
+    width = words + scale_pixels(BUTTON_GAP) + buttons + 2 * padding
+    height = row * (1 + len(lines)) - scale_pixels(LINE_GAP) + 2 * padding
+    left, bottom = place.x + scale_pixels(MARGIN), place.y + place.height - scale_pixels(MARGIN)
     if ui.session.state.view_mode is not ViewMode.COLOR:
-        bottom -= scaled(LEGEND_HEIGHT)
+        bottom -= scale_pixels(LEGEND_HEIGHT)
     low, high = ImVec2(left, bottom - height), ImVec2(left + width, bottom)
-    imgui.get_window_draw_list().add_rect_filled(low, high, packed(BACKGROUND, 0.9), scaled(6))
-    ui.marks["aftermath"] = (low.x, low.y, high.x, high.y)
-    _blocked(low, high)
-    _text(low.x + padding, low.y + padding, title, TEXT)
-    _close_button(ui, high.x - padding, low.y + padding)
+    imgui.get_window_draw_list().add_rect_filled(low, high, pack_color(BACKGROUND, 0.9), scale_pixels(6))
+    ui.marks["deletion review"] = (low.x, low.y, high.x, high.y)
+    _block_clicks(low, high)
+    _draw_text(low.x + padding, low.y + padding, title, TEXT)
+    _draw_close_button(ui, high.x - padding, low.y + padding)
     for number, line in enumerate(lines, start=1):
         top = low.y + padding + number * row
-        _text(low.x + padding, top, line.text, DIM)
+        _draw_text(low.x + padding, top, line.text, DIM)
         imgui.set_cursor_screen_pos(ImVec2(high.x - padding - buttons, top))
         imgui.begin_disabled(not line.command.enabled())
         if imgui.button(f"{line.button}##{line.command.id}", ImVec2(buttons, 0)):
-            ui.session.commands.run(line.command.id)
+            ui.session.actions.run(line.command.id)
         imgui.end_disabled()
         ui.mark(line.command.id)
 
 
-def _lines(ui: Ui, found: Finding) -> list[_Line]:
-    commands, lines = ui.session.commands, []
+def _compose_lines(ui: Ui, found: DeletionFindings) -> list[_Line]:
+    commands, lines = ui.session.actions, []
     if found.residue_count:
-        text = f"{counted(found.residue_count, 'splat')} of residue"
-        lines.append(_Line(text, f"{icon('ICON_FA_BROOM')}  Absorb floaters", commands["aftermath.absorb"]))
+        text = f"{format_count(found.residue_count, 'splat')} of residue"
+        lines.append(_Line(text, f"{get_icon('ICON_FA_BROOM')}  Absorb floaters", commands["deletion.absorb"]))
     if found.hole is not None:
-        words = "Filling…" if ui.session.aftermath.filling else "Fill hole"
+        words = "Filling…" if ui.session.deletion.review.is_filling else "Fill hole"
         text = f"Hole of {found.hole.area:.1f} m²"
         if found.hole.shadow_area:
             text += f" and a shadow of {found.hole.shadow_area:.1f} m²"
-        lines.append(_Line(text, f"{icon('ICON_FA_FILL_DRIP')}  {words}", commands["aftermath.fill"]))
+        lines.append(_Line(text, f"{get_icon('ICON_FA_FILL_DRIP')}  {words}", commands["deletion.fill"]))
     return lines
 
 
-def _blocked(low: ImVec2, high: ImVec2) -> None:
-    """Clicks beside the buttons are not for the picture behind."""
+def _block_clicks(low: ImVec2, high: ImVec2) -> None:
+    """Keep clicks beside the buttons from the picture behind."""
     imgui.set_cursor_screen_pos(low)
     imgui.set_next_item_allow_overlap()
-    imgui.invisible_button("##aftermath", ImVec2(high.x - low.x, high.y - low.y))
+    imgui.invisible_button("##deletion review", ImVec2(high.x - low.x, high.y - low.y))
 
 
-def _text(left: float, top: float, text: str, color: tuple[float, float, float]) -> None:
+def _draw_text(left: float, top: float, text: str, color: tuple[float, float, float]) -> None:
     at = ImVec2(left, top + imgui.get_style().frame_padding.y)
-    imgui.get_window_draw_list().add_text(at, packed(color), text)
+    imgui.get_window_draw_list().add_text(at, pack_color(color), text)
 
 
-def _close_button(ui: Ui, right: float, top: float) -> None:
-    command, side = ui.session.commands["aftermath.clear"], imgui.get_frame_height()
+def _draw_close_button(ui: Ui, right: float, top: float) -> None:
+    command, side = ui.session.actions["deletion.clear"], imgui.get_frame_height()
     imgui.set_cursor_screen_pos(ImVec2(right - side, top))
     imgui.push_style_color(imgui.Col_.button, rgba(BACKGROUND, 0.0))
     imgui.push_style_var(imgui.StyleVar_.frame_padding, ImVec2(0, 0))
-    if imgui.button(f"{icon(command.icon)}##{command.id}", ImVec2(side, side)):
-        ui.session.commands.run(command.id)
+    if imgui.button(f"{get_icon(command.icon)}##{command.id}", ImVec2(side, side)):
+        ui.session.actions.run(command.id)
     imgui.pop_style_var()
     imgui.pop_style_color()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-        imgui.set_tooltip("Show this report no longer")
+        imgui.set_tooltip("Close this report")

@@ -1,42 +1,44 @@
-"""Why there is no picture yet."""
+"""A notice while the first picture takes long."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import DIM, TEXT, Color, packed
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import DIM, TEXT, Color, pack_color
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 
 WAIT_SECONDS = 0.7
-"""Without a picture after which the user is told; resizing takes less."""
+"""Time without a picture after which the notice appears; resizing the window takes less."""
 LONG_WAIT_SECONDS = 3.0
-"""Which only compiling takes."""
+"""Time without a picture that only compiling can explain."""
 
 
-class FirstPicture:
-    """Says so where no frame of the viewport's size comes for a while: the very first start compiles kernels."""
+class FirstPictureNotice:
+    """Explains a missing picture: the very first start compiles kernels."""
 
     def __init__(self) -> None:
         self._since = 0.0
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         now = imgui.get_time()
-        if ui.view.snapshot is not None:
+        if ui.view.snapshot is not None or ui.session.document is None:
             self._since = now
         waited = now - self._since
         if waited < WAIT_SECONDS:
             return
         middle = place.y + place.height / 2
-        _centered("Preparing the view…", place, middle - scaled(12), TEXT)
+        _draw_centered("Preparing the view…", place, middle - scale_pixels(12), TEXT)
         if waited > LONG_WAIT_SECONDS:
-            why = "The first start compiles the drawing code for this processor: about half a minute, once."
-            _centered(why, place, middle + scaled(12), DIM)
+            why = "The first start compiles the drawing code for this processor. This takes about half a minute, once."
+            _draw_centered(why, place, middle + scale_pixels(12), DIM)
         ui.marks["viewport.preparing"] = (place.x, middle, place.x + place.width, middle + 1)
 
 
-def _centered(text: str, place: Rectangle, top: float, color: Color) -> None:
-    width = imgui.calc_text_size(text, wrap_width=place.width - scaled(20)).x
+def _draw_centered(text: str, place: Rectangle, top: float, color: Color) -> None:
+    width = imgui.calc_text_size(text, wrap_width=place.width - scale_pixels(20)).x
     draw = imgui.get_window_draw_list()
     at = ImVec2(place.x + (place.width - width) / 2, top)
-    draw.add_text(imgui.get_font(), imgui.get_font_size(), at, packed(color), text, wrap_width=place.width - scaled(20))
+    draw.add_text(
+        imgui.get_font(), imgui.get_font_size(), at, pack_color(color), text, wrap_width=place.width - scale_pixels(20)
+    )

@@ -1,4 +1,4 @@
-"""A hole in the ground as stripes, hatching and outline on the ground, ready to be seen through a camera."""
+"""The pattern that shows a hole in the ground: stripes, hatching and outline."""
 
 from __future__ import annotations
 
@@ -12,54 +12,58 @@ from instdrive_core.edits.holes.holes import Hole
 from instdrive_core.scene.camera import Camera
 
 NEAREST = 0.1
-"""Metres before the camera within which nothing is drawn."""
+"""Distance from the camera, in metres, within which nothing is drawn."""
 HATCH_CELLS = 2
 """Cells between two lines of the hatching."""
 STRIPE_CELLS = 5
-"""Cells at most in a stripe: one that reaches behind the camera is left out."""
+"""Cells in a stripe at most: short stripes, because one that reaches behind the camera is left out."""
 
 Pixels = list[list[list[float]]]
-"""Corners of shapes, x and y in the picture."""
+"""Corners of shapes: x and y in pixels of the picture."""
 
 
 @dataclass(frozen=True)
 class HolePattern:
-    """Shapes on the ground, metres in the world."""
+    """Shapes on the ground, in the world's metres."""
 
     stripes: Float64[ndarray, "q 4 3"]
-    """Together the hole's area."""
+    """Quadrilaterals that cover the hole together."""
     hatching: Float64[ndarray, "h 2 3"]
     outline: Float64[ndarray, "o 2 3"]
 
-    def seen(self, camera: Camera) -> tuple[Pixels, Pixels, Pixels]:
-        """Stripes, hatching and outline in the picture of a camera."""
-        return projected(self.stripes, camera), projected(self.hatching, camera), projected(self.outline, camera)
+    def project(self, camera: Camera) -> tuple[Pixels, Pixels, Pixels]:
+        """Project stripes, hatching and outline into a camera's picture."""
+        return (
+            project_shapes(self.stripes, camera),
+            project_shapes(self.hatching, camera),
+            project_shapes(self.outline, camera),
+        )
 
 
-def hole_pattern(hole: Hole) -> HolePattern:
-    """Of all cells that a fill would fill: those never seen, and the shadow."""
+def build_hole_pattern(hole: Hole) -> HolePattern:
+    """Build the pattern of all cells that a fill would cover: those never seen, and the shadow."""
     cells = np.concatenate([hole.cells, hole.shadow])
     low = cells.min(axis=0) - 1
     filled = np.zeros(cells.max(axis=0) - low + 2, bool)
     filled[tuple((cells - low).T)] = True
 
-    def placed(corners: Int64[ndarray, "k c 2"]) -> Float64[ndarray, "k c 3"]:
+    def place(corners: Int64[ndarray, "k c 2"]) -> Float64[ndarray, "k c 3"]:
         flat = (corners + low).reshape(-1, 2)
         places = np.array(hole.grid.corner) + hole.grid.size * flat @ hole.grid.axes
-        return hole.grid.on_ground(places).reshape(*corners.shape[:2], 3)
+        return hole.grid.lift_to_ground(places).reshape(*corners.shape[:2], 3)
 
-    return HolePattern(placed(_stripes(filled)), placed(_hatching(filled)), placed(_outline(filled)))
+    return HolePattern(place(_build_stripes(filled)), place(_build_hatching(filled)), place(_build_outline(filled)))
 
 
-def projected(shapes: Float64[ndarray, "k c 3"], camera: Camera) -> Pixels:
-    """Corners in the picture of the shapes that lie wholly before the camera."""
+def project_shapes(shapes: Float64[ndarray, "k c 3"], camera: Camera) -> Pixels:
+    """Project shapes into a camera's picture; those not wholly in front of the camera are left out."""
     pixels, depths = camera.project(shapes.reshape(-1, 3))
     before = (depths > NEAREST).reshape(shapes.shape[:2]).all(axis=1)
     return pixels.reshape(*shapes.shape[:2], 2)[before].tolist()
 
 
-def _stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
-    """Corners of runs along axis 0."""
+def _build_stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
+    """Corners of runs of cells along axis 0."""
     quads = []
     for across in np.flatnonzero(filled.any(axis=0)).tolist():
         edges = np.diff(filled[:, across].astype(np.int8), prepend=0, append=0)
@@ -71,15 +75,15 @@ def _stripes(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "q 4 2"]:
     return np.array(quads, np.int64).reshape(-1, 4, 2)
 
 
-def _hatching(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "h 2 2"]:
-    """A diagonal in each cell of every other diagonal row: together long lines."""
+def _build_hatching(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "h 2 2"]:
+    """One diagonal for each cell of every other diagonal row; together they form long lines."""
     cells = np.argwhere(filled)
     cells = cells[(cells[:, 0] - cells[:, 1]) % HATCH_CELLS == 0]
     return np.stack([cells, cells + 1], axis=1)
 
 
-def _outline(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "o 2 2"]:
-    """The sides between cells of the hole and others."""
+def _build_outline(filled: Bool[ndarray, "a b"]) -> Int64[ndarray, "o 2 2"]:
+    """Edges between the hole's cells and others."""
     step_along, step_across = np.eye(2, dtype=np.int64)
     along = np.argwhere(filled[:, 1:] != filled[:, :-1]) + step_across
     across = np.argwhere(filled[1:] != filled[:-1]) + step_along

@@ -1,24 +1,24 @@
-"""What is under the cursor, next to it."""
+"""A label beside the cursor for the instance under it."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import BACKGROUND, DIM, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, fitted_text, scaled, swatch
-from instdrive_core.wording import counted
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_swatch, fit_text, scale_pixels
+from instdrive_core.wording import format_count
 
 WIDEST = 320.0
-"""Pixels, at scale 1, of the longest line that is shown."""
+"""Longest line shown, in pixels at scale 1."""
 BOLD = 1.1
-"""Bold letters are so much wider, at most."""
+"""How much wider bold letters are, at most."""
 
 
 class HoverLabel:
-    """What is under the cursor, next to it."""
+    """Shows name, class, number and size of the hovered instance."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         document = ui.session.document
         if document is None or ui.pointer is None or ui.session.state.hovered not in document.scene.table:
             return
@@ -28,22 +28,22 @@ class HoverLabel:
         facts.append(f"#{instance.id}")
         if document.scene.code_bits:
             facts.append(f"code {instance.codeword}")
-        facts.append(counted(document.instance_flags(instance.id).drawn, "splat"))
-        widest = min(scaled(WIDEST), place.width - scaled(60))
-        text = fitted_text("  ·  ".join(facts), widest)
-        name = fitted_text(instance.name, widest / BOLD)
-        line, gap = imgui.get_text_line_height_with_spacing(), scaled(18)
-        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(name).x * BOLD + 2 * line) + scaled(24)
-        margin = scaled(6)
+        facts.append(format_count(document.summarize_instance(instance.id).drawn, "splat"))
+        widest = min(scale_pixels(WIDEST), place.width - scale_pixels(60))
+        text = fit_text("  ·  ".join(facts), widest)
+        name = fit_text(instance.name, widest / BOLD)
+        line, gap = imgui.get_text_line_height_with_spacing(), scale_pixels(18)
+        width = max(imgui.calc_text_size(text).x, imgui.calc_text_size(name).x * BOLD + 2 * line) + scale_pixels(24)
+        margin = scale_pixels(6)
         left = min(x + gap, place.width - width - margin)
-        height = 2 * line + scaled(20)
-        top = y + gap if y + gap + height < place.height else y - gap - height + scaled(10)
+        height = 2 * line + scale_pixels(20)
+        top = y + gap if y + gap + height < place.height else y - gap - height + scale_pixels(10)
         imgui.set_next_window_pos(ImVec2(place.x + max(left, margin), place.y + max(top, margin)))
         flags = imgui.WindowFlags_
         passive = flags.no_inputs | flags.no_decoration | flags.always_auto_resize | flags.no_saved_settings
         imgui.push_style_color(imgui.Col_.window_bg, rgba(BACKGROUND, 0.92))
         imgui.begin("##hover label", None, passive | flags.no_docking | flags.no_focus_on_appearing | flags.no_nav)
-        swatch(instance)
+        draw_swatch(instance)
         imgui.same_line()
         imgui.push_font(ui.fonts.bold, 0.0)
         imgui.text(name)

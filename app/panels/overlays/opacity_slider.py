@@ -1,28 +1,28 @@
-"""The opacity that a splat needs in the ID views."""
+"""A slider for the opacity that a splat needs to appear in the ID views."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import BACKGROUND, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, bounded_slider, scaled
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, draw_bounded_slider, scale_pixels
 from instdrive_app.state import ViewMode
 
 
 class OpacitySlider:
-    """From which opacity on splats are drawn in the ID views and can be clicked."""
+    """Sets the opacity from which splats are drawn in the ID views and can be clicked."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
-        if ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
+        """Draw one frame."""
+        if ui.session.document is None or ui.session.state.view_mode not in (ViewMode.INSTANCE, ViewMode.CODEWORD):
             return
-        margin = scaled(10)
+        margin = scale_pixels(10)
         bottom = place.y + place.height - imgui.get_frame_height() - margin
         imgui.set_cursor_screen_pos(ImVec2(place.x + margin, bottom))
-        imgui.set_next_item_width(scaled(200))
+        imgui.set_next_item_width(scale_pixels(200))
         imgui.push_style_color(imgui.Col_.frame_bg, rgba(BACKGROUND, 0.85))
-        state, form = ui.session.state, "Opacity from %.2f"
-        _, state.id_opacity = bounded_slider("##id opacity", state.id_opacity, 0.0, 0.95, form)
+        state, form = ui.session.state, "Minimum opacity %.2f"
+        _, state.id_opacity = draw_bounded_slider("##id opacity", state.id_opacity, 0.0, 0.95, form)
         imgui.pop_style_color()
         ui.mark("viewport.opacity")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):

@@ -1,19 +1,19 @@
-"""The dataset camera's photo or masks: over the splats, or beside them."""
+"""The dataset camera's photo or masks, over the splats or beside them."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, ImVec4, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, packed
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
+from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, DIM, TEXT, pack_color
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
 from instdrive_app.state import Reference
 
 GAP = 2
 """Pixels between the two pictures."""
 
 
-def parted(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
-    """Where the splats go in the viewport, and where the photo does while it is shown beside them."""
+def split_viewport(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
+    """Divide the viewport: the part for the splats, and the one for the photo if it is shown beside them."""
     state = ui.session.state
     if not state.reference_beside or state.reference is Reference.NONE or state.dataset_view is None:
         return whole, None
@@ -23,44 +23,45 @@ def parted(ui: Ui, whole: Rectangle) -> tuple[Rectangle, Rectangle | None]:
 
 
 class ReferenceOverlay:
-    """Photo or masks as the user has chosen in the timeline; only dataset cameras have them."""
+    """Shows photo or masks as chosen in the timeline; only dataset cameras have them."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """Over the splats, as opaque as the slider says, and exactly where the film is."""
+        """Draw the photo over the splats exactly where the camera's film is, as opaque as the slider says."""
         state = ui.session.state
         if state.reference is Reference.NONE or state.reference_beside or state.dataset_view is None:
             return
-        texture = _texture(ui)
+        texture = _find_texture(ui)
         if texture is not None:
-            _image(ui, place, texture, state.reference_opacity)
+            _draw_image(ui, place, texture, state.reference_opacity)
             ui.marks["reference"] = (place.x, place.y, place.x + place.width, place.y + place.height)
-        elif missing := _missing(ui):
-            _plate(place.x + (place.width - _plate_width(missing)) / 2, place.y + scaled(10), missing)
-
-    def draw_beside(self, ui: Ui, place: Rectangle) -> None:
-        """In its own half, with the pointer's place marked in both."""
-        draw = imgui.get_window_draw_list()
-        corner = ImVec2(place.x + place.width, place.y + place.height)
-        draw.add_rect_filled(ImVec2(place.x, place.y), corner, packed(BACKGROUND))
-        texture = _texture(ui)
-        if texture is None:
-            text = _missing(ui) or "Reading…"
-            size = imgui.calc_text_size(text)
-            middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
-            draw.add_text(middle, packed(DIM), text)
-            return
-        _image(ui, place, texture, 1.0)
-        _plate(place.x + scaled(10), place.y + scaled(10), ui.session.state.reference.value)
-        ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
-        if ui.pointer is not None:
-            x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
-            arm = scaled(9)
-            for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
-                draw.add_line(ImVec2(*low), ImVec2(*high), packed(BACKGROUND, 0.8), scaled(3))
-                draw.add_line(ImVec2(*low), ImVec2(*high), packed(ACCENT), scaled(1))
+        elif missing := _explain_missing(ui):
+            _draw_plate(place.x + (place.width - _measure_plate(missing)) / 2, place.y + scale_pixels(10), missing)
 
 
-def _texture(ui: Ui) -> int | None:
+def draw_reference_beside(ui: Ui, place: Rectangle) -> None:
+    """Draw the photo or masks in their own half, and a cross where the pointer is in the other half."""
+    draw = imgui.get_window_draw_list()
+    corner = ImVec2(place.x + place.width, place.y + place.height)
+    draw.add_rect_filled(ImVec2(place.x, place.y), corner, pack_color(BACKGROUND))
+    texture = _find_texture(ui)
+    if texture is None:
+        text = _explain_missing(ui) or "Reading…"
+        size = imgui.calc_text_size(text)
+        middle = ImVec2(place.x + (place.width - size.x) / 2, place.y + place.height / 2)
+        draw.add_text(middle, pack_color(DIM), text)
+        return
+    _draw_image(ui, place, texture, 1.0)
+    _draw_plate(place.x + scale_pixels(10), place.y + scale_pixels(10), ui.session.state.reference.value)
+    ui.marks["reference"] = (place.x, place.y, corner.x, corner.y)
+    if ui.pointer is not None:
+        x, y = place.x + ui.pointer[0], place.y + ui.pointer[1]
+        arm = scale_pixels(9)
+        for low, high in (((x - arm, y), (x + arm, y)), ((x, y - arm), (x, y + arm))):
+            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(BACKGROUND, 0.8), scale_pixels(3))
+            draw.add_line(ImVec2(*low), ImVec2(*high), pack_color(ACCENT), scale_pixels(1))
+
+
+def _find_texture(ui: Ui) -> int | None:
     session = ui.session
     document, index = session.document, session.state.dataset_view
     if document is None or index is None:
@@ -69,8 +70,8 @@ def _texture(ui: Ui) -> int | None:
     return None if picture is None else ui.textures.show("reference", picture)
 
 
-def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
-    left, top, right, bottom = ui.session.state.viewpoint.film_in(place.width, place.height)
+def _draw_image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
+    left, top, right, bottom = ui.session.state.viewpoint.fit_film(place.width, place.height)
     low, high = ImVec2(place.x + left, place.y + top), ImVec2(place.x + right, place.y + bottom)
     draw = imgui.get_window_draw_list()
     draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
@@ -79,22 +80,22 @@ def _image(ui: Ui, place: Rectangle, texture: int, opacity: float) -> None:
     draw.pop_clip_rect()
 
 
-def _missing(ui: Ui) -> str:
-    """Why there is no picture of this camera and moment; empty where there may be one soon."""
+def _explain_missing(ui: Ui) -> str:
+    """Why there is no picture of this camera and time; empty if there may be one soon."""
     document, state = ui.session.document, ui.session.state
     if document is None or state.dataset_view is None:
         return ""
-    return ui.session.references.missing(document.scene.views[state.dataset_view], state.reference)
+    return ui.session.references.explain_missing(document.scene.views[state.dataset_view], state.reference)
 
 
-def _plate(left: float, top: float, text: str) -> None:
-    """Words that show on any picture."""
+def _draw_plate(left: float, top: float, text: str) -> None:
+    """Draw text on a dark plate, which makes it readable on any picture."""
     draw, size = imgui.get_window_draw_list(), imgui.calc_text_size(text)
-    wide, high = scaled(10), scaled(5)
-    corner = ImVec2(left + _plate_width(text), top + size.y + 2 * high)
-    draw.add_rect_filled(ImVec2(left, top), corner, packed(BACKGROUND, 0.78), scaled(4))
-    draw.add_text(ImVec2(left + wide, top + high), packed(TEXT), text)
+    wide, high = scale_pixels(10), scale_pixels(5)
+    corner = ImVec2(left + _measure_plate(text), top + size.y + 2 * high)
+    draw.add_rect_filled(ImVec2(left, top), corner, pack_color(BACKGROUND, 0.78), scale_pixels(4))
+    draw.add_text(ImVec2(left + wide, top + high), pack_color(TEXT), text)
 
 
-def _plate_width(text: str) -> float:
-    return imgui.calc_text_size(text).x + scaled(20)
+def _measure_plate(text: str) -> float:
+    return imgui.calc_text_size(text).x + scale_pixels(20)

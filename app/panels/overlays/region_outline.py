@@ -1,4 +1,4 @@
-"""The line of the region that is being dragged."""
+"""The outline of the region that is being dragged."""
 
 from __future__ import annotations
 
@@ -7,38 +7,40 @@ from imgui_bundle import ImVec2, imgui
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, packed
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, scaled
-from instdrive_app.pointer import Point, selection_mode
+from instdrive_app.panels.widgets.theme import BACKGROUND, TEXT, pack_color
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, scale_pixels
+from instdrive_app.pointer import Point, choose_selection_mode
 
 DASH = 5.0
-"""Pixels of a dash, and of the gap after it."""
+"""Length of a dash, and of the gap after it, in pixels."""
 PACE = 24.0
-"""Pixels per second that the dashes march."""
-MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "keep what is inside"}
+"""Speed of the marching dashes, in pixels per second."""
+MODE_WORDS = {"replace": "", "add": "add", "remove": "remove", "intersect": "keep only what is inside"}
 
 
 class RegionOutline:
-    """A dark line with light dashes on it, which show on any picture, and what the keys held will do."""
+    """Draws a dark line with light dashes, visible on any picture, and what the modifier keys will do."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         outline = ui.tool.outline
         if len(outline) < 2:
             return
         draw = imgui.get_window_draw_list()
         corners: list[imgui.ImVec2Like] = [ImVec2(place.x + x, place.y + y) for x, y in outline]
         draw.push_clip_rect(ImVec2(place.x, place.y), ImVec2(place.x + place.width, place.y + place.height), True)
-        draw.add_polyline(corners, packed(BACKGROUND, 0.85), scaled(2.5), imgui.ImDrawFlags_.closed)
-        light = packed(TEXT)
-        for x0, y0, x1, y1 in dashes(outline, imgui.get_time() * PACE).tolist():
-            draw.add_line(ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, scaled(1.2))
+        draw.add_polyline(corners, pack_color(BACKGROUND, 0.85), scale_pixels(2.5), imgui.ImDrawFlags_.closed)
+        light = pack_color(TEXT)
+        for x0, y0, x1, y1 in compute_dashes(outline, imgui.get_time() * PACE).tolist():
+            draw.add_line(
+                ImVec2(place.x + x0, place.y + y0), ImVec2(place.x + x1, place.y + y1), light, scale_pixels(1.2)
+            )
         draw.pop_clip_rect()
-        _mode_word()
+        _draw_mode()
 
 
-def dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray, "d 4"]:
-    """Start and end (x, y each) of the straight pieces of dashes along a closed line, marched on by `shift` pixels."""
+def compute_dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray, "d 4"]:
+    """Compute the dashes along a closed line, moved on by `shift` pixels: start x, y and end x, y of each piece."""
     corners = np.array([*outline, outline[0]])
     lengths = np.hypot(*np.diff(corners, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -50,17 +52,17 @@ def dashes(outline: tuple[Point, ...], shift: float) -> Float64[ndarray, "d 4"]:
     return np.stack([x[:-1], y[:-1], x[1:], y[1:]], axis=1)[lit]
 
 
-def _mode_word() -> None:
+def _draw_mode() -> None:
     io = imgui.get_io()
-    word = MODE_WORDS[selection_mode(io.key_shift, io.key_ctrl)]
+    word = MODE_WORDS[choose_selection_mode(io.key_shift, io.key_ctrl)]
     if not word:
         return
     size, draw = imgui.calc_text_size(word), imgui.get_foreground_draw_list()
-    left, top = io.mouse_pos.x + scaled(16), io.mouse_pos.y + scaled(12)
+    left, top = io.mouse_pos.x + scale_pixels(16), io.mouse_pos.y + scale_pixels(12)
     draw.add_rect_filled(
-        ImVec2(left - scaled(6), top - scaled(3)),
-        ImVec2(left + size.x + scaled(6), top + size.y + scaled(3)),
-        packed(BACKGROUND, 0.85),
-        scaled(4),
+        ImVec2(left - scale_pixels(6), top - scale_pixels(3)),
+        ImVec2(left + size.x + scale_pixels(6), top + size.y + scale_pixels(3)),
+        pack_color(BACKGROUND, 0.85),
+        scale_pixels(4),
     )
-    draw.add_text(ImVec2(left, top), packed(TEXT), word)
+    draw.add_text(ImVec2(left, top), pack_color(TEXT), word)

@@ -1,31 +1,33 @@
-"""The buttons that choose the view mode, at the top left."""
+"""The buttons that choose the view mode, at the picture's top left."""
 
 from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
 from instdrive_app.panels.widgets.theme import ACCENT, BACKGROUND, TEXT, rgba
-from instdrive_app.panels.widgets.ui import Rectangle, Ui, icon, scaled, scaled_size
+from instdrive_app.panels.widgets.ui import Rectangle, Ui, get_icon, scale_pixels, scale_size
 from instdrive_app.state import ViewMode
 
 WORDS_FROM = 40
-"""Widths of the picture, in font sizes, from which buttons have words."""
+"""Width of the picture, in font sizes, from which buttons have words."""
 
 
 class ViewSwitch:
-    """Four buttons, the present mode highlighted."""
+    """Draws one button per view mode and highlights the present one."""
 
     def draw(self, ui: Ui, place: Rectangle) -> None:
-        """One frame."""
+        """Draw one frame."""
         narrow = place.width < WORDS_FROM * imgui.get_font_size()
-        imgui.set_cursor_screen_pos(ImVec2(place.x + scaled(10), place.y + scaled(10)))
-        imgui.push_style_var(imgui.StyleVar_.item_spacing, scaled_size(2, 0))
+        imgui.set_cursor_screen_pos(ImVec2(place.x + scale_pixels(10), place.y + scale_pixels(10)))
+        imgui.push_style_var(imgui.StyleVar_.item_spacing, scale_size(2, 0))
         for mode in ViewMode:
-            command = ui.session.commands[f"view.{mode.name.lower()}"]
+            command = ui.session.actions[f"view.{mode.name.lower()}"]
             on = ui.session.state.view_mode is mode
             imgui.push_style_color(imgui.Col_.button, rgba(ACCENT if on else BACKGROUND, 0.95 if on else 0.78))
             imgui.push_style_color(imgui.Col_.text, rgba(BACKGROUND if on else TEXT))
-            if imgui.button(f"{icon(command.icon)}##{command.id}" if narrow else f"{icon(command.icon)}  {mode.value}"):
+            if imgui.button(
+                f"{get_icon(command.icon)}##{command.id}" if narrow else f"{get_icon(command.icon)}  {mode.value}"
+            ):
                 command.run()
             imgui.pop_style_color(2)
             ui.mark(command.id)

@@ -1,1 +1,1 @@
-"""What all panels build on: theme, fonts, icons, number fields, drags that are one step."""
+"""Building blocks of all panels: theme, fonts, icons, number fields, and drags that become one step."""

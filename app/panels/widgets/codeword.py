@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from imgui_bundle import ImVec2, imgui
 
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, HOVER, packed, rgba
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, HOVER, pack_color, rgba
 
 
-def bit_squares(codeword: int, bits: int, size: float, gap: float) -> None:
-    """Set bits filled, the others dark; as many rows as the space at hand asks for; the number as the tooltip."""
+def draw_bit_squares(codeword: int, bits: int, size: float, gap: float) -> None:
+    """Draw a codeword's bits, set ones filled, wrapped to the width at hand; the tooltip shows the number."""
     at, draw = imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
     pitch = size + gap
     per_row = max(int((imgui.get_content_region_avail().x + gap) / pitch), 1)
-    on, off = packed(ACCENT), packed(HOVER)
+    on, off = pack_color(ACCENT), pack_color(HOVER)
     for bit in range(bits):
         x, y = at.x + (bit % per_row) * pitch, at.y + (bit // per_row) * pitch
         draw.add_rect_filled(ImVec2(x, y), ImVec2(x + size, y + size), on if codeword >> bit & 1 else off, size / 5)

@@ -1,4 +1,4 @@
-"""One drag of a widget is one step of the history."""
+"""Names for drags, so that one drag of a widget becomes one step of the history."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ _numbers = count()
 
 
 class Gesture:
-    """Names the drags of one widget; a new name each time the widget is taken up."""
+    """Names the drags of one widget; each time the widget is grasped, the name changes."""
 
     def __init__(self, what: str) -> None:
         self._what, self._name = what, ""
 
-    def after_item(self, pressed: bool = False) -> str:
-        """The name of the drag that the last widget is in; to be asked right after the widget is drawn.
+    def name_drag(self, pressed: bool = False) -> str:
+        """Name the present drag of the widget drawn last; call it right after drawing.
 
-        `pressed` says that a drag begins also where the widget cannot tell (its popup was pressed).
+        `pressed` says that a drag begins although the widget cannot tell, because its popup was pressed.
         """
         if pressed or imgui.is_item_activated() or not self._name:
             self._name = f"{self._what} {next(_numbers)}"

@@ -1,4 +1,4 @@
-"""The editor's look: dark, quiet, one warm accent shared with the selection's outline."""
+"""The editor's look: dark and quiet, with one warm accent that the selection's outline shares."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ FONT_SIZE = 15.0
 
 
 def rgba(color: Color, alpha: float = 1.0) -> ImVec4:
-    """An ImGui colour."""
+    """Make an ImGui colour."""
     return ImVec4(*color, alpha)
 
 
-def packed(color: Color, alpha: float = 1.0) -> int:
-    """A colour for draw lists."""
+def pack_color(color: Color, alpha: float = 1.0) -> int:
+    """Pack a colour into the integer that draw lists take."""
     return imgui.get_color_u32(rgba(color, alpha))
 
 
 @dataclass
 class Fonts:
-    """Loaded by `load_fonts`, with the window's first frame."""
+    """The fonts, which `load_fonts` loads at the window's first frame."""
 
     regular: imgui.ImFont
     bold: imgui.ImFont
 
 
 def load_fonts() -> Fonts:
-    """Roboto with the icons of Font Awesome 6, both shipped with imgui-bundle."""
+    """Load Roboto with the icons of Font Awesome 6; imgui-bundle ships both."""
     hello_imgui.set_assets_folder(str(Path(imgui_bundle.__file__).parent / "assets"))
     regular = hello_imgui.load_font_ttf_with_font_awesome_icons("fonts/Roboto/Roboto-Regular.ttf", FONT_SIZE)
     bold = hello_imgui.load_font_ttf_with_font_awesome_icons("fonts/Roboto/Roboto-Bold.ttf", FONT_SIZE)
@@ -51,7 +51,7 @@ def load_fonts() -> Fonts:
 
 
 def apply_style() -> None:
-    """Colours, roundings and spacings."""
+    """Set ImGui's colours, roundings and spacings."""
     style = imgui.get_style()
     imgui.style_colors_dark()
     style.window_padding, style.frame_padding = ImVec2(10, 8), ImVec2(8, 4)
@@ -65,11 +65,11 @@ def apply_style() -> None:
     style.tab_bar_border_size, style.tab_bar_overline_size = 1, 2
     style.docking_separator_size = 2
     style.window_menu_button_position = imgui.Dir.none
-    for index, color in _colors().items():
+    for index, color in _build_colors().items():
         style.set_color_(index, color)
 
 
-def _colors() -> dict[int, ImVec4]:
+def _build_colors() -> dict[int, ImVec4]:
     col = imgui.Col_
     return {
         col.text: rgba(TEXT),

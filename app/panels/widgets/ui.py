@@ -1,4 +1,4 @@
-"""What panels share: session, picture, fonts, icons, and the places of widgets for whoever drives the window."""
+"""What panels share: session, view, fonts, small widgets, and marks that say where widgets are."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from math import isfinite
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome_6, imgui
 
-from instdrive_app.commands import Command, shortcut_title
-from instdrive_app.panels.widgets.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, packed, rgba
+from instdrive_app.action import Action, format_shortcut
+from instdrive_app.panels.widgets.theme import ACCENT, DIM, FONT_SIZE, TEXT, Fonts, pack_color, rgba
 from instdrive_app.pointer import Tool
 from instdrive_app.render.live_view import LiveView
 from instdrive_app.render.picture_textures import PictureTextures
@@ -18,13 +18,13 @@ from instdrive_app.session.editor_session import EditorSession
 from instdrive_core.instances.table import Instance
 
 CUT_SLACK = 8.0
-"""Pixels at scale 1 that may be hidden at the ends: rows reach into the gaps beside them."""
+"""Pixels at scale 1 of a widget that may be hidden: rows reach into the gaps beside them."""
 Rect = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Rectangle:
-    """A place in the window, in pixels."""
+    """An area of the window, in pixels."""
 
     x: float
     y: float
@@ -34,7 +34,7 @@ class Rectangle:
 
 @dataclass
 class Ui:
-    """Handed to every panel."""
+    """What every panel is given to draw itself."""
 
     session: EditorSession
     view: LiveView
@@ -43,141 +43,145 @@ class Ui:
     fonts: Fonts
     textures: PictureTextures
     pointer: tuple[float, float] | None = None
-    """Where the mouse points in the picture (pixels), while it does."""
+    """Position of the mouse in the picture (pixels); None while it is elsewhere."""
     script_pointer: tuple[float, float] | None = None
-    """Where a script holds the pointer over the picture (pixels), instead of the mouse."""
+    """Position over the picture (pixels) where a script holds the pointer instead of the mouse."""
     popup_open: bool = False
-    """Whether a menu or dialog was open when the last frame ended: the key that has closed it does nothing else."""
+    """Whether a menu or dialog was open when the last frame ended: the key that closed it must do nothing else."""
     claimed_shortcuts: frozenset[str] = frozenset()
     """Shortcuts of commands that a panel with the keyboard has used for itself in the frame before."""
     marks: dict[str, Rect] = field(default_factory=dict)
-    """Left, top, right, bottom of what can be seen of named widgets, in window pixels, of this frame."""
+    """Left, top, right, bottom of the visible part of named widgets in this frame, in window pixels."""
     cut: set[str] = field(default_factory=set)
-    """Those of which the left or the right end lies outside of their panel: what a narrow panel has no room for."""
+    """Names of widgets whose left or right end is outside their panel, because the panel is too narrow."""
 
     @property
     def tool(self) -> Tool:
-        """The tool in the user's hand."""
+        """The current tool."""
         return self.tools[self.session.state.tool]
 
     def mark(self, name: str) -> None:
-        """Note where the last widget is; one that is scrolled out of view is nowhere."""
+        """Record where the last widget is, unless it is scrolled out of view."""
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
         seen = imgui.internal.get_current_window().outer_rect_clipped
         left, right = max(low.x, seen.min.x), min(high.x, seen.max.x)
         top, bottom = max(low.y, seen.min.y), min(high.y, seen.max.y)
         if left < right and top < bottom:
             self.marks[name] = (left, top, right, bottom)
-            if right - left < high.x - low.x - scaled(CUT_SLACK):
+            if right - left < high.x - low.x - scale_pixels(CUT_SLACK):
                 self.cut.add(name)
 
     def forget_marks(self) -> None:
-        """Before a frame."""
+        """Forget all marks; call it before a frame."""
         self.marks.clear()
         self.cut.clear()
 
 
-def scaled(pixels: float) -> float:
-    """Pixels of the design, whose font is `FONT_SIZE` high, in pixels of this window."""
+def scale_pixels(pixels: float) -> float:
+    """Convert a length from pixels at scale 1, where the font is `FONT_SIZE` high, to pixels of this window."""
     return pixels * imgui.get_font_size() / FONT_SIZE
 
 
-def scaled_size(width: float, height: float) -> ImVec2:
-    """As `scaled`, both ways; 0 and -1 keep ImGui's meaning of them."""
-    return ImVec2(*(length if length in (0, -1) else scaled(length) for length in (width, height)))
+def scale_size(width: float, height: float) -> ImVec2:
+    """Convert width and height from pixels at scale 1; 0 and -1 keep the meaning that ImGui gives them."""
+    return ImVec2(*(length if length in (0, -1) else scale_pixels(length) for length in (width, height)))
 
 
-def icon(name: str) -> str:
-    """The character of an icon constant such as ``ICON_FA_TRASH``."""
+def get_icon(name: str) -> str:
+    """Look up the character of an icon constant such as ``ICON_FA_TRASH``."""
     return getattr(icons_fontawesome_6, name)
 
 
-def swatch_color(instance: Instance) -> ImVec4:
-    """The instance's colour in the ID view."""
+def get_swatch_color(instance: Instance) -> ImVec4:
+    """Look up an instance's colour in the ID view."""
     r, g, b = instance.color
     return ImVec4(r / 255, g / 255, b / 255, 1.0)
 
 
-def swatch(instance: Instance, size: float = 0.0) -> None:
-    """A small square in the instance's ID colour, on the text line."""
+def draw_swatch(instance: Instance, size: float = 0.0) -> None:
+    """Draw a small square in the instance's ID colour on the text line."""
     size = size or imgui.get_text_line_height() * 0.8
     at = imgui.get_cursor_screen_pos()
     top = at.y + (imgui.get_text_line_height() - size) / 2
     low, high = ImVec2(at.x, top), ImVec2(at.x + size, top + size)
     draw = imgui.get_window_draw_list()
-    draw.add_rect_filled(low, high, imgui.get_color_u32(swatch_color(instance)), scaled(3))
-    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), scaled(3))
+    draw.add_rect_filled(low, high, imgui.get_color_u32(get_swatch_color(instance)), scale_pixels(3))
+    draw.add_rect(low, high, imgui.get_color_u32(ImVec4(1, 1, 1, 0.25)), scale_pixels(3))
     imgui.dummy(ImVec2(size, imgui.get_text_line_height()))
 
 
-def dim_text(text: str) -> None:
-    """Text of less weight."""
+def draw_dim_text(text: str) -> None:
+    """Draw dimmed text."""
     imgui.text_colored(rgba(DIM), text)
 
 
-def command_button(ui: Ui, command: Command, size: ImVec2 | None = None) -> None:
-    """An icon button that runs a command, with title and shortcut as its tooltip."""
+def draw_action_button(ui: Ui, command: Action, size: ImVec2 | None = None) -> None:
+    """Draw an icon button that runs an action, with title and shortcut as its tooltip."""
     on = command.checked is not None and command.checked()
     imgui.begin_disabled(not command.enabled())
     imgui.push_style_color(imgui.Col_.text, rgba(ACCENT if on else TEXT))
-    if imgui.button(f"{icon(command.icon)}##{command.id}", size or ImVec2(0, 0)):
-        ui.session.commands.run(command.id)
+    if imgui.button(f"{get_icon(command.icon)}##{command.id}", size or ImVec2(0, 0)):
+        ui.session.actions.run(command.id)
     imgui.pop_style_color()
     imgui.end_disabled()
     ui.mark(command.id)
     if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
-        shortcut = f"  ({shortcut_title(command.shortcuts[0])})" if command.shortcuts else ""
+        shortcut = f"  ({format_shortcut(command.shortcuts[0])})" if command.shortcuts else ""
         imgui.set_tooltip(f"{command.title}{shortcut}")
 
 
-def icon_submenu(symbol: str, title: str, enabled: bool = True) -> bool:
-    """A submenu behind an icon column; returns whether it is open, and must then be ended."""
-    at, space = _icon_column()
+def begin_icon_submenu(symbol: str, title: str, enabled: bool = True) -> bool:
+    """Begin a submenu with an icon; returns whether it is open and must be ended."""
+    at, space = _measure_icon_column()
     draw = imgui.get_window_draw_list()  # of the menu around it: an open submenu is a window of its own
     opened = imgui.begin_menu(f"{space}{title}", enabled)
     _draw_icon(draw, at, symbol, enabled)
     return opened
 
 
-def icon_menu_item(symbol: str, title: str, shortcut: str = "", checked: bool = False, enabled: bool = True) -> bool:
-    """A menu item behind an icon column; returns whether it was clicked."""
-    at, space = _icon_column()
+def draw_icon_menu_item(
+    symbol: str, title: str, shortcut: str = "", checked: bool = False, enabled: bool = True
+) -> bool:
+    """Draw a menu item with an icon; returns whether it was clicked."""
+    at, space = _measure_icon_column()
     clicked, _ = imgui.menu_item(f"{space}{title}", shortcut, checked, enabled)
     _draw_icon(imgui.get_window_draw_list(), at, symbol, enabled)
     return clicked
 
 
-def _icon_column() -> tuple[ImVec2, str]:
-    """Where an item begins, and blanks as wide as its icon's column."""
+def _measure_icon_column() -> tuple[ImVec2, str]:
+    """Where a menu item begins, and blanks as wide as its icon's column."""
     at, width = imgui.get_cursor_screen_pos(), imgui.get_font_size() * 1.3
-    return at, " " * int(np.ceil((width + scaled(8)) / imgui.calc_text_size(" ").x))
+    return at, " " * int(np.ceil((width + scale_pixels(8)) / imgui.calc_text_size(" ").x))
 
 
 def _draw_icon(draw: imgui.ImDrawList, at: ImVec2, symbol: str, enabled: bool) -> None:
-    glyph, width = icon(symbol), imgui.get_font_size() * 1.3
+    glyph, width = get_icon(symbol), imgui.get_font_size() * 1.3
     place = ImVec2(at.x + (width - imgui.calc_text_size(glyph).x) / 2, at.y)
-    draw.add_text(place, packed(TEXT if enabled else DIM, 1.0 if enabled else 0.6), glyph)
+    draw.add_text(place, pack_color(TEXT if enabled else DIM, 1.0 if enabled else 0.6), glyph)
 
 
-def fitted_selectable(title: str, key: object, chosen: bool, flags: int = 0) -> bool:
-    """A line of a list, cut with an ellipsis where it is too long, which its tooltip then is not; whether clicked."""
-    fitted = fitted_text(title, imgui.get_content_region_avail().x)
+def draw_fitted_selectable(title: str, key: object, chosen: bool, flags: int = 0) -> bool:
+    """Draw a line of a list and return whether it was clicked; a long title is cut, and whole in its tooltip."""
+    fitted = fit_text(title, imgui.get_content_region_avail().x)
     clicked = imgui.selectable(f"{fitted}##{key}", chosen, flags, ImVec2(imgui.get_content_region_avail().x, 0))[0]
     if fitted != title and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
         imgui.set_tooltip(title)
     return clicked
 
 
-def bounded_slider(label: str, value: float, low: float, high: float, form: str, flags: int = 0) -> tuple[bool, float]:
-    """A slider whose number can be typed after Ctrl + click; what is typed stays between the ends, and is a number."""
+def draw_bounded_slider(
+    label: str, value: float, low: float, high: float, form: str, flags: int = 0
+) -> tuple[bool, float]:
+    """Draw a slider; returns whether its value changed, and the value. A typed value is clamped; NaN is ignored."""
     changed, entered = imgui.slider_float(label, value, low, high, form, flags | imgui.SliderFlags_.always_clamp)
     if not changed or not isfinite(entered):  # "nan" is read as one
         return False, value
     return True, entered
 
 
-def fitted_text(text: str, width: float) -> str:
-    """`text`, cut with an ellipsis where it is wider than `width` pixels."""
+def fit_text(text: str, width: float) -> str:
+    """Cut text with an ellipsis if it is wider than `width` pixels."""
     if imgui.calc_text_size(text).x <= width:
         return text
     kept = bisect_right(range(1, len(text) + 1), width, key=lambda count: imgui.calc_text_size(f"{text[:count]}…").x)

@@ -1,1 +1,1 @@
-"""OpenGL passes and the arrays that they read."""
+"""The OpenGL renderer: its passes, and the textures that they read."""

@@ -1,5 +1,4 @@
-"""How many objects are alive on the GPU, asked of the driver itself: what is made and never freed shows, whoever made
-it."""
+"""Counts the objects alive on the GPU by asking the driver, which reveals whatever is created and never freed."""
 
 from __future__ import annotations
 
@@ -17,23 +16,23 @@ GENERATED = {
     "Sampler": "Samplers",
     "Query": "Queries",
 }
-"""Kinds whose names are given away by a function of this ending; programs and shaders share names of their own."""
+"""Kinds of objects, and the plural in their `glGen` function; programs and shaders share names of their own."""
 _NAMES = 4096
-"""Looked at in any case: a driver that reuses names gives away the lowest free one."""
+"""Names that are always checked: a driver that reuses names hands out the lowest free one."""
 
 
-def live_objects() -> dict[str, int]:
-    """Number of GL objects of each kind in the current context.
+def count_live_objects() -> dict[str, int]:
+    """Count the GL objects of each kind in the current context.
 
-    The driver keeps the program used last, and its shaders, until another is used: compare counts taken after the same
-    drawing. Raises GraphicsError where the driver's library does not export OpenGL 3 (anything but Linux).
+    The driver keeps the program used last, and its shaders, until another is used, so compare counts taken after the
+    same drawing. Raises GraphicsError if the driver's library does not export OpenGL 3 (anywhere but on Linux).
     """
     name = ctypes.util.find_library("GL")
     if name is None:
         raise GraphicsError("there is no libGL to ask for live objects; install one (Debian: apt install libgl1)")
     library = ctypes.CDLL(name)
     try:
-        counts = {kind: _count(library, kind, _free_name(library, plural)) for kind, plural in GENERATED.items()}
+        counts = {kind: _count(library, kind, _find_free_name(library, plural)) for kind, plural in GENERATED.items()}
         program = library.glCreateProgram()
         library.glDeleteProgram(program)
         return counts | {kind: _count(library, kind, program) for kind in ("Program", "Shader")}
@@ -47,8 +46,8 @@ def _count(library: ctypes.CDLL, kind: str, free_name: int) -> int:
     return sum(question(name) for name in range(1, max(_NAMES, free_name)))
 
 
-def _free_name(library: ctypes.CDLL, plural: str) -> int:
-    """The name that the next object would get: above all others, where the driver does not reuse names."""
+def _find_free_name(library: ctypes.CDLL, plural: str) -> int:
+    """Find the name that the next object would get; it is above all others if the driver does not reuse names."""
     name = ctypes.c_uint()
     getattr(library, f"glGen{plural}")(1, ctypes.byref(name))
     getattr(library, f"glDelete{plural}")(1, ctypes.byref(name))

@@ -1,4 +1,4 @@
-"""GL state is set in a scope and put back when the scope ends."""
+"""GL state that is set in a scope and restored when the scope ends."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ PREMULTIPLIED_OVER = (moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA)
 
 
 class GraphicsError(InstDriveError):
-    """OpenGL 3.3 cannot be had, or not for this."""
+    """OpenGL 3.3 is missing, or cannot do what is asked."""
 
 
 @contextmanager
-def drawing_into(
+def draw_into(
     ctx: moderngl.Context,
     framebuffer: moderngl.Framebuffer,
     blending: tuple[int, int] | None = None,
     depth_function: str | None = None,
 ) -> Iterator[None]:
-    """Bind a framebuffer with exactly the given blending and depth test; afterwards the framebuffer that was bound
-    is bound again, and blending and depth test are off and at GL's defaults."""
+    """Bind a framebuffer with exactly the given blending and depth test.
+
+    Afterwards the previous framebuffer is bound again, and blending and depth test are off and at GL's defaults.
+    """
     flags = (moderngl.BLEND if blending else 0) | (moderngl.DEPTH_TEST if depth_function else 0)
     previous = ctx.fbo or ctx.detect_framebuffer()
     framebuffer.use()

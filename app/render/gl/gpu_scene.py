@@ -11,21 +11,22 @@ from instdrive_app.render.gl.programs import set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH, ArrayTexture
 from instdrive_app.render.world_means import WorldMeans
 from instdrive_core.edits.document.document import Document
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.edits.document.versions import DocumentVersions
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.palette import ColorPalette
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.transforms import TransformPalette
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
 UPLOADED_AT_ONCE = 1 << 16
-"""Splats whose stored parameters go to the GPU in one step: some 16 MB."""
+"""Splats whose stored parameters go to the GPU in one step, about 16 MB."""
 
 
 class GpuScene:
-    """Textures of one document. `update` brings them to the document's present state and a time."""
+    """The textures of one document; `update` brings them to its present state at a given time."""
 
     def __init__(self, ctx: moderngl.Context, document: Document) -> None:
         self._document = document
@@ -39,15 +40,15 @@ class GpuScene:
         self.codewords = ArrayTexture(ctx, 1, "u4")
         self._poses, self._colors, self._transforms = (ArrayTexture(ctx, 4, "f4", texels=4) for _ in range(3))
         self._ctx, self._shown_sky = ctx, document.scene.sky
-        self.sky = sky_texture(ctx, document.scene.sky)
+        self.sky = upload_sky(ctx, document.scene.sky)
         self._world = WorldMeans(document)
-        self._new_rows = document.new_rows.reader()
+        self._new_rows = document.new_rows.create_reader()
         self._uploaded = 0
-        self._dirty_states = document.state.dirty_reader()
-        self._dirty_colors = document.colors.dirty_reader()
-        self._dirty_transforms = document.transforms.dirty_reader()
+        self._dirty_states = document.state.create_dirty_reader()
+        self._dirty_colors = document.colors.create_dirty_reader()
+        self._dirty_transforms = document.transforms.create_dirty_reader()
         self._hidden, self._ids = np.zeros(0, np.uint8), np.zeros(0, np.uint32)
-        self._versions: tuple[int, ...] = (-1, -1, -1, -1, -1)
+        self._versions: DocumentVersions | None = None
         self._pose_texels = np.zeros((0, 4, 4), np.float32)
         self.look_version = 0
         """Rises when the blended picture would change: visibility, colours, places."""
@@ -61,44 +62,38 @@ class GpuScene:
 
     @property
     def antialiased(self) -> bool:
-        """As `Scene.antialiased`."""
+        """Whether the scene was trained with the antialiased filter, see `Scene.antialiased`."""
         return self._document.scene.antialiased
 
     @property
     def means(self) -> Float32[ndarray, "n 3"]:
-        """World positions at the time of the last update."""
+        """World positions (metres) at the time of the last update."""
         return self._world.values
 
     @property
     def complete(self) -> bool:
-        """Whether all splats are on the GPU. Those that are not yet are not drawn."""
+        """Whether all splats are on the GPU; those that are not yet there are not drawn."""
         return self._uploaded == len(self)
 
     def update(self, time: float, wait: bool = True) -> None:
-        """Upload what changed since the last call, and the actors' poses at `time` (seconds).
+        """Upload what has changed since the last call, and the actors' poses at `time` (seconds).
 
-        Without `wait`, one call uploads the stored parameters of a limited number of new splats; see `complete`.
+        Without `wait`, one call uploads the stored parameters of only so many new splats; see `complete`.
         """
         document = self._document
-        before = self._versions
-        self._versions = (
-            document.rows_version,
-            document.state.version,
-            document.colors.version,
-            document.transforms.version,
-            document.table_version,
-        )
-        rows, states, colors, transforms, table = (old != new for old, new in zip(before, self._versions, strict=True))
-        if rows:
+        before, now = self._versions, document.versions
+        self._versions = now
+        rows_changed = before is None or now.rows != before.rows
+        if rows_changed:
             self._make_room()
         self._upload_parameters(wait)
-        if states or rows:
+        if before is None or rows_changed or now.states != before.states:
             self._update_states()
-        if colors or rows:
+        if before is None or rows_changed or now.colors != before.colors:
             self._update_colors()
-        if transforms or rows:
+        if before is None or rows_changed or now.transforms != before.transforms:
             self._update_transforms()
-        if table or rows:
+        if before is None or rows_changed or now.table != before.table:
             self._update_ids()
         self._update_places(time)
         self._update_sky()
@@ -142,9 +137,9 @@ class GpuScene:
     def _make_room(self) -> None:
         count = len(self)
         for array in (self._geometry, self._harmonics, self._nodes, self._color_entries, self._transform_entries):
-            array.hold(count)
+            array.reserve(count)
         for array in (self.states, self.instance_ids, self.codewords):
-            array.hold(count)
+            array.reserve(count)
         fresh = self._new_rows.take()
         self._uploaded = min(self._uploaded, count if fresh is None else fresh[0])
         self.look_version += 1
@@ -152,14 +147,14 @@ class GpuScene:
         self.id_version += 1
 
     def _upload_parameters(self, wait: bool) -> None:
-        """What edits never write to; what they do, the other updates bring."""
+        """Upload the parameters that edits never write to; the other updates bring the rest."""
         scene, count = self._document.scene, len(self)
         while self._uploaded < count:
             start = self._uploaded
             rows = slice(start, min(start + UPLOADED_AT_ONCE, count))
             gaussians = scene.gaussians.select(rows)
-            self._geometry.write(_geometry_texels(gaussians), start)
-            self._harmonics.write(_harmonic_texels(gaussians, self._harmonic_texels), start)
+            self._geometry.write(_pack_geometry(gaussians), start)
+            self._harmonics.write(_pack_harmonics(gaussians, self._harmonic_texels), start)
             self._nodes.write(scene.nodes[rows], start)
             self.codewords.write(scene.codewords[rows], start)
             self._uploaded = rows.stop
@@ -169,7 +164,7 @@ class GpuScene:
 
     def _update_states(self) -> None:
         flags, dirty = self._document.state.flags, self._dirty_states.take()
-        hidden = _resized(self._hidden, len(flags))
+        hidden = _resize(self._hidden, len(flags))
         if dirty is not None:
             rows = slice(*dirty)
             self.states.write(flags[rows], dirty[0])
@@ -183,21 +178,21 @@ class GpuScene:
         palette, dirty = self._document.colors, self._dirty_colors.take()
         if dirty is not None:
             self._color_entries.write(palette.indices[slice(*dirty)], dirty[0])
-        self._colors.hold(len(palette))
-        self._colors.write(_color_texels(palette), 0)
+        self._colors.reserve(len(palette))
+        self._colors.write(_pack_colors(palette), 0)
         self.look_version += 1
 
     def _update_transforms(self) -> None:
         palette, dirty = self._document.transforms, self._dirty_transforms.take()
         if dirty is not None:
             self._transform_entries.write(palette.indices[slice(*dirty)], dirty[0])
-        self._transforms.hold(len(palette))
-        self._transforms.write(_transform_texels(palette), 0)
+        self._transforms.reserve(len(palette))
+        self._transforms.write(_pack_transforms(palette), 0)
 
     def _update_ids(self) -> None:
         ids = self._document.scene.instance_ids
-        known = _resized(self._ids, len(ids))
-        known[len(self._ids) :] = ~ids[len(self._ids) :]  # rows that are new differ
+        known = _resize(self._ids, len(ids))
+        known[len(self._ids) :] = ~ids[len(self._ids) :]  # new rows count as changed
         changed = np.flatnonzero(ids != known)
         self._ids = known
         if len(changed):
@@ -207,19 +202,19 @@ class GpuScene:
             self.id_version += 1
 
     def _update_sky(self) -> None:
-        """Another one where the whole scene was turned."""
+        """Upload the sky again after the whole scene was turned."""
         if self._document.scene.sky is not self._shown_sky:
             self._shown_sky = self._document.scene.sky
             if self.sky is not None:
                 self.sky.release()
-            self.sky = sky_texture(self._ctx, self._shown_sky)
+            self.sky = upload_sky(self._ctx, self._shown_sky)
             self.look_version += 1
 
     def _update_places(self, time: float) -> None:
         moved = self._world.update(time)
-        texels = _pose_texels(self._world)
+        texels = _pack_poses(self._world)
         if not np.array_equal(texels, self._pose_texels):
-            self._poses.hold(len(texels))
+            self._poses.reserve(len(texels))
             self._poses.write(texels, 0)
             self._pose_texels = texels
             self.look_version += 1
@@ -228,8 +223,8 @@ class GpuScene:
             self.pose_version += 1
 
 
-def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray | None:
-    """The six faces as layers, filtered and clamped as `Sky.colors` does."""
+def upload_sky(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray | None:
+    """Upload the six faces as layers, filtered and clamped as in `Sky.colors`; None if there is no sky."""
     if sky is None:
         return None
     resolution = sky.faces.shape[1]
@@ -239,15 +234,15 @@ def sky_texture(ctx: moderngl.Context, sky: Sky | None) -> moderngl.TextureArray
     return texture
 
 
-def _geometry_texels(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
+def _pack_geometry(gaussians: Gaussians) -> Float32[ndarray, "n 3 4"]:
     texels = np.zeros((len(gaussians), 3, 4), np.float32)
     texels[:, 0, :3], texels[:, 0, 3] = gaussians.means, gaussians.opacities
-    texels[:, 1] = normalized(gaussians.quats)
+    texels[:, 1] = normalize_quaternions(gaussians.quats)
     texels[:, 2, :3] = gaussians.scales
     return texels
 
 
-def _harmonic_texels(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {texels} 4"]:
+def _pack_harmonics(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {texels} 4"]:
     count, width = len(gaussians), 3 * (1 + gaussians.sh_rest.shape[1])
     padded = np.zeros((count, texels * 4), np.float32)
     padded[:, :3] = gaussians.sh_dc
@@ -255,14 +250,14 @@ def _harmonic_texels(gaussians: Gaussians, texels: int) -> Float32[ndarray, "n {
     return padded.reshape(count, texels, 4)
 
 
-def _color_texels(palette: ColorPalette) -> Float32[ndarray, "p 4 4"]:
+def _pack_colors(palette: ColorPalette) -> Float32[ndarray, "p 4 4"]:
     texels = np.zeros((len(palette), 4, 4), np.float32)
     texels[:, :3], texels[:, 3, 0] = palette.matrices, palette.alphas
     return texels
 
 
-def _transform_texels(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
-    """Rows of [R | t], then s."""
+def _pack_transforms(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
+    """Pack each move as the rows of [R | t], then the scale s."""
     matrices = palette.matrices
     scales = np.linalg.norm(matrices[:, :, 0], axis=1)
     texels = np.zeros((len(palette), 4, 4), np.float32)
@@ -272,16 +267,16 @@ def _transform_texels(palette: TransformPalette) -> Float32[ndarray, "p 4 4"]:
     return texels
 
 
-def _pose_texels(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
+def _pack_poses(world: WorldMeans) -> Float32[ndarray, "m 4 4"]:
     texels = np.zeros((len(world.poses), 4, 4), np.float32)
-    texels[:, :3, :3] = node_rotations(world.poses)
+    texels[:, :3, :3] = extract_node_rotations(world.poses)
     texels[:, :3, 3] = world.poses[:, :3, 3]
     texels[:, 3, 0] = world.present
     return texels
 
 
-def _resized(array: ndarray, count: int) -> ndarray:
-    """The array itself, or its front, or with zeros behind it."""
+def _resize(array: ndarray, count: int) -> ndarray:
+    """Cut an array to `count` rows, or pad it with zeros."""
     if count <= len(array):
         return array[:count]
     return np.concatenate([array, np.zeros(count - len(array), array.dtype)])

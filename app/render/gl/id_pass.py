@@ -1,10 +1,10 @@
-"""The nearest splat of every pixel, as an integer: what instance views show and the cursor reads."""
+"""The pass that finds the nearest splat of every pixel, which instance views show and the cursor reads."""
 
 from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.projector import Projector
 from instdrive_app.render.gl.splat_pass import SplatPass
 from instdrive_app.render.gl.targets import Targets
@@ -12,10 +12,10 @@ from instdrive_app.state import ID_ALPHA_CUT
 
 
 class IdPass:
-    """Splats of some opacity, opaque where their alpha reaches `ID_ALPHA_CUT`; no blending, nearest wins.
+    """Draws splats of some opacity, opaque where their alpha reaches `ID_ALPHA_CUT`, unblended; the nearest wins.
 
-    Quads come farthest first and equal depths overwrite, so splats that the depth buffer cannot tell apart are
-    decided by the exact order of the sort.
+    Quads come farthest first and equal depths overwrite, so the exact order of the sort decides between splats that
+    the depth buffer cannot tell apart.
     """
 
     def __init__(self, ctx: moderngl.Context, projector: Projector) -> None:
@@ -23,9 +23,9 @@ class IdPass:
         self._splats = SplatPass(ctx, projector, "id.frag")
 
     def draw(self, targets: Targets, min_opacity: float) -> None:
-        """Write row + 1 into `targets.rows`, 0 where nothing is."""
+        """Write row + 1 into `targets.rows`, 0 where there is nothing."""
         targets.clear_rows()
-        with drawing_into(self._ctx, targets.rows_buffer, depth_function="<="):
+        with draw_into(self._ctx, targets.rows_buffer, depth_function="<="):
             self._splats.draw(targets.size, ID_ALPHA_CUT, min_opacity)
 
     def release(self) -> None:

@@ -1,10 +1,10 @@
-"""Outline and tint of what is selected, outline of what is hovered."""
+"""The pass that outlines and tints what is selected and outlines what is hovered."""
 
 from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl.gl_state import PREMULTIPLIED_OVER, drawing_into
+from instdrive_app.render.gl.gl_state import PREMULTIPLIED_OVER, draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH
@@ -17,7 +17,7 @@ HOVERED_LINE = (1.0, 1.0, 1.0, 0.95)
 
 
 class OutlinePass:
-    """Marks pixels by the splat they show, then blends lines and tint over the picture."""
+    """Marks pixels by the splat that they show, then blends lines and tint over the picture."""
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
@@ -39,7 +39,7 @@ class OutlinePass:
             selected_flag=int(Flag.SELECTED),
             hovered_id=hovered,
         )
-        with drawing_into(self._ctx, targets.mask_buffer):
+        with draw_into(self._ctx, targets.mask_buffer):
             self._mask_triangle.render(moderngl.TRIANGLES, vertices=3)
         targets.mask.use(0)
         set_uniforms(
@@ -50,7 +50,7 @@ class OutlinePass:
             hovered_line=HOVERED_LINE,
             thickness=thickness,
         )
-        with drawing_into(self._ctx, targets.shown_buffer, blending=PREMULTIPLIED_OVER):
+        with draw_into(self._ctx, targets.shown_buffer, blending=PREMULTIPLIED_OVER):
             self._line_triangle.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:

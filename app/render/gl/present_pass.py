@@ -1,10 +1,10 @@
-"""From blended colour, blended depth or splat rows to the opaque picture that the viewport shows."""
+"""The pass that turns blended colour, blended depth or splat rows into the viewport's opaque picture."""
 
 from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_app.render.gl.splat_textures import WIDTH
@@ -48,7 +48,7 @@ class PresentPass:
             ramp=DEPTH_RAMP,
             depth_range=depth_range,
         )
-        with drawing_into(self._ctx, targets.shown_buffer):
+        with draw_into(self._ctx, targets.shown_buffer):
             self._triangle.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:

@@ -16,10 +16,10 @@ class ShaderError(InstDriveError):
     """The graphics driver refused a shader."""
 
 
-def shader_source(name: str) -> str:
+def load_shader_source(name: str) -> str:
     """The text of a shader file, included files in place."""
     text = resources.files("instdrive_app.shaders").joinpath(name).read_text(encoding="utf-8")
-    return _INCLUDE.sub(lambda match: shader_source(match[1]).rstrip(), text)
+    return _INCLUDE.sub(lambda match: load_shader_source(match[1]).rstrip(), text)
 
 
 def build_program(
@@ -29,9 +29,9 @@ def build_program(
 
     Raises ShaderError with the driver's message.
     """
-    source = shader_source(fragment) if fragment else None
+    source = load_shader_source(fragment) if fragment else None
     try:
-        return ctx.program(vertex_shader=shader_source(vertex), fragment_shader=source, varyings=captured)
+        return ctx.program(vertex_shader=load_shader_source(vertex), fragment_shader=source, varyings=captured)
     except moderngl.Error as error:
         names = vertex if fragment is None else f"{vertex} + {fragment}"
         raise ShaderError(

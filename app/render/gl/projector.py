@@ -1,30 +1,28 @@
-"""Projection of all splats in blending order, once per camera, shared by the colour, depth and ID passes."""
+"""Projects all splats in blending order, once per camera, for the colour, depth and ID passes."""
 
 from __future__ import annotations
 
 import moderngl
 import numpy as np
-from jaxtyping import Float32
-from numpy import ndarray
 
 from instdrive_app.render.depth_order import NOTHING_SORTED, OrderSorter
-from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.gpu_scene import GpuScene
 from instdrive_app.render.gl.programs import build_program, set_uniforms
-from instdrive_core.rasterize.kernels.project import camera_row
+from instdrive_core.rasterize.kernels.project import camera_to_row
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
 RECORD_FLOATS = 11
-"""Captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
+"""Numbers captured per splat: centre x, y, depth, opacity; half axes (4); colour (3)."""
 SPARE_SHARE = 8
-"""Buffers that grow get room for one more splat per so many."""
+"""A buffer that grows gets room for one spare splat per this many."""
 
 
 class Projector:
     """Sorts splats by depth on the CPU and projects them on the GPU into `records`, row numbers in `order`.
 
-    Both stay the same GL objects when they grow, so vertex arrays over them stay valid.
+    Both remain the same GL objects when they grow, so vertex arrays over them stay valid.
     """
 
     def __init__(self, ctx: moderngl.Context, capacity: int, settings: RasterSettings | None = None) -> None:
@@ -40,13 +38,13 @@ class Projector:
         self._sorter = OrderSorter()
         self._uploaded = NOTHING_SORTED
         self.serial = 0
-        """Rises with every other order."""
+        """Rises whenever the order changes."""
         self.current = False
-        """Whether the order is that of the camera and state last asked for."""
+        """Whether the order belongs to the camera and state that were asked for last."""
 
     @property
     def count(self) -> int:
-        """Splats to draw: those in front of the camera, or all where the order is an older one."""
+        """Number of splats to draw: those in front of the camera, or all of them if the order is an older one."""
         return self._uploaded.in_front if self.current else len(self._uploaded.rows)
 
     @property
@@ -55,11 +53,13 @@ class Projector:
         return self._uploaded.depth_range
 
     def sort(self, scene: GpuScene, camera: Camera, wait: bool) -> None:
-        """Bring `order` up to date with the camera and the splats' positions; without `wait` perhaps only later, and
-        the last order serves until then."""
+        """Bring `order` up to date with the camera and the splats' positions.
+
+        Without `wait` that may happen later, and the last order serves until then.
+        """
         axis = camera.camera_from_world[2].astype(np.float32)
         key = (axis.tobytes(), scene.pose_version)
-        sort = self._sorter.now if wait else self._sorter.soon
+        sort = self._sorter.sort_now if wait else self._sorter.sort_soon
         order = sort(key, scene.means, axis, self._settings.near)
         self.current = order.key == key
         if order is not self._uploaded:
@@ -70,10 +70,10 @@ class Projector:
             self.serial += 1
 
     def project(self, scene: GpuScene, camera: Camera) -> None:
-        """Bring `records` up to date; call after `sort`."""
+        """Bring `records` up to date; call it after `sort`."""
         if not self.count:
             return
-        view, program = camera_row(camera), self._program
+        view, program = camera_to_row(camera), self._program
         scene.bind(program)
         set_uniforms(
             program,
@@ -88,12 +88,8 @@ class Projector:
             alpha_cut=self._settings.min_alpha,
             antialiased=scene.antialiased,
         )
-        with drawing_into(self._ctx, self._no_picture):
+        with draw_into(self._ctx, self._no_picture):
             self._vertices.transform(self.records, moderngl.POINTS, vertices=self.count)
-
-    def read(self) -> Float32[ndarray, "m 11"]:
-        """The records in blending order, for tests."""
-        return np.frombuffer(self.records.read(self.count * RECORD_FLOATS * 4), np.float32).reshape(-1, RECORD_FLOATS)
 
     def release(self) -> None:
         """Free program and buffers, and end the sorting thread."""

@@ -1,9 +1,10 @@
-"""All passes of one frame, each drawn again only when something it shows has changed."""
+"""The OpenGL renderer: all passes of one frame, each drawn again only when something that it shows has changed."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import fields
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -24,12 +25,12 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
 DRAFT_FACTOR = 2
-"""While the camera moves, blended views have this many times fewer pixels per axis."""
+"""How many times fewer pixels per axis blended views have while the camera moves."""
 FLAT_MODES = (ViewMode.INSTANCE, ViewMode.CODEWORD)
 
 
-class Renderer:
-    """Draws a document as snapshots ask for, off screen; `picture` is what the window shows."""
+class GlRenderer:
+    """A `FrameRenderer` on OpenGL: draws off screen, and `picture` is what the window shows."""
 
     def __init__(self, ctx: moderngl.Context, document: Document) -> None:
         self._ctx, self._document = ctx, document
@@ -41,9 +42,9 @@ class Renderer:
         self._retired: list[Targets] = []
         self._keys: dict[str, object] = {}
         self.blended_draws = 0
-        """How often splats were blended; stands still while nothing changes."""
+        """How often splats were blended; it does not rise while nothing changes."""
         self.frame_seconds = 0.0
-        """How long the last frame that had to be blended took."""
+        """Seconds that the last frame took which had to be blended."""
         self.shown: FrameSnapshot | None = None
         """The snapshot that `picture` was drawn for; None before the first frame."""
 
@@ -57,18 +58,18 @@ class Renderer:
     def depth_range(self) -> tuple[float, float]:
         """Metres at the near and far end of the depth view's ramp."""
         low, high = self._projector.depth_range
-        return round_figure(low, down=True), round_figure(high, down=False)
+        return round_to_figure(low, down=True), round_to_figure(high, down=False)
 
     @property
     def settled(self) -> bool:
-        """Whether the last frame showed all splats, blended in the right order; where not, the next may."""
+        """Whether the last frame showed all splats, blended in the right order; if not, a later one will."""
         return self._projector.current and self.scene.complete
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
         """Bring `picture` up to date.
 
         Without `wait` no frame waits for sorting or for the upload of many splats: the last order serves until the new
-        one is there, and a large scene appears over a few frames; see `settled`.
+        one is ready, and a large scene appears over a few frames; see `settled`.
         """
         before, started = self.blended_draws, time.perf_counter()
         self._bring_up_to_date(snapshot, wait)
@@ -79,17 +80,17 @@ class Renderer:
 
     def _bring_up_to_date(self, snapshot: FrameSnapshot, wait: bool) -> None:
         self.scene.update(snapshot.time, wait)
-        targets = self._sized(snapshot)
+        targets = self._find_targets(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait)
         if snapshot.view_mode in FLAT_MODES:
             self._draw_rows(targets, snapshot)
         else:
             self._draw_blended(targets, snapshot)
-        marked = snapshot.show_outlines and not snapshot.draft and self._marked(snapshot)
+        marked = snapshot.show_outlines and not snapshot.draft and self._has_marks(snapshot)
         if marked:
             self._draw_rows(targets, snapshot)
-        shown = (snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
-        shown = (*shown, marked and self._document.state.version)
+        shown = (make_snapshot_key(snapshot), self.scene.look_version, self.scene.id_version, self._projector.serial)
+        shown = (*shown, marked and self._document.versions.states)
         if self._keys.get("shown") == shown:
             return
         self._present.draw(targets, self.scene, snapshot.view_mode, self.depth_range)
@@ -98,28 +99,31 @@ class Renderer:
         self._keys["shown"] = shown
 
     def free_retired(self) -> None:
-        """Free targets of sizes no longer drawn. Call between window frames: a frame's draw list names its texture by
-        number, and the driver gives the number of a freed one to the next."""
+        """Free targets of sizes that are no longer drawn.
+
+        Call it between window frames: a frame's draw list names its texture by number, and the driver reuses the number
+        of a freed texture.
+        """
         for targets in self._retired:
             targets.release()
         self._retired.clear()
 
-    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that the ID view shows at every pixel; 0 = none."""
-        targets = self._exact_rows(snapshot)
+        targets = self._draw_exact_rows(snapshot)
         return np.frombuffer(targets.rows.read(alignment=1), np.uint32).reshape(targets.size[::-1])
 
-    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """The instance that the ID view shows at every pixel; 0 = none."""
-        rows = self.rows(snapshot)
+        rows = self.read_rows(snapshot)
         with_none = np.append(np.uint32(0), self._document.scene.instance_ids)
         return with_none[rows]
 
-    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+    def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that the ID view shows at a pixel; None where none is, or outside."""
         if not (0 <= x < snapshot.camera.width and 0 <= y < snapshot.camera.height):
             return None
-        targets = self._exact_rows(snapshot)
+        targets = self._draw_exact_rows(snapshot)
         pixel = targets.rows_buffer.read(viewport=(x, y, 1, 1), components=1, dtype="u4", alignment=1)
         row_plus_one = int(np.frombuffer(pixel, np.uint32)[0])
         return row_plus_one - 1 if row_plus_one else None
@@ -130,7 +134,7 @@ class Renderer:
         return pixels.reshape(self.picture.size[1], self.picture.size[0], 4)[..., :3].copy()
 
     def read_blended(self) -> Float32[ndarray, "h w 4"]:
-        """The blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
+        """Read the blended target of the last colour or depth frame: premultiplied over the sky; alpha is coverage."""
         assert self._targets is not None, "render was never called"
         pixels = np.frombuffer(self._targets.blended.read(alignment=1), np.float32)
         width, height = self._targets.blended_size
@@ -144,7 +148,7 @@ class Renderer:
         if self._targets is not None:
             self._targets.release()
 
-    def _sized(self, snapshot: FrameSnapshot) -> Targets:
+    def _find_targets(self, snapshot: FrameSnapshot) -> Targets:
         size = (snapshot.camera.width, snapshot.camera.height)
         factor = DRAFT_FACTOR if snapshot.draft else 1
         blended_size = (max(1, size[0] // factor), max(1, size[1] // factor))
@@ -156,33 +160,32 @@ class Renderer:
             self._keys.clear()
         return targets
 
-    def _marked(self, snapshot: FrameSnapshot) -> bool:
-        return snapshot.hovered != 0 or bool(self._document.state.mask(Flag.SELECTED).any())
+    def _has_marks(self, snapshot: FrameSnapshot) -> bool:
+        return snapshot.hovered != 0 or bool(self._document.state.find_mask(Flag.SELECTED).any())
 
-    def _exact_rows(self, snapshot: FrameSnapshot) -> Targets:
+    def _draw_exact_rows(self, snapshot: FrameSnapshot) -> Targets:
         self.scene.update(snapshot.time)
-        targets = self._sized(snapshot)
+        targets = self._find_targets(snapshot)
         self._projector.sort(self.scene, snapshot.camera, wait=True)
         self._draw_rows(targets, snapshot)
         return targets
 
-    def _look_key(self, camera: Camera) -> tuple:
-        """Names what the splats look like through a camera, as far as the projector knows."""
-        return camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
+    def _make_look_key(self, camera: Camera) -> tuple[Any, ...]:
+        """Make a key that identifies what the projected splats look like through a camera."""
+        return make_camera_key(camera), self.scene.look_version, self._projector.serial, self._projector.count
 
     def _project(self, camera: Camera) -> None:
-        key = self._look_key(camera)
+        key = self._make_look_key(camera)
         if self._keys.get("records") != key:
             self._projector.project(self.scene, camera)
             self._keys["records"] = key
 
     def _draw_blended(self, targets: Targets, snapshot: FrameSnapshot) -> None:
         show_depth = snapshot.view_mode is ViewMode.DEPTH
-        key = (self._look_key(snapshot.camera), show_depth, snapshot.show_sky)
-        key = (*key, snapshot.show_sky)
+        key = (self._make_look_key(snapshot.camera), show_depth, snapshot.show_sky)
         if self._keys.get("blended") == key:
             return
-        camera = snapshot.camera.resized(*targets.blended_size)
+        camera = snapshot.camera.resize(*targets.blended_size)
         self._project(camera)
         if show_depth:
             self._sky.draw(targets.blended_buffer, camera, None, (0.0, 0.0, 0.0))
@@ -193,7 +196,7 @@ class Renderer:
         self.blended_draws += 1
 
     def _draw_rows(self, targets: Targets, snapshot: FrameSnapshot) -> None:
-        key = (self._look_key(snapshot.camera), snapshot.id_opacity)
+        key = (self._make_look_key(snapshot.camera), snapshot.id_opacity)
         if self._keys.get("rows") == key:
             return
         self._project(snapshot.camera)
@@ -201,20 +204,20 @@ class Renderer:
         self._keys["rows"] = key
 
 
-def camera_key(camera: Camera) -> tuple:
-    """Equal for cameras that see the same."""
+def make_camera_key(camera: Camera) -> tuple[Any, ...]:
+    """Make a key that is equal for cameras that see the same."""
     pinhole = (camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height)
     return (*pinhole, camera.world_from_camera.tobytes())
 
 
-def snapshot_key(snapshot: FrameSnapshot) -> tuple:
-    """Equal for snapshots that ask for the same frame."""
+def make_snapshot_key(snapshot: FrameSnapshot) -> tuple[Any, ...]:
+    """Make a key that is equal for snapshots that ask for the same frame."""
     rest = [getattr(snapshot, entry.name) for entry in fields(FrameSnapshot) if entry.name != "camera"]
-    return (camera_key(snapshot.camera), *rest)
+    return (make_camera_key(snapshot.camera), *rest)
 
 
-def round_figure(value: float, down: bool) -> float:
-    """The next 1, 2 or 5 times a power of ten."""
+def round_to_figure(value: float, down: bool) -> float:
+    """Round down or up to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
     steps = [step * power for step in (1.0, 2.0, 5.0, 10.0)]
     return (

@@ -1,10 +1,10 @@
-"""The sky, or a plain backdrop, behind the splats."""
+"""The pass that fills the background with the sky or a plain backdrop."""
 
 from __future__ import annotations
 
 import moderngl
 
-from instdrive_app.render.gl.gl_state import drawing_into
+from instdrive_app.render.gl.gl_state import draw_into
 from instdrive_app.render.gl.programs import build_program, set_uniforms
 from instdrive_core.scene.camera import Camera
 
@@ -39,7 +39,7 @@ class SkyPass:
             focal=(camera.fx, camera.fy),
             principal=(camera.cx, camera.cy),
         )
-        with drawing_into(self._ctx, target):
+        with draw_into(self._ctx, target):
             self._triangle.render(moderngl.TRIANGLES, vertices=3)
 
     def release(self) -> None:

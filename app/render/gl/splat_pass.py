@@ -1,4 +1,4 @@
-"""What the colour and ID passes share: instanced quads over the projected splats."""
+"""The part that the colour and ID passes share: instanced quads over the projected splats."""
 
 from __future__ import annotations
 

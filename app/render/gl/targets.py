@@ -1,4 +1,4 @@
-"""The framebuffers of one viewport size."""
+"""The framebuffers for one viewport size."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ class Targets:
         self.blended = ctx.texture(blended_size, 4, dtype="f4")
         self.blended.repeat_x = self.blended.repeat_y = False
         self.blended_buffer = ctx.framebuffer([self.blended])
-        self.rows = _integer_texture(ctx, size, "u4")
+        self.rows = _create_integer_texture(ctx, size, "u4")
         self.depth = ctx.depth_renderbuffer(size)
         self.rows_buffer = ctx.framebuffer([self.rows], self.depth)
-        self.mask = _integer_texture(ctx, size, "u1")
+        self.mask = _create_integer_texture(ctx, size, "u1")
         self.mask_buffer = ctx.framebuffer([self.mask])
         self.shown = ctx.texture(size, 4, dtype="f1")
         self.shown_buffer = ctx.framebuffer([self.shown])
         self._nothing = np.zeros((size[1], size[0]), np.uint32)
 
     def clear_rows(self) -> None:
-        """No splat anywhere. Framebuffer.clear would write float bits into the integer target."""
+        """Clear `rows` to no splat anywhere. Framebuffer.clear would write float bits into the integer target."""
         self.rows_buffer.clear(depth=1.0)
         self.rows.write(self._nothing, alignment=1)
 
@@ -36,7 +36,7 @@ class Targets:
             thing.release()
 
 
-def _integer_texture(ctx: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:
+def _create_integer_texture(ctx: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:
     texture = ctx.texture(size, 1, alignment=1, dtype=dtype)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

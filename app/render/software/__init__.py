@@ -1,1 +1,1 @@
-"""The picture from the core's CPU rasterizer, drawn on a thread of its own."""
+"""The CPU renderer: pictures from the core's rasterizer, drawn on another thread."""

@@ -1,4 +1,4 @@
-"""Drawing a frame on the CPU: what the render thread does."""
+"""Draws a frame on the CPU: the work of the render thread."""
 
 from __future__ import annotations
 
@@ -10,58 +10,64 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 from numpy import ndarray
 
-from instdrive_app.render.gl.renderer import DRAFT_FACTOR, FLAT_MODES, camera_key, round_figure, snapshot_key
+from instdrive_app.render.gl.renderer import (
+    DRAFT_FACTOR,
+    FLAT_MODES,
+    make_camera_key,
+    make_snapshot_key,
+    round_to_figure,
+)
 from instdrive_app.render.gl.sky_pass import BACKDROP
-from instdrive_app.render.software.picture import add_outlines, color_picture, depth_picture, id_picture
+from instdrive_app.render.software.picture import add_outlines, paint_color, paint_depth, paint_ids
 from instdrive_app.render.software.placed_splats import PlacedSplats
 from instdrive_app.render.software.scene import SceneState
 from instdrive_app.render.software.thread import Superseded
 from instdrive_app.state import ID_ALPHA_CUT, FrameSnapshot, ViewMode
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.importance import most_important
+from instdrive_core.rasterize.importance import select_most_important
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.kernels.sky_behind import add_sky
-from instdrive_core.rasterize.preview import PickRule, Preview, drawn_preview
+from instdrive_core.rasterize.preview import PickRule, Preview, blend_projected
 from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import projected
+from instdrive_core.rasterize.preview.splats import project_splats
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.selection import Flag
 
 DRAFT_SECONDS = 1 / 16
-"""Drafts leave out as many splats as it takes to be drawn in this time."""
+"""Drafts leave out enough splats to be drawn in this time."""
 FEWEST_SPLATS = 150_000
-"""A draft never shows fewer splats, where there are as many: with less, walls of small splats have holes."""
+"""Splats that a draft shows at least, if the scene has as many: with fewer, walls of small splats get holes."""
 _NO_FRAMES = np.zeros(0, np.int32)
 
 
 @dataclass(frozen=True)
 class FrameRequest:
-    """A frame to be drawn: nothing in it is ever written again."""
+    """A frame to draw; nothing in it is ever written again."""
 
     state: SceneState
     snapshot: FrameSnapshot
 
     def is_for(self, state: SceneState, snapshot: FrameSnapshot) -> bool:
-        """Whether it shows just this."""
-        return self.state is state and snapshot_key(self.snapshot) == snapshot_key(snapshot)
+        """Whether the frame shows exactly this state and snapshot."""
+        return self.state is state and make_snapshot_key(self.snapshot) == make_snapshot_key(snapshot)
 
 
 @dataclass(frozen=True)
 class DrawnFrame:
-    """A frame that was drawn; the arrays are the receiver's."""
+    """A drawn frame; its arrays belong to the receiver."""
 
     request: FrameRequest
     picture: UInt8[ndarray, "h w 4"]
     winner: Int32[ndarray, "vh vw"]
-    """Row of the splat that a pixel stands for, -1 for none; of a draft, smaller than the viewport."""
+    """Row of the splat that a pixel stands for, -1 for none; a draft's array is smaller than the viewport."""
     depth_range: tuple[float, float]
     """Metres at the ends of the depth view's ramp."""
     seconds: float | None
-    """How long blending took; None where only the picture was composed anew."""
+    """Seconds that blending took; None if only the picture was composed again."""
 
 
 class SoftwareDraw:
-    """Draws requests, keeping the last blended frame: outlines and view modes are composed from it."""
+    """Draws requests, and keeps the last blended frame to compose outlines and view modes from."""
 
     def __init__(self) -> None:
         self._workspace = Workspace()
@@ -73,22 +79,29 @@ class SoftwareDraw:
         self._depth_range: tuple[object, tuple[float, float]] = (None, (1.0, 100.0))
 
     def __call__(self, request: FrameRequest, newer: Callable[[], FrameRequest | None] = lambda: None) -> DrawnFrame:
-        """Draw one. Raises Superseded where the picture is wanted sharp and the camera moves already."""
+        """Draw one frame. Raises Superseded if a sharp picture is asked for while the camera already moves on."""
         started, snapshot = time.perf_counter(), request.snapshot
-        placed = self._updated(request)
-        camera = _drawn_camera(snapshot)
-        key = (camera_key(camera), snapshot.id_opacity, snapshot.show_sky, snapshot.draft, placed, placed.look_version)
+        placed = self._update_placed(request)
+        camera = _choose_camera(snapshot)
+        key = (
+            make_camera_key(camera),
+            snapshot.id_opacity,
+            snapshot.show_sky,
+            snapshot.draft,
+            placed,
+            placed.look_version,
+        )
         seconds = None
         if key != self._key:
-            self._key = None  # what is kept is written over, and may be given up half-way
+            self._key = None  # the kept frame is overwritten, perhaps only in part
             self._blend(placed, camera, snapshot, lambda: _check(request, newer))
             self._key, seconds = key, time.perf_counter() - started
             if snapshot.draft:
                 self._adapt(seconds, len(placed.means))
-        picture = self._composed(request.state, snapshot, camera)
+        picture = self._compose(request.state, snapshot, camera)
         return DrawnFrame(request, picture, self._winner, self._depth_range[1], seconds)
 
-    def _updated(self, request: FrameRequest) -> PlacedSplats:
+    def _update_placed(self, request: FrameRequest) -> PlacedSplats:
         state, moment = request.state, request.snapshot.time
         placed = self._placed
         if placed is None or placed.state.rows_version != state.rows_version:
@@ -102,54 +115,54 @@ class SoftwareDraw:
         opacities = placed.opacities
         if snapshot.draft:
             arrays = placed.means, placed.areas, opacities
-            opacities = most_important(*arrays, camera, self._budget, settings, workspace)
+            opacities = select_most_important(*arrays, camera, self._budget, settings, workspace)
         shapes = placed.means, placed.quats, placed.log_scales, opacities
-        found = projected(*shapes, camera, settings, workspace)
+        found = project_splats(*shapes, camera, settings, workspace)
         check()
-        write_colors(found, _color_source(placed), placed.means, camera.position)
+        write_colors(found, _build_color_source(placed), placed.means, camera.position)
         check()
         rule = PickRule(min_opacity=snapshot.id_opacity, min_alpha=ID_ALPHA_CUT)
         if state.sky is not None and snapshot.show_sky:
-            blended = drawn_preview(found, camera, workspace, settings, rule)
+            blended = blend_projected(found, camera, workspace, settings, rule)
             add_sky(state.sky, camera, blended.color, blended.alpha)
         else:
-            blended = drawn_preview(found, camera, workspace, settings, rule, BACKDROP)
+            blended = blend_projected(found, camera, workspace, settings, rule, BACKDROP)
         self._blended, self._winner = blended, blended.winner
 
     def _adapt(self, seconds: float, count: int) -> None:
         wanted = self._budget * float(np.clip(DRAFT_SECONDS / seconds, 0.7, 1.4))
         self._budget = int(np.clip(wanted, min(FEWEST_SPLATS, count), max(count, 1)))
 
-    def _composed(self, state: SceneState, snapshot: FrameSnapshot, camera: Camera) -> UInt8[ndarray, "h w 4"]:
+    def _compose(self, state: SceneState, snapshot: FrameSnapshot, camera: Camera) -> UInt8[ndarray, "h w 4"]:
         blended, winner = self._blended, self._winner
         assert blended is not None
         if snapshot.view_mode is ViewMode.COLOR:
-            picture = color_picture(blended.color)
+            picture = paint_color(blended.color)
         elif snapshot.view_mode is ViewMode.DEPTH:
-            picture = depth_picture(blended.depth, blended.alpha, self._ends_of_ramp(camera))
+            picture = paint_depth(blended.depth, blended.alpha, self._find_depth_range(camera))
         else:
             flat = state.codewords if snapshot.view_mode is ViewMode.CODEWORD else state.instance_ids
-            picture = id_picture(winner, flat)
-        if snapshot.show_outlines and not snapshot.draft and _any_marked(state, snapshot):
+            picture = paint_ids(winner, flat)
+        if snapshot.show_outlines and not snapshot.draft and _has_marks(state, snapshot):
             tint = snapshot.view_mode not in FLAT_MODES
             add_outlines(picture, winner, state.flags, state.instance_ids, snapshot.hovered, tint)
         return picture
 
-    def _ends_of_ramp(self, camera: Camera) -> tuple[float, float]:
-        """Depths that hold the middle 94 % of the splats in front of the camera, widened to round figures."""
+    def _find_depth_range(self, camera: Camera) -> tuple[float, float]:
+        """Depths (metres) that hold the middle 94 % of the splats in front of the camera, widened to round figures."""
         placed = self._placed
         assert placed is not None
         key = (camera.world_from_camera.tobytes(), placed, placed.look_version)
         if self._depth_range[0] != key:
-            self._depth_range = (key, _middle_depths(placed.means, camera))
+            self._depth_range = (key, _compute_depth_range(placed.means, camera))
         return self._depth_range[1]
 
 
-def _drawn_camera(snapshot: FrameSnapshot) -> Camera:
+def _choose_camera(snapshot: FrameSnapshot) -> Camera:
     camera = snapshot.camera
     if not snapshot.draft:
         return camera
-    return camera.resized(max(1, camera.width // DRAFT_FACTOR), max(1, camera.height // DRAFT_FACTOR))
+    return camera.resize(max(1, camera.width // DRAFT_FACTOR), max(1, camera.height // DRAFT_FACTOR))
 
 
 def _check(request: FrameRequest, newer: Callable[[], FrameRequest | None]) -> None:
@@ -158,7 +171,7 @@ def _check(request: FrameRequest, newer: Callable[[], FrameRequest | None]) -> N
         raise Superseded
 
 
-def _color_source(placed: PlacedSplats) -> ColorSource:
+def _build_color_source(placed: PlacedSplats) -> ColorSource:
     state, gaussians = placed.state, placed.state.gaussians
     return ColorSource(
         sh_dc=gaussians.sh_dc,
@@ -170,11 +183,11 @@ def _color_source(placed: PlacedSplats) -> ColorSource:
     )
 
 
-def _any_marked(state: SceneState, snapshot: FrameSnapshot) -> bool:
+def _has_marks(state: SceneState, snapshot: FrameSnapshot) -> bool:
     return snapshot.hovered != 0 or bool((state.flags & np.uint8(Flag.SELECTED)).any())
 
 
-def _middle_depths(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[float, float]:
+def _compute_depth_range(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[float, float]:
     axis = camera.camera_from_world[2].astype(np.float32)
     depths = means @ axis[:3] + axis[3]
     depths = depths[depths > DEFAULT_SETTINGS.near]
@@ -183,4 +196,4 @@ def _middle_depths(means: Float32[ndarray, "n 3"], camera: Camera) -> tuple[floa
         return 1.0, 100.0
     places = max(count - 1 - int(0.97 * count), 0), count - 1 - int(0.03 * count)
     near, far = np.partition(depths, places)[list(places)]
-    return round_figure(float(near), down=True), round_figure(float(max(far, near * 1.01)), down=False)
+    return round_to_figure(float(near), down=True), round_to_figure(float(max(far, near * 1.01)), down=False)

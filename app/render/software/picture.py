@@ -1,5 +1,7 @@
-"""From a preview drawn on the CPU to the RGBA8 picture that the viewport shows; what present.frag, mask.frag and
-outline.frag do on a GPU."""
+"""Turns a preview drawn on the CPU into the viewport's RGBA8 picture.
+
+On a GPU, present.frag, mask.frag and outline.frag do the same.
+"""
 
 from __future__ import annotations
 
@@ -22,28 +24,30 @@ _OPAQUE = np.int32(-(1 << 24))
 """255 in the last of four bytes."""
 
 
-def color_picture(color: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
-    """RGB in [0, 1], clipped."""
+def paint_color(color: Float32[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 4"]:
+    """Convert RGB in [0, 1], clipped, to bytes."""
     picture = np.empty((*color.shape[:2], 4), np.uint8)
-    _color_bytes(color.reshape(-1), picture.reshape(-1).view(np.int32))
+    _write_color(color.reshape(-1), picture.reshape(-1).view(np.int32))
     return picture
 
 
-def depth_picture(
+def paint_depth(
     depth: Float32[ndarray, "h w"], alpha: Float32[ndarray, "h w"], depth_range: tuple[float, float]
 ) -> UInt8[ndarray, "h w 4"]:
-    """Depth through the ramp on a logarithmic scale between two depths (metres); black where hardly anything is."""
+    """Paint depth (metres) with the colour ramp, logarithmic between two depths; black where almost nothing is."""
     picture = np.empty((*depth.shape, 4), np.uint8)
     ramp, ends = np.array(DEPTH_RAMP, np.float32), np.array(depth_range, np.float32)
-    _depth_bytes(depth, alpha, ramp, ends, picture)
+    _write_depth(depth, alpha, ramp, ends, picture)
     return picture
 
 
-def id_picture(winner: Int32[ndarray, "h w"], ids: UInt32[ndarray, " n"]) -> UInt8[ndarray, "h w 4"]:
-    """The colour of each pixel's ID (instances or codewords), black for none. As on a GPU, IDs above 24 bits share the
-    colours of their low 24 bits."""
+def paint_ids(winner: Int32[ndarray, "h w"], ids: UInt32[ndarray, " n"]) -> UInt8[ndarray, "h w 4"]:
+    """Paint each pixel with the colour of its ID (instance or codeword), black for none.
+
+    IDs above 24 bits share the colours of their low 24 bits, like on a GPU.
+    """
     picture = np.empty((*winner.shape, 4), np.uint8)
-    _id_bytes(winner, ids, _LOW_COLORS, _HIGH_COLORS, picture)
+    _write_ids(winner, ids, _LOW_COLORS, _HIGH_COLORS, picture)
     return picture
 
 
@@ -56,44 +60,46 @@ def add_outlines(
     tint: bool,
     thickness: int = 2,
 ) -> None:
-    """Draw lines around selected splats and around the instance `hovered` (0 = none), in place; tint the selected."""
+    """Draw lines around selected splats and around the instance `hovered` (0 for none), in place; tint the selected."""
     mask = np.empty(winner.shape, np.uint8)
     _mark(winner, flags, instance_ids, np.uint32(hovered), mask)
     overlays = np.array([SELECTED_LINE, HOVERED_LINE, SELECTED_TINT if tint else _NO_TINT], np.float32)
     _draw_lines(mask, overlays, thickness, picture)
 
 
-def _id_tables() -> tuple[UInt8[ndarray, "65536 3"], UInt8[ndarray, "256 3"]]:
-    """Colours by place on the curve of the colour map, of the low 16 bits and of the 8 above: every bit of a place is
-    a bit of the colour, so the two are joined by `or`."""
+def _build_id_tables() -> tuple[UInt8[ndarray, "65536 3"], UInt8[ndarray, "256 3"]]:
+    """Build tables of colours by position on the colour map's curve, for its low 16 bits and for the 8 bits above.
+
+    Every bit of a position is a bit of the colour, so `or` joins the two.
+    """
     low = np.arange(1 << _LOW_BITS, dtype=np.uint64)
     high = np.arange(ID_LIMIT >> _LOW_BITS, dtype=np.uint64) << np.uint64(_LOW_BITS)
     ids = [(places * np.uint64(INVERSE) % np.uint64(ID_LIMIT)).astype(np.uint32) for places in (low, high)]
     return colors_from_ids(ids[0]), colors_from_ids(ids[1])
 
 
-_LOW_COLORS, _HIGH_COLORS = _id_tables()
+_LOW_COLORS, _HIGH_COLORS = _build_id_tables()
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def _level(value):
-    """0 … 255 of a number in [0, 1], clipped."""
+def _to_byte(value):
+    """Convert a number in [0, 1], clipped, to 0 … 255."""
     return np.int32(min(max(value, np.float32(0)), np.float32(1)) * np.float32(255) + np.float32(0.5))
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FAST)
-def _color_bytes(color, pixels):
-    """Four bytes at once, so that the loop over flat arrays vectorises."""
+def _write_color(color, pixels):
+    """Write four bytes at once, so that the loop over flat arrays vectorises."""
     for task in numba.prange((len(pixels) + _PIXELS_PER_TASK - 1) // _PIXELS_PER_TASK):
         end = min(len(pixels), (task + 1) * _PIXELS_PER_TASK)
         for pixel in range(np.uint64(task * _PIXELS_PER_TASK), np.uint64(end)):
             red = pixel * np.uint64(3)
-            levels = _level(color[red]), _level(color[red + np.uint64(1)]), _level(color[red + np.uint64(2)])
+            levels = _to_byte(color[red]), _to_byte(color[red + np.uint64(1)]), _to_byte(color[red + np.uint64(2)])
             pixels[pixel] = levels[0] | levels[1] << np.int32(8) | levels[2] << np.int32(16) | _OPAQUE
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _depth_bytes(depth, alpha, ramp, ends, picture):
+def _write_depth(depth, alpha, ramp, ends, picture):
     last, span = len(ramp) - 1, np.log(ends[1] / ends[0])
     for y in numba.prange(picture.shape[0]):
         for x in range(np.uint64(picture.shape[1])):
@@ -111,7 +117,7 @@ def _depth_bytes(depth, alpha, ramp, ends, picture):
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _id_bytes(winner, ids, low_colors, high_colors, picture):
+def _write_ids(winner, ids, low_colors, high_colors, picture):
     for y in numba.prange(picture.shape[0]):
         for x in range(np.uint64(picture.shape[1])):
             row = winner[y, x]
@@ -124,7 +130,7 @@ def _id_bytes(winner, ids, low_colors, high_colors, picture):
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _mark(winner, flags, instance_ids, hovered, mask):
-    """Bit 0 where a pixel stands for a selected splat, bit 1 where for one of the instance hovered."""
+    """Set bit 0 of pixels that stand for a selected splat, bit 1 of those that stand for the hovered instance."""
     for y in numba.prange(mask.shape[0]):
         for x in range(np.uint64(mask.shape[1])):
             marks, row = np.uint8(0), winner[y, x]

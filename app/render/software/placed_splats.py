@@ -1,4 +1,4 @@
-"""The splats of a scene's state where they are at a time, kept current on the render thread."""
+"""The splats of a scene's state at a time, placed in the world and kept current on the render thread."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy import ndarray
 from instdrive_app.render.software.scene import SceneState
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.maths.rotations import quaternion_from_matrix
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.scene.scene import extract_node_rotations
 from instdrive_core.scene.selection import Flag
 
 NOT_DRAWN = int(Flag.HIDDEN | Flag.DELETED)
@@ -21,25 +21,27 @@ _OFFSET, _QUAT, _SCALE, _EXISTS, _FRAME_FLOATS = 9, 12, 16, 17, 18
 
 
 class PlacedSplats:
-    """Arrays of n rows that follow `update`. Each row names a frame, a pair of node and move; frame 0 is the
-    background that was never moved. Used by the render thread only."""
+    """Arrays of n rows that follow `update`; only the render thread uses them.
+
+    Each row names a frame, which is a pair of node and move; frame 0 is the background that was never moved.
+    """
 
     def __init__(self, state: SceneState, time: float) -> None:
-        """Place everything: tens of milliseconds for a million splats; `update` touches what has changed."""
+        """Place all splats, in tens of milliseconds for a million; `update` touches only what has changed."""
         gaussians = state.gaussians
         self.means = gaussians.means.copy()
-        """(n, 3) in the world."""
+        """World positions (n, 3), metres."""
         self.quats, self.log_scales = gaussians.quats.copy(), gaussians.log_scales.copy()
         self.opacities = np.empty(len(gaussians), np.float32)
-        """Recoloured; 0 for what is not drawn."""
+        """Opacities (n,) after recolouring; 0 for what is not drawn."""
         self.areas = np.empty(len(gaussians), np.float32)
-        """Product of the two longer standard deviations, m²."""
+        """Product of each splat's two longer standard deviations (n,), m²."""
         self.frames = np.zeros(len(gaussians), np.int32)
         self.look_version = 0
-        """Rises when the splats would be drawn otherwise: places, colours, what is shown."""
-        self._base_opacities = kernel_array(sigmoid(gaussians.opacity_logits))
+        """Rises when the splats would look different: their places, colours, or which are shown."""
+        self._base_opacities = to_kernel_array(sigmoid(gaussians.opacity_logits))
         self._frame_of: dict[tuple[int, int], int] = {(0, 0): 0}
-        self._table = _frame_table(list(self._frame_of), state, time)
+        self._table = _build_frame_table(list(self._frame_of), state, time)
         self._place(np.arange(len(gaussians)), state)
         moved = np.flatnonzero((state.nodes > 0) | (state.move_entries > 0))
         self._move(moved, state, time)
@@ -48,16 +50,16 @@ class PlacedSplats:
 
     @property
     def rotations(self) -> Float32[ndarray, "f 3 3"]:
-        """world_from_frame: a splat looks up its harmonics in its frame."""
+        """World from frame: a splat evaluates its harmonics in its frame."""
         return self._table[:, :_OFFSET].reshape(-1, 3, 3).astype(np.float32)
 
     @property
     def turned(self) -> bool:
-        """Whether any frame but the first is named."""
+        """Whether there are frames other than the first."""
         return len(self._table) > 1
 
     def update(self, state: SceneState, time: float) -> None:
-        """Bring everything to another state of the same rows and to a time (seconds)."""
+        """Bring everything to another state with the same rows, and to a time (seconds)."""
         before = self.state
         if state is before and time == self._time:
             return
@@ -74,7 +76,7 @@ class PlacedSplats:
         self.state, self._time = state, time
 
     def _move(self, renamed: Int64[ndarray, " k"], state: SceneState, time: float) -> bool:
-        """Name the frames of rows, and place those rows and all whose frame lies elsewhere; whether any did."""
+        """Assign frames to rows, and place those rows and all whose frame has moved; returns whether there were any."""
         nodes, moves = state.nodes[renamed].astype(np.int64), state.move_entries[renamed]
         width = len(state.move_matrices)
         pairs = nodes * width + moves
@@ -83,7 +85,7 @@ class PlacedSplats:
         for pair in np.flatnonzero(names).tolist():
             names[pair] = self._frame_of.setdefault(divmod(pair, width), len(self._frame_of))
         self.frames[renamed] = names[pairs]
-        before, self._table = self._table, _frame_table(list(self._frame_of), state, time)
+        before, self._table = self._table, _build_frame_table(list(self._frame_of), state, time)
         shifted = np.ones(len(self._table), bool)
         shifted[: len(before)] = (self._table[: len(before), :_EXISTS] != before[:, :_EXISTS]).any(axis=1)
         rows = renamed
@@ -96,26 +98,26 @@ class PlacedSplats:
 
     def _place(self, rows: Int64[ndarray, " k"], state: SceneState) -> None:
         gaussians = state.gaussians
-        stored = tuple(kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
+        stored = tuple(to_kernel_array(a) for a in (gaussians.means, gaussians.quats, gaussians.log_scales))
         shown = (self.means, self.quats, self.log_scales, self.areas)
         _place_rows(rows, self.frames, self._table, stored, shown)
 
     def _set_opacities(self, state: SceneState) -> None:
-        exists, alphas = self._table[:, _EXISTS] > 0, kernel_array(state.color_values[:, 12])
+        exists, alphas = self._table[:, _EXISTS] > 0, to_kernel_array(state.color_values[:, 12])
         entries = (self.frames, state.color_entries, state.flags)
         _fill_opacities(self._base_opacities, entries, exists, alphas, NOT_DRAWN, self.opacities)
 
 
-def _frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
-    """Where pairs of node and move lie; a move that was undone, which nobody names, counts as none."""
-    poses, present = state.poses(time)
+def _build_frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -> Float64[ndarray, "f 18"]:
+    """Compute where pairs of node and move lie; a move that was undone, which no row names, counts as none."""
+    poses, present = state.compute_poses(time)
     nodes, moves = np.array(pairs).T
     table = np.zeros((len(pairs), _FRAME_FLOATS))
     known = nodes < len(poses)
     nodes, moves = nodes[known], moves[known]
     matrices = state.move_matrices[np.where(moves < len(state.move_matrices), moves, 0)]
     scales = np.linalg.norm(matrices[:, :, 0], axis=1)
-    rotations = node_rotations(poses)[nodes] @ matrices[:, :, :3] / scales[:, None, None]
+    rotations = extract_node_rotations(poses)[nodes] @ matrices[:, :, :3] / scales[:, None, None]
     table[known, :_OFFSET] = rotations.reshape(-1, 9)
     offsets = poses[nodes, :3, :3] @ matrices[:, :, 3:]
     table[known, _OFFSET:_QUAT] = offsets[..., 0] + poses[nodes, :3, 3]
@@ -126,7 +128,7 @@ def _frame_table(pairs: list[tuple[int, int]], state: SceneState, time: float) -
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
 def _place_rows(rows, frames, table, stored, shown):
-    """x → s R x + t; quaternions are turned, standard deviations scaled. What is never moved keeps its bits."""
+    """Compute x → s R x + t, rotate quaternions and scale standard deviations; what never moved keeps its bits."""
     means, quats, log_scales = stored
     for k in numba.prange(len(rows)):
         i = rows[k]

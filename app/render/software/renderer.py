@@ -1,5 +1,7 @@
-"""A renderer for machines whose OpenGL is a program too: splats are drawn by the CPU rasterizer on a thread of its own,
-and OpenGL only shows the picture."""
+"""A renderer for machines whose OpenGL runs on the CPU anyway.
+
+The CPU rasterizer draws the splats on another thread, and OpenGL only shows the picture.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from jaxtyping import UInt8, UInt32
 from numpy import ndarray
 
 from instdrive_app.render.gl.sky_pass import BACKDROP
-from instdrive_app.render.shown_frame import ShownFrame, asked_of
+from instdrive_app.render.shown_frame import ShownFrame, drop_winners
 from instdrive_app.render.software.draw import DrawnFrame, FrameRequest, SoftwareDraw
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_app.render.software.thread import LatestFrame
@@ -19,16 +21,18 @@ from instdrive_app.state import FrameSnapshot
 from instdrive_core.edits.document.document import Document
 
 PACE_SECONDS = 1 / 50
-"""While a frame is under way, a window drawn by a software driver as fast as it can takes the cores from the very frame
-that it would show: each of the window's frames leaves it so much time, unless it is there before."""
+"""Time that each of the window's frames waits while a picture is being drawn, unless the picture arrives earlier. A
+window that a software driver draws at full speed would take the cores from the very picture that it is to show."""
 
 
 class SoftwareRenderer:
-    """A `FrameRenderer` without a GPU. All methods are the UI thread's; without `wait` none waits for a frame, beyond
-    the window's pace."""
+    """A `FrameRenderer` without a GPU.
+
+    All methods run on the UI thread; without `wait` none waits for a picture longer than `PACE_SECONDS`.
+    """
 
     def __init__(self, ctx: moderngl.Context, document: Document, wake: Callable[[], None] = lambda: None) -> None:
-        """`wake` is called, from another thread, when a frame asked for without waiting is there."""
+        """`wake` is called from another thread when a frame asked for without waiting is ready."""
         self._ctx, self._document = ctx, document
         self._watcher = SceneWatcher(document)
         self._thread: LatestFrame[FrameRequest, DrawnFrame] = LatestFrame(SoftwareDraw(), wake)
@@ -38,13 +42,13 @@ class SoftwareRenderer:
         self._texture = ctx.texture((1, 1), 4, backdrop.round().astype(np.uint8))
         self._retired: list[moderngl.Texture] = []
         self.frame_seconds = 0.0
-        """How long the last frame that had to be blended took."""
+        """Seconds that the last frame took which had to be blended."""
         self.shown: ShownFrame | None = None
         """The frame that `picture` is; None before the first."""
 
     @property
     def picture(self) -> moderngl.Texture:
-        """The newest frame, RGBA8, row 0 at the top; of a draft, smaller than the viewport."""
+        """The newest frame, RGBA8, row 0 at the top; a draft is smaller than the viewport."""
         return self._texture
 
     @property
@@ -58,37 +62,37 @@ class SoftwareRenderer:
         return self._frame.depth_range if self._frame is not None else (1.0, 100.0)
 
     def render(self, snapshot: FrameSnapshot, wait: bool = True) -> None:
-        """Bring `picture` up to date. Without `wait` it is only asked for, and the newest frame there is is shown."""
-        state, patience = self._watcher.state(), PACE_SECONDS if self._thread.busy else 0.0
+        """Bring `picture` up to date; without `wait`, only ask for it and show the newest frame there is."""
+        state, patience = self._watcher.take_state(), PACE_SECONDS if self._thread.busy else 0.0
         asked = self._asked
         if asked is None or not asked.is_for(state, snapshot):
-            self._asked = FrameRequest(state, asked_of(snapshot))
+            self._asked = FrameRequest(state, drop_winners(snapshot))
             self._thread.ask(self._asked)
         drawn = self._thread.wait() if wait else self._thread.take(patience)
         if drawn is not None:
             self._show(drawn)
 
     def free_retired(self) -> None:
-        """Free textures of sizes no longer drawn. Call between window frames, as of `Renderer`."""
+        """Free textures of sizes that are no longer drawn. Call it between window frames."""
         for texture in self._retired:
             texture.release()
         self._retired.clear()
 
-    def rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_rows(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """Row + 1 of the splat that each pixel stands for; 0 = none."""
-        return (self._frame_of(snapshot).winner + 1).astype(np.uint32)
+        return (self._find_frame(snapshot).winner + 1).astype(np.uint32)
 
-    def instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
+    def read_instance_ids(self, snapshot: FrameSnapshot) -> UInt32[ndarray, "h w"]:
         """The instance that each pixel stands for; 0 = none."""
-        frame = self._frame_of(snapshot)
+        frame = self._find_frame(snapshot)
         with_none = np.append(np.uint32(0), frame.request.state.instance_ids)
         return with_none[frame.winner + 1]
 
-    def row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
+    def read_row_at(self, snapshot: FrameSnapshot, x: int, y: int) -> int | None:
         """The splat that a pixel stands for; None where none is, or outside."""
         if not (0 <= x < snapshot.camera.width and 0 <= y < snapshot.camera.height):
             return None
-        row = int(self._frame_of(snapshot).winner[y, x])
+        row = int(self._find_frame(snapshot).winner[y, x])
         return row if row >= 0 else None
 
     def read_picture(self) -> UInt8[ndarray, "h w 3"]:
@@ -102,9 +106,9 @@ class SoftwareRenderer:
         self.free_retired()
         self._texture.release()
 
-    def _frame_of(self, snapshot: FrameSnapshot) -> DrawnFrame:
-        """The frame of a snapshot and the document's present state: the one shown where it is that."""
-        state, frame = self._watcher.state(), self._frame
+    def _find_frame(self, snapshot: FrameSnapshot) -> DrawnFrame:
+        """Find the frame of a snapshot and the document's present state; draw it unless it is the one on screen."""
+        state, frame = self._watcher.take_state(), self._frame
         if frame is None or not frame.request.is_for(state, snapshot):
             self.render(snapshot)
             frame = self._frame

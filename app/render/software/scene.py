@@ -1,12 +1,11 @@
 """What the render thread knows of a document.
 
-Ownership: the document's arrays are written by the UI's thread only, and read by it only. `SceneWatcher`, on the UI's
-thread, hands over a `SceneState`: arrays that edits write to (a few bytes per splat) are copied when their version has
-risen, those that edits never write to (means, harmonics …) are shared. A handed-over state is never changed, so states
-can wait, be skipped or be drawn twice. `PlacedSplats` (placed_splats.py) belongs to the render thread; it compares each
-state with the last one and recomputes what differs.
+Ownership: only the UI thread writes and reads the document's arrays. There, `SceneWatcher` takes a `SceneState`: it
+copies arrays that edits write to (a few bytes per splat) when their version has risen, and shares those that edits
+never write to (means, harmonics …). A state never changes, so states can wait, be skipped or be drawn twice.
+`PlacedSplats` belongs to the render thread; it compares each state with the last one and recomputes what differs.
 
-Splats that are appended are written behind the end of the shared arrays, where no state taken before looks.
+New splats are appended behind the end of the shared arrays, where earlier states do not look.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from jaxtyping import Float32, Float64, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
@@ -25,7 +25,7 @@ from instdrive_core.scene.track import Track
 
 @dataclass(frozen=True)
 class SceneState:
-    """A document at one moment of its editing; nothing in it is ever written again."""
+    """A document at one moment of editing; nothing in it is ever written again."""
 
     gaussians: Gaussians
     nodes: UInt16[ndarray, " n"]
@@ -40,57 +40,51 @@ class SceneState:
     sky: Sky | None
     antialiased: bool
     rows_version: int
-    """Rises when the rows of the shared arrays are other ones."""
+    """Rises when the shared arrays get other rows."""
 
-    def poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
-        """As `Scene.at`."""
-        poses = [np.eye(4), *(actor.pose_at(time) for actor in self.actors)]
+    def compute_poses(self, time: float) -> tuple[Float64[ndarray, "m 4 4"], UInt8[ndarray, " m"]]:
+        """Compute world_from_node of background and actors at a time (seconds), and which are present then."""
+        poses = [np.eye(4), *(actor.interpolate_pose(time) for actor in self.actors)]
         return np.stack(poses), np.array([True, *(actor.covers(time) for actor in self.actors)], np.uint8)
 
 
 class SceneWatcher:
-    """Takes states of one document, on the UI's thread; parts that have not changed are those of the state before."""
+    """Takes states of one document on the UI thread; parts that have not changed are shared with the last state."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
         self._state: SceneState | None = None
-        self._versions: tuple[int, ...] = ()
+        self._versions = document.versions
 
-    def state(self) -> SceneState:
-        """The present state: the same object as before where nothing has changed."""
+    def take_state(self) -> SceneState:
+        """Take the present state; it is the same object as before if nothing has changed."""
         document = self._document
-        versions = (
-            *(document.rows_version, document.table_version, document.state.version),
-            *(document.colors.version, document.transforms.version, document.track_version),
-        )
-        if self._state is None or versions[0] != self._versions[0]:
-            self._state = _whole_state(document)
-        else:
-            self._state = self._changed(self._state, versions)
+        versions = document.versions
+        if self._state is None or versions.rows != self._versions.rows:
+            self._state = _copy_document(document)
+        elif versions != self._versions:
+            self._state = self._update_parts(self._state, self._versions, versions)
         self._versions = versions
         return self._state
 
-    def _changed(self, state: SceneState, versions: tuple[int, ...]) -> SceneState:
+    def _update_parts(self, state: SceneState, before: DocumentVersions, now: DocumentVersions) -> SceneState:
         document, parts = self._document, {}
-        _, table, flags, colors, moves, tracks = (
-            now != before for now, before in zip(versions, self._versions, strict=True)
-        )
-        if table and not np.array_equal(document.scene.instance_ids, state.instance_ids):
+        if now.table != before.table and not np.array_equal(document.scene.instance_ids, state.instance_ids):
             parts |= {"instance_ids": document.scene.instance_ids.copy()}
-        if flags:
+        if now.states != before.states:
             parts |= {"flags": document.state.flags.copy()}
-        if colors:
-            parts |= _colors(document)
-        if moves:
-            parts |= _moves(document)
-        if tracks:
+        if now.colors != before.colors:
+            parts |= _copy_colors(document)
+        if now.transforms != before.transforms:
+            parts |= _copy_moves(document)
+        if now.tracks != before.tracks:
             parts |= {"actors": document.scene.actors, "nodes": document.scene.nodes.copy()}
-        if document.scene.sky is not state.sky:  # turned with the scene
+        if now.surroundings != before.surroundings:
             parts |= {"sky": document.scene.sky}
         return replace(state, **parts) if parts else state
 
 
-def _whole_state(document: Document) -> SceneState:
+def _copy_document(document: Document) -> SceneState:
     scene = document.scene
     return SceneState(
         gaussians=Gaussians(**scene.gaussians.arrays()),
@@ -101,15 +95,15 @@ def _whole_state(document: Document) -> SceneState:
         actors=scene.actors,
         sky=scene.sky,
         antialiased=scene.antialiased,
-        rows_version=document.rows_version,
-        **_colors(document),
-        **_moves(document),
+        rows_version=document.versions.rows,
+        **_copy_colors(document),
+        **_copy_moves(document),
     )
 
 
-def _colors(document: Document) -> dict[str, ndarray]:
+def _copy_colors(document: Document) -> dict[str, ndarray]:
     return {"color_entries": document.colors.indices.copy(), "color_values": document.colors.values.copy()}
 
 
-def _moves(document: Document) -> dict[str, ndarray]:
+def _copy_moves(document: Document) -> dict[str, ndarray]:
     return {"move_entries": document.transforms.indices.copy(), "move_matrices": document.transforms.matrices.copy()}

@@ -1,4 +1,4 @@
-"""A thread that draws: of the frames asked for only the latest is drawn, and nobody waits who does not want to."""
+"""A thread that draws the latest frame asked for, without making the caller wait."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ Drawn = TypeVar("Drawn")
 
 
 class Superseded(Exception):
-    """The frame was given up for a newer one."""
+    """Raised when a frame is abandoned for a newer one."""
 
 
 class LatestFrame(Generic[Asked, Drawn]):
-    """Draws on a thread of its own what was asked for last.
+    """Draws what was asked for last on another thread.
 
-    Everything that crosses between the threads is handed over under one lock and belongs to the receiver from then on.
+    Everything that crosses between the threads is passed under one lock and belongs to the receiver from then on.
     """
 
     def __init__(
@@ -26,9 +26,9 @@ class LatestFrame(Generic[Asked, Drawn]):
         """Start the thread.
 
         Args:
-            draw: makes a frame of what was asked for. Its second argument tells, at any time, what waits already, or
-                None: where that makes the present frame useless, raise `Superseded`.
-            wake: called from the thread when a frame is there.
+            draw: Draws a frame. Its second argument returns, at any time, the frame that is waiting, or None; `draw`
+                raises `Superseded` if that makes the present frame useless.
+            wake: Called from the thread when a frame is ready.
         """
         self._draw, self._wake = draw, wake
         self._changed = threading.Condition()
@@ -41,21 +41,21 @@ class LatestFrame(Generic[Asked, Drawn]):
         self._thread.start()
 
     def ask(self, frame: Asked) -> None:
-        """Draw this next; what waited until now is forgotten."""
+        """Ask for a frame, which replaces one that is still waiting."""
         with self._changed:
             self._waiting = frame
             self._changed.notify_all()
 
     @property
     def busy(self) -> bool:
-        """Whether a frame is under way."""
+        """Whether a frame is waiting or being drawn."""
         return self._waiting is not None or self._drawing is not None
 
     def take(self, patience: float = 0.0) -> Drawn | None:
-        """The newest frame drawn since the last call. Raises what drawing raised.
+        """Take the newest frame drawn since the last call, if any. Raises what drawing raised.
 
         Args:
-            patience: seconds that the caller would spend on nothing better while a frame is under way.
+            patience: Seconds to wait for a frame.
         """
         with self._changed:
             if patience > 0:
@@ -67,13 +67,13 @@ class LatestFrame(Generic[Asked, Drawn]):
             return drawn
 
     def wait(self) -> Drawn | None:
-        """As `take`, when all that was asked for is drawn."""
+        """Wait until everything asked for is drawn, then take the newest frame. Raises what drawing raised."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting is None and self._drawing is None)
         return self.take()
 
     def close(self) -> None:
-        """End the thread; a frame being drawn is finished first."""
+        """End the thread after it has finished the frame that it is drawing."""
         with self._changed:
             self._waiting, self._closed = None, True
             self._changed.notify_all()
@@ -92,7 +92,7 @@ class LatestFrame(Generic[Asked, Drawn]):
                 drawn, failure = self._draw(frame, lambda: self._waiting), None
             except Superseded:
                 continue
-            except BaseException as error:  # it is the asker's to know, on the asker's thread
+            except BaseException as error:  # raised again on the caller's thread
                 drawn, failure = None, error
             with self._changed:
                 self._drawn, self._failure = drawn, failure

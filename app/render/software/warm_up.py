@@ -1,4 +1,4 @@
-"""Loading the software renderer's compiled kernels while a scene is being read: a second less until its picture."""
+"""Loads the CPU renderer's compiled kernels while a scene is being read, which saves a second until its picture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from instdrive_app.render.software.draw import FrameRequest, SoftwareDraw
 from instdrive_app.render.software.scene import SceneWatcher
 from instdrive_app.state import EditorState, ViewMode, resolve
 from instdrive_core.edits.document.document import Document
-from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.scene.gaussians import create_empty_gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 from instdrive_core.scene.sky import Sky
 
@@ -19,18 +19,18 @@ _SIDE = 16
 """Pixels."""
 
 
-def warm_up_beside() -> threading.Thread:
-    """Warm up on a thread of its own, which is returned; it need not be waited for."""
+def start_warm_up() -> threading.Thread:
+    """Start warming up on another thread and return that thread; nobody has to wait for it."""
     thread = threading.Thread(target=warm_up_software, name="software-warm-up", daemon=True)
     thread.start()
     return thread
 
 
 def warm_up_software() -> None:
-    """Draw nothing in every way that there is."""
-    scene = scene_from_gaussians(empty_gaussians())
+    """Draw an empty scene in every view mode, with and without sky, and as a draft."""
+    scene = scene_from_gaussians(create_empty_gaussians())
     scene.sky = Sky(np.zeros((6, 2, 2, 3), np.float32))
-    state, draw = SceneWatcher(Document(scene)).state(), SoftwareDraw()
+    state, draw = SceneWatcher(Document(scene)).take_state(), SoftwareDraw()
     sharp = resolve(EditorState(hovered=1), _SIDE, _SIDE)
     ways = [replace(sharp, view_mode=mode) for mode in ViewMode]
     for snapshot in (*ways, replace(sharp, show_sky=False), replace(sharp, draft=True)):

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, camera_of, world_from_camera
+from instdrive_core.datasets.colmap.model import MODELS, REMEDY, ColmapImage, build_colmap_camera, invert_colmap_pose
 from instdrive_core.datasets.distortion import Distortion
 from instdrive_core.datasets.posed_photos import ListedPoints, check_points
 from instdrive_core.errors import DataError
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.scene.camera import Camera
 
 _COUNT = struct.Struct("<Q")
@@ -27,13 +27,13 @@ _MAX_NAME = 4096
 def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
     """``cameras.bin``. Raises DataError where anything about it is wrong."""
     reader, cameras = _Reader(file), {}
-    for _ in range(reader.count("cameras", _CAMERA.size)):
+    for _ in range(reader.read_count("cameras", _CAMERA.size)):
         camera_id, model, width, height = reader.take(_CAMERA)
         if model not in MODELS:
             raise DataError(file, f"camera {camera_id}: COLMAP knows no camera model {model}", REMEDY)
         name, parameters = MODELS[model]
         values = reader.take(struct.Struct(f"<{parameters}d"))
-        cameras[camera_id] = camera_of(file, camera_id, name, (width, height), values)
+        cameras[camera_id] = build_colmap_camera(file, camera_id, name, (width, height), values)
     reader.check_end()
     return cameras
 
@@ -41,12 +41,12 @@ def read_cameras(file: Path) -> dict[int, tuple[Camera, Distortion]]:
 def read_images(file: Path) -> tuple[ColmapImage, ...]:
     """``images.bin`` without its observations. Raises DataError where anything about it is wrong."""
     reader, images = _Reader(file), []
-    for _ in range(reader.count("images", _IMAGE.size + 1 + _COUNT.size)):
+    for _ in range(reader.read_count("images", _IMAGE.size + 1 + _COUNT.size)):
         image_id, *pose, camera_id = reader.take(_IMAGE)
-        name = reader.name()
-        reader.skip(reader.count(f"observations of image {image_id}", _OBSERVATION_BYTES) * _OBSERVATION_BYTES)
+        name = reader.read_name()
+        reader.skip(reader.read_count(f"observations of image {image_id}", _OBSERVATION_BYTES) * _OBSERVATION_BYTES)
         where = f"image {image_id} ({name})"
-        images.append(ColmapImage(name, camera_id, world_from_camera(file, where, pose[:4], pose[4:])))
+        images.append(ColmapImage(name, camera_id, invert_colmap_pose(file, where, pose[:4], pose[4:])))
     reader.check_end()
     return tuple(images)
 
@@ -54,12 +54,12 @@ def read_images(file: Path) -> tuple[ColmapImage, ...]:
 def read_points(file: Path) -> ListedPoints:
     """``points3D.bin`` without its tracks. Raises DataError where anything about it is wrong."""
     reader = _Reader(file)
-    count = reader.count("points", _POINT.size)
+    count = reader.read_count("points", _POINT.size)
     points, colors = np.zeros((count, 3)), np.zeros((count, 3), np.uint8)
     for row in range(count):
         _, x, y, z, red, green, blue, _, length = reader.take(_POINT)
         points[row], colors[row] = (x, y, z), (red, green, blue)
-        reader.skip(reader.checked(length, f"views of point {row}", _TRACK_BYTES) * _TRACK_BYTES)
+        reader.skip(reader.check_count(length, f"views of point {row}", _TRACK_BYTES) * _TRACK_BYTES)
     reader.check_end()
     check_points(file, points)
     return ListedPoints(points, colors)
@@ -71,7 +71,7 @@ class _Reader:
     def __init__(self, file: Path) -> None:
         self.file, self.position = file, 0
         try:
-            self.data = plain_file(file).read_bytes()
+            self.data = require_plain_file(file).read_bytes()
         except OSError as error:
             raise DataError(file, f"cannot be read ({error})", REMEDY) from error
 
@@ -86,17 +86,17 @@ class _Reader:
             raise DataError(self.file, problem, REMEDY)
         self.position += size
 
-    def count(self, what: str, least_bytes: int) -> int:
-        return self.checked(self.take(_COUNT)[0], what, least_bytes)
+    def read_count(self, what: str, least_bytes: int) -> int:
+        return self.check_count(self.take(_COUNT)[0], what, least_bytes)
 
-    def checked(self, count: int, what: str, least_bytes: int) -> int:
+    def check_count(self, count: int, what: str, least_bytes: int) -> int:
         left = len(self.data) - self.position
         if count * least_bytes > left:
             problem = f"promises {count} {what}, at least {count * least_bytes} bytes; {left} are left"
             raise DataError(self.file, problem, REMEDY)
         return count
 
-    def name(self) -> str:
+    def read_name(self) -> str:
         end = self.data.find(b"\0", self.position, self.position + _MAX_NAME)
         if end < 0:
             raise DataError(self.file, f"the name at byte {self.position} does not end", REMEDY)

@@ -9,7 +9,7 @@ from instdrive_core.datasets.clip import Clip, ClipOptions
 from instdrive_core.datasets.colmap import binary as colmap_binary
 from instdrive_core.datasets.colmap import text as colmap_text
 from instdrive_core.datasets.colmap.model import REMEDY, ColmapModel
-from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, clip_of_photos, inner_path
+from instdrive_core.datasets.posed_photos import ListedPoints, PosedPhoto, build_photo_clip, resolve_inner_path
 from instdrive_core.errors import DataError
 
 _MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
@@ -18,7 +18,7 @@ PHOTOS = "images"
 
 def holds_colmap(path: str | Path) -> bool:
     """Whether the folder holds a model of COLMAP."""
-    return _model_folder(Path(path)) is not None
+    return _find_model_folder(Path(path)) is not None
 
 
 def load_colmap(path: str | Path, options: ClipOptions) -> Clip:
@@ -27,23 +27,25 @@ def load_colmap(path: str | Path, options: ClipOptions) -> Clip:
     Raises DataError where the model is damaged or no photo is there, OptionError for options that do not fit.
     """
     root = Path(path)
-    folder = _model_folder(root)
+    folder = _find_model_folder(root)
     if folder is None:
         raise DataError(root, "holds no COLMAP model (sparse/0/cameras.bin or .txt)", "Give the folder above 'sparse'")
-    model = read_model(folder)
+    model = read_colmap_model(folder)
     photos_folder = root / PHOTOS if (root / PHOTOS).is_dir() else root
     photos = []
     for image in model.images:
         if image.camera_id not in model.cameras:
             problem = f"image {image.name!r} was taken by camera {image.camera_id}, which the model does not hold"
             raise DataError(model.listing, problem, REMEDY)
-        camera, lens = model.cameras[image.camera_id]
+        camera, distortion = model.cameras[image.camera_id]
         posed = replace(camera, world_from_camera=image.world_from_camera)
-        photos.append(PosedPhoto(image.name, inner_path(model.listing, photos_folder, image.name), posed, lens))
-    return clip_of_photos(root, model.listing, photos, model.points, options)
+        photos.append(
+            PosedPhoto(image.name, resolve_inner_path(model.listing, photos_folder, image.name), posed, distortion)
+        )
+    return build_photo_clip(root, model.listing, photos, model.points, options)
 
 
-def read_model(folder: Path) -> ColmapModel:
+def read_colmap_model(folder: Path) -> ColmapModel:
     """Read a model, binary where it is there in both forms. A model without points is one.
 
     Raises DataError where anything about it is wrong.
@@ -59,7 +61,7 @@ def read_model(folder: Path) -> ColmapModel:
     )
 
 
-def _model_folder(root: Path) -> Path | None:
+def _find_model_folder(root: Path) -> Path | None:
     for name in _MODEL_FOLDERS:
         if any((root / name / f"cameras.{suffix}").is_file() for suffix in ("bin", "txt")):
             return root / name

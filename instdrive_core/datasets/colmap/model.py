@@ -17,7 +17,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.distortion import Distortion
-from instdrive_core.datasets.posed_photos import ListedPoints, checked_camera
+from instdrive_core.datasets.posed_photos import ListedPoints, build_camera
 from instdrive_core.errors import DataError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
@@ -62,10 +62,13 @@ class ColmapModel:
     """The file of the photos, for messages."""
 
 
-def camera_of(
+def build_colmap_camera(
     file: Path, camera_id: int, model: str, size: tuple[int, int], values: Sequence[float]
 ) -> tuple[Camera, Distortion]:
-    """Pinhole and lens of one entry. Raises DataError for models that no pinhole photo can be made of here."""
+    """Build the pinhole camera, without a pose, and the lens distortion of one entry.
+
+    Raises DataError for camera models whose photos cannot be made pinhole photos here.
+    """
     where = f"camera {camera_id}"
     if model not in PARAMETERS or len(values) != PARAMETERS[model]:
         problem = f"{where}: the model is {model!r} with {len(values)} parameters, which COLMAP does not know"
@@ -73,28 +76,28 @@ def camera_of(
     if model in _SHARED_FOCAL:
         values = (values[0], *values)
     intrinsics, rest = tuple(values[:4]), tuple(values[4:])
-    camera = checked_camera(file, where, intrinsics, size)
+    camera = build_camera(file, where, intrinsics, size)
     if not np.isfinite(rest).all():
         raise DataError(file, f"{where}: the distortion is {rest}, expected numbers", REMEDY)
     match model:
         case "SIMPLE_PINHOLE" | "PINHOLE":
-            lens = Distortion()
+            distortion = Distortion()
         case "SIMPLE_RADIAL" | "RADIAL":
-            lens = Distortion(rest)
+            distortion = Distortion(rest)
         case "OPENCV":
-            lens = Distortion(rest[:2], (rest[2], rest[3]))
+            distortion = Distortion(rest[:2], (rest[2], rest[3]))
         case "FULL_OPENCV":
-            lens = Distortion((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
+            distortion = Distortion((*rest[:2], rest[4]), (rest[2], rest[3]), rest[5:])
         case _:
             problem = f"{where}: the model {model} is none that can be turned into a pinhole"
             raise DataError(file, problem, "Run 'colmap image_undistorter' and give its output folder")
-    return camera, lens
+    return camera, distortion
 
 
-def world_from_camera(
+def invert_colmap_pose(
     file: Path, where: str, quat: Sequence[float], translation: Sequence[float]
 ) -> Float64[ndarray, "4 4"]:
-    """The inverse of COLMAP's camera-from-world pose (quaternion w first). Raises DataError where it is no pose."""
+    """Invert COLMAP's camera-from-world pose (quaternion w first). Raises DataError where it is no pose."""
     norm = math.hypot(*quat)
     if not abs(norm - 1) < 0.01 or not (np.abs(translation) < 1e9).all():
         problem = f"{where}: the pose is {[*quat]}, {[*translation]}; expected a unit quaternion and a position"

@@ -23,14 +23,20 @@ import numpy as np
 from jaxtyping import Bool, Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, center_of, is_held_out
+from instdrive_core.datasets.clip import Clip, ClipOptions, Frame, SparsePoints, Sweep, choose_origin, is_held_out
 from instdrive_core.datasets.pandaset.cuboids import load_tracks
 from instdrive_core.datasets.pandaset.lidar import FARTHEST, load_sweep
-from instdrive_core.datasets.photos import load_photo, photo_size
-from instdrive_core.datasets.posed_photos import start_note
+from instdrive_core.datasets.photos import load_photo, read_photo_size
+from instdrive_core.datasets.posed_photos import describe_start
 from instdrive_core.errors import DataError, OptionError
-from instdrive_core.files.json_fields import field, number, numbers, read_json, whole_number
-from instdrive_core.files.json_value import whole_text
+from instdrive_core.files.json_fields import (
+    parse_whole_number,
+    read_json,
+    require_field,
+    require_number,
+    require_numbers,
+)
+from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera, CameraView
 
@@ -58,6 +64,11 @@ class _CameraFiles:
     photos: dict[int, Path]
 
 
+def holds_pandaset(path: str | Path) -> bool:
+    """Whether the folder holds photos by camera."""
+    return (Path(path) / "camera").is_dir()
+
+
 def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     """Open one PandaSet sequence, e.g. ``pandaset/002``. Photos and sweeps are read when asked for.
 
@@ -65,44 +76,45 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
     camera, an empty frame range or an unusable scale.
     """
     root = Path(path)
-    if not (root / "camera").is_dir():
-        remedy = (
-            "Give the folder of one PandaSet sequence, e.g. pandaset/002, of a COLMAP model (sparse/0) with its photos "
-            "(images), or one that holds a transforms.json"
-        )
-        raise DataError(root, "is no driving clip: the folder 'camera' is missing", remedy)
+    if not holds_pandaset(root):
+        problem = "is no sequence of PandaSet: the folder 'camera' is missing"
+        raise DataError(root, problem, "Give the folder of one sequence, e.g. pandaset/002")
     if options.scale is not None and not 0 < options.scale <= 1:
         raise OptionError(f"scale is {options.scale}; give a number above 0 and up to 1, e.g. 0.25")
-    start, times = _step_times(root)
-    cameras = [_load_camera(root / "camera" / name) for name in _camera_names(root, options.cameras)]
+    start, times = _read_step_times(root)
+    cameras = [_load_camera(root / "camera" / name) for name in _choose_cameras(root, options.cameras)]
     last_photo = max((max(camera.photos) for camera in cameras if camera.photos), default=-1)
     if last_photo >= len(times):
         problem = f"there is a photo of step {last_photo}, yet {len(times)} timestamps"
         raise DataError(root, problem, "Get the sequence's JSON files again, or remove photos without a timestamp")
-    cameras = [_in_range(camera, options) for camera in cameras]
+    cameras = [_keep_asked_frames(camera, options) for camera in cameras]
     if not any(camera.photos for camera in cameras):
         steps = f"{options.first_frame or 0}–{options.last_frame if options.last_frame is not None else 'last'}"
         raise OptionError(f"{root}: no photo lies in the frames {steps}; choose other frames or cameras")
-    for camera in cameras:
-        if not camera.photos:
-            logger.warning("%s: no photo of the chosen frames; going on without it", root / "camera" / camera.name)
+    notes = [
+        f"{camera.name} has no photo of the chosen frames; going on without it"
+        for camera in cameras
+        if not camera.photos
+    ]
+    for note in notes:
+        logger.warning("%s: %s", root, note)
     cameras = [camera for camera in cameras if camera.photos]
-    origin = _origin(cameras)
-    scale = options.scale or _default_scale(cameras)
+    origin = _choose_origin(cameras)
+    scale = options.scale or _choose_scale(cameras)
     has_ego = not (root / "labels").is_dir()  # synthetic clips show no recording car
-    frames = [frame for camera in cameras for frame in _frames_of(camera, origin, times, scale, has_ego)]
+    frames = [frame for camera in cameras for frame in _build_frames(camera, origin, times, scale, has_ego)]
     order = {camera.name: rank for rank, camera in enumerate(cameras)}
     frames.sort(key=lambda frame: (frame.view.index, order[frame.view.name]))
     first, last = frames[0].view.index, frames[-1].view.index
-    classes = _class_names(root)
+    classes = _read_class_names(root)
     sweeps = [
         Sweep(index, times[index], partial(load_sweep, root, index, origin, start))
-        for index in sorted(files_by_index(root / "lidar"))
+        for index in sorted(list_numbered_files(root / "lidar"))
         if first <= index <= last
     ]
     # Where there is not one sweep, training starts as from any other photos.
     points = None if sweeps else SparsePoints.none()
-    tracks, notes = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
+    tracks, merged = load_tracks(root / "annotations" / "cuboids", range(first, last + 1), times, origin)
     return Clip(
         path=str(root),
         name=root.resolve().name,
@@ -113,12 +125,12 @@ def load_pandaset(path: str | Path, options: ClipOptions) -> Clip:
         class_names=classes,
         camera_names=tuple(camera.name for camera in cameras),
         points=points,
-        notes=(*(() if sweeps else (start_note(0),)), *notes),
+        notes=(*notes, *merged, *(() if sweeps else (describe_start(0),))),
     )
 
 
-def files_by_index(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
-    """Files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
+def list_numbered_files(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")) -> dict[int, Path]:
+    """List files ``NN<suffix>`` of a folder by number; earlier suffixes win. Empty where there is no such folder."""
     found: dict[int, Path] = {}
     for suffix in reversed(suffixes):
         for file in folder.glob(f"*{suffix}"):
@@ -128,19 +140,19 @@ def files_by_index(folder: Path, suffixes: tuple[str, ...] = (".pkl.gz", ".pkl")
     return found
 
 
-def _step_times(root: Path) -> tuple[float, list[float]]:
-    """When the first listed time step was, and seconds of all of them since then."""
+def _read_step_times(root: Path) -> tuple[float, list[float]]:
+    """Read when the first listed time step was, and the seconds of all of them since then."""
     for name in ("meta/timestamps.json", "lidar/timestamps.json", f"camera/{CAMERAS[0]}/timestamps.json"):
         file = root / name
         if file.is_file():
-            times = numbers(file, read_json(file), "the list of timestamps")
+            times = require_numbers(file, read_json(file), "the list of timestamps")
             if not times or any(later <= earlier for earlier, later in pairwise(times)):
                 raise DataError(file, "timestamps do not rise", "Get the file again")
             return times[0], [time - times[0] for time in times]
     raise DataError(root, "has no timestamps ('meta/timestamps.json' is missing)", "Get the sequence's JSON files")
 
 
-def _camera_names(root: Path, asked: str) -> tuple[str, ...]:
+def _choose_cameras(root: Path, asked: str) -> tuple[str, ...]:
     present = sorted(folder.name for folder in (root / "camera").iterdir() if folder.is_dir())
     if asked in CAMERA_SETS:
         names = tuple(name for name in CAMERA_SETS[asked] if name in present)
@@ -168,35 +180,38 @@ def _load_camera(folder: Path) -> _CameraFiles:
     poses = read_json(poses_file)
     if not isinstance(poses, list):
         raise DataError(poses_file, "expected a list with one pose per time step", "Get the file again")
-    photos = files_by_index(folder, (".jpg", ".png"))
+    photos = list_numbered_files(folder, (".jpg", ".png"))
     if photos and max(photos) >= len(poses):
         problem = f"lists {len(poses)} poses, yet there is a photo {photos[max(photos)].name}"
         raise DataError(poses_file, problem, "Get the file again, or remove photos without a pose")
-    width, height = photo_size(photos[min(photos)]) if photos else (0, 0)
+    width, height = read_photo_size(photos[min(photos)]) if photos else (0, 0)
     fx, fy, cx, cy = (
-        number(intrinsics_file, field(intrinsics_file, intrinsics, key), key) for key in ("fx", "fy", "cx", "cy")
+        require_number(intrinsics_file, require_field(intrinsics_file, intrinsics, key), key)
+        for key in ("fx", "fy", "cx", "cy")
     )
     if fx <= 0 or fy <= 0:
         raise DataError(intrinsics_file, f"focal lengths are {fx}, {fy}, expected positive ones", "Get the file again")
     return _CameraFiles(
         folder.name,
         Camera(fx, fy, cx, cy, width, height, np.eye(4)),
-        np.array([_pose(poses_file, index, pose) for index, pose in enumerate(poses)]).reshape(-1, 4, 4),
+        np.array([_parse_pose(poses_file, index, pose) for index, pose in enumerate(poses)]).reshape(-1, 4, 4),
         photos,
     )
 
 
-def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
-    position, heading = (field(file, entry, key, f"[{index}].") for key in ("position", "heading"))
+def _parse_pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
+    position, heading = (require_field(file, entry, key, f"[{index}].") for key in ("position", "heading"))
     quat = [
-        number(file, field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}") for key in "wxyz"
+        require_number(file, require_field(file, heading, key, f"[{index}].heading."), f"[{index}].heading.{key}")
+        for key in "wxyz"
     ]
     if np.linalg.norm(quat) < 1e-6:
         raise DataError(file, f"[{index}].heading is no rotation: {quat}", "Get the file again")
     pose = np.eye(4)
     pose[:3, :3] = matrix_from_quaternion(np.array(quat))
     pose[:3, 3] = [
-        number(file, field(file, position, key, f"[{index}].position."), f"[{index}].position.{key}") for key in "xyz"
+        require_number(file, require_field(file, position, key, f"[{index}].position."), f"[{index}].position.{key}")
+        for key in "xyz"
     ]
     if np.abs(pose[:3, 3]).max() >= FARTHEST:
         problem = f"[{index}].position is {pose[:3, 3].tolist()}, farther than {FARTHEST:g} m"
@@ -204,27 +219,27 @@ def _pose(file: Path, index: int, entry: Any) -> Float64[ndarray, "4 4"]:
     return pose
 
 
-def _in_range(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
-    """The camera with its photos reduced to the asked frames."""
+def _keep_asked_frames(camera: _CameraFiles, options: ClipOptions) -> _CameraFiles:
+    """Keep only a camera's photos of the asked frames."""
     first = -math.inf if options.first_frame is None else options.first_frame
     last = math.inf if options.last_frame is None else options.last_frame
     return replace(camera, photos={index: photo for index, photo in camera.photos.items() if first <= index <= last})
 
 
-def _origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
-    return center_of(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
+def _choose_origin(cameras: list[_CameraFiles]) -> Float64[ndarray, "3"]:
+    return choose_origin(cameras[0].poses[sorted(cameras[0].photos), :3, 3])
 
 
-def _default_scale(cameras: list[_CameraFiles]) -> float:
+def _choose_scale(cameras: list[_CameraFiles]) -> float:
     return min(1.0, DEFAULT_WIDTH / cameras[0].camera.width)
 
 
-def _frames_of(
+def _build_frames(
     camera: _CameraFiles, origin: Float64[ndarray, "3"], times: list[float], scale: float, has_ego: bool
 ) -> list[Frame]:
     full_size = (camera.camera.width, camera.camera.height)
-    scaled = camera.camera.scaled(scale)
-    valid = _ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
+    scaled = camera.camera.scale(scale)
+    valid = _build_ego_mask(scaled) if has_ego and camera.name == EGO_CAMERA else None
     frames = []
     for index, photo in sorted(camera.photos.items()):
         pose = camera.poses[index].copy()
@@ -235,13 +250,13 @@ def _frames_of(
     return frames
 
 
-def _ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:
+def _build_ego_mask(camera: Camera) -> Bool[ndarray, "h w"]:
     valid = np.ones((camera.height, camera.width), bool)
     valid[camera.height - int(np.ceil(camera.height * EGO_ROWS)) :] = False
     return valid
 
 
-def _class_names(root: Path) -> dict[int, str]:
+def _read_class_names(root: Path) -> dict[int, str]:
     file = root / "annotations" / "semseg" / "classes.json"
     if not file.is_file():
         return {}
@@ -249,7 +264,7 @@ def _class_names(root: Path) -> dict[int, str]:
     if not isinstance(classes, dict):
         raise DataError(file, "expected an object from class numbers to names", "Get the file again")
     try:
-        return {whole_number(key): whole_text(name) for key, name in classes.items()}
+        return {parse_whole_number(key): require_whole_text(name) for key, name in classes.items()}
     except ValueError as error:
         problem = f"expected an object from class numbers to names, but {error}"
         raise DataError(file, problem, "Get the file again") from error

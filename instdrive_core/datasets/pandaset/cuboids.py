@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.datasets.pandaset.lidar import FARTHEST, numbered_pickle
+from instdrive_core.datasets.pandaset.lidar import FARTHEST, find_numbered_pickle
 from instdrive_core.datasets.twins import merge_twins
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_value import whole_text
+from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.scene.track import Track
 
@@ -40,7 +40,8 @@ class _Cuboid:
 def load_tracks(
     folder: Path, indices: range, times: list[float], origin: Float64[ndarray, "3"]
 ) -> tuple[tuple[Track, ...], tuple[str, ...]]:
-    """Tracks of the cuboids in the given time steps, relative to `origin`, each object once, and notes for the user.
+    """Load the tracks of the cuboids in the given time steps, relative to `origin`, each object once, and notes for the
+    user.
 
     An object that moves where both LiDARs see it is annotated twice, as siblings with different uuids, each where that
     LiDAR met it. Siblings become one track; in each step the spinning LiDAR's cuboid is taken if there is one, because
@@ -51,11 +52,11 @@ def load_tracks(
     Raises DataError where a file is damaged.
     """
     cuboids = [cuboid for index in indices for cuboid in _load_cuboids(folder, index)]
-    identity = _merged_siblings(cuboids)
+    identity = _merge_siblings(cuboids)
     by_object: dict[str, dict[int, _Cuboid]] = defaultdict(dict)
     for cuboid in sorted(cuboids, key=lambda cuboid: (cuboid.sensor == 1, cuboid.uuid != identity[cuboid.uuid])):
         by_object[identity[cuboid.uuid]].setdefault(cuboid.index, cuboid)
-    tracks = tuple(_track(uuid, by_object[uuid], times, origin) for uuid in sorted(by_object))
+    tracks = tuple(_build_track(uuid, by_object[uuid], times, origin) for uuid in sorted(by_object))
     second = {uuid for uuid, found in by_object.items() if all(cuboid.sensor == 1 for cuboid in found.values())}
     twins = merge_twins(tracks, lambda track: track.id in second)
     note = twins.note()
@@ -65,7 +66,7 @@ def load_tracks(
 
 
 def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
-    file = numbered_pickle(folder, index)
+    file = find_numbered_pickle(folder, index)
     if file is None:
         return []
     table = read_pickle(file)
@@ -89,14 +90,14 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
     try:
         return [
             _Cuboid(
-                whole_text(table["uuid"][row]),
-                whole_text(table["label"][row]),
+                require_whole_text(table["uuid"][row]),
+                require_whole_text(table["label"][row]),
                 index,
                 values[row, :3],
                 values[row, 3:6],
                 float(values[row, 6]),
                 int(sensors[row]),
-                whole_text(siblings[row]),
+                require_whole_text(siblings[row]),
             )
             for row in range(count)
         ]
@@ -105,8 +106,8 @@ def _load_cuboids(folder: Path, index: int) -> list[_Cuboid]:
         raise DataError(file, problem, "Get the file again") from error
 
 
-def _merged_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
-    """The uuid that stands for each uuid's object: of two siblings the spinning LiDAR's, else the first by name."""
+def _merge_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
+    """Choose the uuid that stands for each uuid's object: of siblings the spinning LiDAR's, else the first by name."""
     sensors: dict[str, set[int]] = defaultdict(set)
     for cuboid in cuboids:
         sensors[cuboid.uuid].add(cuboid.sensor)
@@ -126,7 +127,7 @@ def _merged_siblings(cuboids: list[_Cuboid]) -> dict[str, str]:
     return {uuid: root(uuid) for uuid in identity}
 
 
-def _track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], origin: Float64[ndarray, "3"]) -> Track:
+def _build_track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], origin: Float64[ndarray, "3"]) -> Track:
     indices = sorted(cuboids)
     poses = np.tile(np.eye(4), (len(indices), 1, 1))
     for pose, index in zip(poses, indices, strict=True):
@@ -141,5 +142,5 @@ def _track(uuid: str, cuboids: dict[int, _Cuboid], times: list[float], origin: F
         times=np.array([times[index] for index in indices]),
         world_from_box=poses,
     )
-    moving = track.path_length() > MOVING_PATH_LENGTH
+    moving = track.compute_path_length() > MOVING_PATH_LENGTH
     return Track(track.id, track.label, track.dimensions, track.times, track.world_from_box, moving)

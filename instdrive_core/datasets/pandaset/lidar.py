@@ -11,7 +11,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import SweepPoints
 from instdrive_core.errors import DataError
-from instdrive_core.files.numpy_file import BAD_ARRAY, read_numbers
+from instdrive_core.files.numpy_file import BAD_ARRAY, read_number_array
 from instdrive_core.files.restricted_pickle import read_pickle
 
 logger = logging.getLogger(__name__)
@@ -20,25 +20,26 @@ FARTHEST = 1e9
 """Metres; no coordinate of a drive is larger."""
 
 
-def numbered_pickle(folder: Path, index: int) -> Path | None:
-    """``NN.pkl.gz`` or ``NN.pkl`` of a folder; None where there is neither."""
+def find_numbered_pickle(folder: Path, index: int) -> Path | None:
+    """Find ``NN.pkl.gz`` or ``NN.pkl`` in a folder; None where there is neither."""
     candidates = (folder / f"{index:02d}{suffix}" for suffix in (".pkl.gz", ".pkl"))
     return next((file for file in candidates if file.is_file()), None)
 
 
 def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"], start: float = 0.0) -> SweepPoints:
-    """The sweep of a time step relative to `origin`, with semantic classes and exact instances where the clip has them.
+    """Load the sweep of a time step relative to `origin`, with semantic classes and exact instances where the clip has
+    them.
 
     `start` is the moment that the clip counts its seconds from, as the sweep's column ``t`` counts.
 
     Raises DataError where a file is missing or damaged, or a value in it is not finite.
     """
-    file = numbered_pickle(root / "lidar", index)
+    file = find_numbered_pickle(root / "lidar", index)
     if file is None:
         raise DataError(root / "lidar", f"the sweep {index:02d} is missing", "Load the clip again")
     table = read_pickle(file)
-    columns = [_numeric_column(file, table, name) for name in ("x", "y", "z", "i")]
-    sensor = _bytes_of(file, table, "d") if "d" in table else np.zeros(len(columns[0]), np.uint8)
+    columns = [_read_numeric_column(file, table, name) for name in ("x", "y", "z", "i")]
+    sensor = _read_byte_column(file, table, "d") if "d" in table else np.zeros(len(columns[0]), np.uint8)
     if max(np.abs(column).max(initial=0) for column in columns[:3]) >= FARTHEST:
         raise DataError(file, f"a point lies farther than {FARTHEST:g} m", "Get the file again")
     points = np.stack(columns[:3], axis=1) - origin
@@ -48,11 +49,10 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"], start: flo
         sensor=sensor,
         classes=_load_classes(root, index, len(points)),
         instance_labels=_load_instance_labels(root, index, len(points)),
-        times=_numeric_column(file, table, "t") - start if "t" in table else None,
     )
 
 
-def _numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64[ndarray, " n"]:
+def _read_numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64[ndarray, " n"]:
     if name not in table:
         raise DataError(file, f"the column '{name}' is missing, found {', '.join(table)}", "Get the file again")
     if table[name].dtype.kind not in "fiu":
@@ -63,9 +63,9 @@ def _numeric_column(file: Path, table: dict[str, ndarray], name: str) -> Float64
     return column
 
 
-def _bytes_of(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray, " n"]:
-    """A column of small whole numbers: classes, or which LiDAR it was."""
-    column = _numeric_column(file, table, name)
+def _read_byte_column(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray, " n"]:
+    """Read a column of small whole numbers: classes, or which LiDAR it was."""
+    column = _read_numeric_column(file, table, name)
     wrong = np.flatnonzero((column < 0) | (column > 255) | (column != np.floor(column)))
     if len(wrong):
         problem = f"the column '{name}' holds {column[wrong[0]]:g} in row {wrong[0]}, not a whole number from 0 to 255"
@@ -74,11 +74,11 @@ def _bytes_of(file: Path, table: dict[str, ndarray], name: str) -> UInt8[ndarray
 
 
 def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | None:
-    """Semantic classes row by row; None where there are none, or as many as points only by chance (a known fault)."""
-    file = numbered_pickle(root / "annotations" / "semseg", index)
+    """Load semantic classes row by row; None where there are none, or not as many as points (a known fault)."""
+    file = find_numbered_pickle(root / "annotations" / "semseg", index)
     if file is None:
         return None
-    classes = _bytes_of(file, read_pickle(file), "class")
+    classes = _read_byte_column(file, read_pickle(file), "class")
     if len(classes) != count:
         logger.warning("%s: %d classes for %d points; going on without them", file, len(classes), count)
         return None
@@ -86,12 +86,12 @@ def _load_classes(root: Path, index: int, count: int) -> UInt8[ndarray, " n"] | 
 
 
 def _load_instance_labels(root: Path, index: int, count: int) -> UInt32[ndarray, " n"] | None:
-    """Exact instance per point, as synthetic clips have them."""
+    """Load the exact instance of each point, as synthetic clips have them."""
     file = root / "labels" / "lidar" / f"{index:02d}.npy"
     if not file.is_file():
         return None
     try:
-        labels = read_numbers(file, count)
+        labels = read_number_array(file, count)
     except BAD_ARRAY as error:
         raise DataError(file, f"is no readable array ({error})", "Write the synthetic clip again") from error
     if labels.shape != (count,) or labels.dtype.kind not in "iu":

@@ -14,8 +14,8 @@ CAMERAS = ("left", "front_left", "front", "front_right", "right", "back")
 ROWS = 4
 
 
-def contact_sheet(clip: Path, width: int = 480) -> Image.Image:
-    """Photos of `ROWS` time steps spread over the clip, each `width` pixels wide."""
+def build_clip_sheet(clip: Path, width: int = 480) -> Image.Image:
+    """Put together photos of `ROWS` time steps spread over the clip, each `width` pixels wide."""
     steps = sorted(path.stem for path in (clip / "camera" / "front_camera").glob("*.jpg"))
     chosen = [steps[round(row * (len(steps) - 1) / (ROWS - 1))] for row in range(ROWS)]
     rows = []
@@ -32,4 +32,4 @@ def contact_sheet(clip: Path, width: int = 480) -> Image.Image:
 
 if __name__ == "__main__":
     Path(sys.argv[2]).parent.mkdir(parents=True, exist_ok=True)
-    contact_sheet(Path(sys.argv[1])).save(sys.argv[2], quality=80)
+    build_clip_sheet(Path(sys.argv[1])).save(sys.argv[2], quality=80)

@@ -19,13 +19,13 @@ Pose = Float64[ndarray, "4 4"]
 
 
 def write_json(path: Path, content: object) -> None:
-    """JSON on one line."""
+    """Write JSON on one line."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content))
 
 
-def pose_record(pose: Pose) -> dict[str, dict[str, float]]:
-    """A pose as PandaSet writes it: position and quaternion wxyz."""
+def describe_pose(pose: Pose) -> dict[str, dict[str, float]]:
+    """Describe a pose as PandaSet does: position and quaternion wxyz."""
     quaternion = quaternion_from_matrix(pose[:3, :3])
     return {
         "position": dict(zip("xyz", map(float, pose[:3, 3]), strict=True)),
@@ -34,8 +34,8 @@ def pose_record(pose: Pose) -> dict[str, dict[str, float]]:
 
 
 def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None = None) -> None:
-    """A gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own strings,
-    no time of day in the gzip header."""
+    """Write a gzipped pickle of a plain DataFrame: numpy columns, column names as objects rather than pandas' own
+    strings, no time of day in the gzip header."""
     table = pd.DataFrame(columns)
     table.columns = pd.Index(list(columns), dtype=object)
     table.index.name = index_name
@@ -44,7 +44,7 @@ def write_table(path: Path, columns: dict[str, ndarray], index_name: str | None 
 
 
 def write_sweep(folder: Path, step: int, sweep: LidarSweep, world_from_street: Pose, time: float) -> None:
-    """``lidar/NN.pkl.gz`` and ``annotations/semseg/NN.pkl.gz``."""
+    """Write ``lidar/NN.pkl.gz`` and ``annotations/semseg/NN.pkl.gz``."""
     points = sweep.points @ world_from_street[:3, :3].T + world_from_street[:3, 3]
     count = len(points)
     columns = {
@@ -61,7 +61,7 @@ def write_sweep(folder: Path, step: int, sweep: LidarSweep, world_from_street: P
 
 
 def write_classes(folder: Path) -> None:
-    """``annotations/semseg/classes.json``."""
+    """Write ``annotations/semseg/classes.json``."""
     names = {str(k + 1): name for k, name in enumerate(CLASSES)}
     path = folder / "annotations" / "semseg" / "classes.json"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -69,38 +69,38 @@ def write_classes(folder: Path) -> None:
 
 
 def write_cuboids(folder: Path, step: int, street: Street, time: float) -> None:
-    """``annotations/cuboids/NN.pkl.gz``: one row per actor."""
+    """Write ``annotations/cuboids/NN.pkl.gz``, one row per actor."""
     turn = street.world_from_street()
     poses = np.stack([turn @ street.box_pose(actor, time) for actor in street.actors])
     dimensions = np.stack([actor.dimensions for actor in street.actors])
     actors = street.actors
     columns: dict[str, ndarray] = {
-        "uuid": _objects([str(actor.uuid) for actor in actors]),
-        "label": _objects([actor.label for actor in actors]),
+        "uuid": _build_object_column([str(actor.uuid) for actor in actors]),
+        "label": _build_object_column([actor.label for actor in actors]),
         "yaw": np.arctan2(poses[:, 1, 0], poses[:, 0, 0]),
         "stationary": np.array([actor.route.speed == 0 for actor in actors]),
         "camera_used": np.full(len(actors), -1, np.int64),
     }
     columns |= {f"position.{axis}": poses[:, k, 3].copy() for k, axis in enumerate("xyz")}
     columns |= {f"dimensions.{axis}": dimensions[:, k].copy() for k, axis in enumerate("xyz")}
-    columns |= _attributes(actors)
+    columns |= _build_attributes(actors)
     write_table(folder / "annotations" / "cuboids" / f"{step:02d}.pkl.gz", columns)
 
 
-def _attributes(actors: Sequence[Actor]) -> dict[str, ndarray]:
+def _build_attributes(actors: Sequence[Actor]) -> dict[str, ndarray]:
     """The columns behind the boxes, in PandaSet's order; NaN where an attribute does not apply."""
     people = [actor.behavior is not None for actor in actors]
     return {
-        "attributes.object_motion": _objects([actor.motion or np.nan for actor in actors]),
-        "cuboids.sibling_id": _objects(["-"] * len(actors)),
+        "attributes.object_motion": _build_object_column([actor.motion or np.nan for actor in actors]),
+        "cuboids.sibling_id": _build_object_column(["-"] * len(actors)),
         "cuboids.sensor_id": np.full(len(actors), -1, np.int64),
-        "attributes.rider_status": _objects([actor.rider or np.nan for actor in actors]),
-        "attributes.pedestrian_behavior": _objects([actor.behavior or np.nan for actor in actors]),
-        "attributes.pedestrian_age": _objects(["Adult" if person else np.nan for person in people]),
+        "attributes.rider_status": _build_object_column([actor.rider or np.nan for actor in actors]),
+        "attributes.pedestrian_behavior": _build_object_column([actor.behavior or np.nan for actor in actors]),
+        "attributes.pedestrian_age": _build_object_column(["Adult" if person else np.nan for person in people]),
     }
 
 
-def _objects(values: Sequence[object]) -> ndarray:
+def _build_object_column(values: Sequence[object]) -> ndarray:
     column = np.empty(len(values), object)
     column[:] = values
     return column

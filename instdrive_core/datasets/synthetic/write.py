@@ -18,7 +18,7 @@ from PIL import Image
 
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.pandaset_files import (
-    pose_record,
+    describe_pose,
     write_classes,
     write_cuboids,
     write_json,
@@ -59,45 +59,47 @@ def write_street(out: Path, config: StreetConfig, progress: Progress | None = No
     if progress is not None:
         progress(0, config.steps)
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        upcoming = pool.submit(_renderer, street, times[0])
+        upcoming = pool.submit(_build_renderer, street, times[0])
         for step, time in enumerate(times):
             renderer = upcoming.result()
             if step + 1 < config.steps:  # built beside the photos of this step
-                upcoming = pool.submit(_renderer, street, times[step + 1])
+                upcoming = pool.submit(_build_renderer, street, times[step + 1])
             _write_step(out, street, config, step, time, renderer, pool)
             if progress is not None:
                 progress(step + 1, config.steps)
 
 
-def ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
-    """street_from_ego: the recording car's frame (x right, y forward, z up)."""
+def compute_ego_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
+    """Compute street_from_ego, the pose of the recording car (x right, y forward, z up)."""
     pose = street.ego.pose(time, street.height)
     pose[2, 3] += EGO_HEIGHT
     return pose
 
 
-def lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
-    """street_from_lidar."""
+def compute_lidar_pose(street: Street, time: float) -> Float64[ndarray, "4 4"]:
+    """Compute street_from_lidar, the pose of the LiDAR."""
     mount = np.eye(4)
     mount[:3, 3] = LIDAR_POSITION
-    return ego_pose(street, time) @ mount
+    return compute_ego_pose(street, time) @ mount
 
 
 def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list[float]) -> None:
-    """Everything that is no picture, point or box."""
+    """Write everything that is no picture, point or box."""
     world = street.world_from_street()
     stamps = [START_TIME + time for time in times]
     for camera in CAMERAS:
         folder = out / "camera" / camera.name
-        posed = [camera.posed(world @ ego_pose(street, time), config.width, config.height) for time in times]
-        write_json(folder / "poses.json", [pose_record(view.world_from_camera) for view in posed])
+        posed = [camera.place(world @ compute_ego_pose(street, time), config.width, config.height) for time in times]
+        write_json(folder / "poses.json", [describe_pose(view.world_from_camera) for view in posed])
         write_json(folder / "timestamps.json", stamps)
         intrinsics = {name: float(getattr(posed[0], name)) for name in ("fx", "fy", "cx", "cy")}
         write_json(folder / "intrinsics.json", intrinsics)
-    write_json(out / "lidar" / "poses.json", [pose_record(world @ lidar_pose(street, time)) for time in times])
+    write_json(
+        out / "lidar" / "poses.json", [describe_pose(world @ compute_lidar_pose(street, time)) for time in times]
+    )
     write_json(out / "lidar" / "timestamps.json", stamps)
     write_json(out / "meta" / "timestamps.json", stamps)
-    write_json(out / "meta" / "gps.json", [_gps(street, world, time) for time in times])
+    write_json(out / "meta" / "gps.json", [_compute_gps(street, world, time) for time in times])
     write_classes(out)
     instances = {
         str(item.id): {"class": item.label, "kind": item.kind, "moving": item.moving, "uuid": item.uuid}
@@ -106,9 +108,9 @@ def _write_metadata(out: Path, street: Street, config: StreetConfig, times: list
     write_json(out / "labels" / "instances.json", instances)
 
 
-def _gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[str, float]:
+def _compute_gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[str, float]:
     """Position and speed over ground, the world's x to the east and y to the north."""
-    pose = world @ ego_pose(street, time)
+    pose = world @ compute_ego_pose(street, time)
     velocity = street.ego.speed * pose[:3, 1]
     return {
         "lat": _LATITUDE + float(pose[1, 3]) / _METRES_PER_DEGREE,
@@ -119,7 +121,7 @@ def _gps(street: Street, world: Float64[ndarray, "4 4"], time: float) -> dict[st
     }
 
 
-def _renderer(street: Street, time: float) -> StepRenderer:
+def _build_renderer(street: Street, time: float) -> StepRenderer:
     return StepRenderer(street.geometry(time), street.materials, street.light)
 
 
@@ -142,14 +144,14 @@ def _write_step(
 def _write_photo(
     out: Path, street: Street, config: StreetConfig, camera: RigCamera, step: int, time: float, renderer: StepRenderer
 ) -> None:
-    photo = renderer.photograph(camera.posed(ego_pose(street, time), config.width, config.height))
-    _save(Image.fromarray(photo.image), out / "camera" / camera.name / f"{step:02d}.jpg")
-    _save(Image.fromarray(photo.labels), out / "labels" / camera.name / f"{step:02d}.png")
+    photo = renderer.photograph(camera.place(compute_ego_pose(street, time), config.width, config.height))
+    _save_image(Image.fromarray(photo.image), out / "camera" / camera.name / f"{step:02d}.jpg")
+    _save_image(Image.fromarray(photo.labels), out / "labels" / camera.name / f"{step:02d}.png")
     sky = np.where(photo.labels == 0, 255, 0).astype(np.uint8)
-    _save(Image.fromarray(sky), out / "labels" / "sky" / camera.name / f"{step:02d}.png")
+    _save_image(Image.fromarray(sky), out / "labels" / "sky" / camera.name / f"{step:02d}.png")
 
 
-def _save(image: Image.Image, path: Path) -> None:
+def _save_image(image: Image.Image, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".jpg":
         image.save(path, quality=JPEG_QUALITY, subsampling=0)
@@ -160,9 +162,9 @@ def _save(image: Image.Image, path: Path) -> None:
 def _write_lidar(
     out: Path, street: Street, config: StreetConfig, step: int, time: float, renderer: StepRenderer
 ) -> None:
-    rng = np.random.default_rng([config.seed, step])
+    rng = np.random.default_rng([config.seed, step])  # bare, so that a seed's street stays: see `maths.streams`
     sweep = cast_sweep(
-        renderer.rays, renderer.geometry, street.materials, street.semantics(), lidar_pose(street, time),
+        renderer.rays, renderer.geometry, street.materials, street.semantics(), compute_lidar_pose(street, time),
         config.lidar_azimuths, rng,
     )  # fmt: skip
     write_sweep(out, step, sweep, street.world_from_street(), START_TIME + time)

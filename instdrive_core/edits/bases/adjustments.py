@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.parameters import checked_number
+from instdrive_core.edits.bases.parameters import check_number
 from instdrive_core.errors import EditError
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])
@@ -39,18 +39,18 @@ RANGES: dict[AdjustKind, Range] = {
 """Hue in degrees; temperature from cool to warm; the others are factors."""
 
 
-def checked_adjustment(kind: AdjustKind, amount: float) -> float:
+def check_adjustment(kind: AdjustKind, amount: float) -> float:
     """The amount as a float. Raises EditError where there is no such adjustment, or its range has no such amount."""
     if kind not in get_args(AdjustKind):
         raise EditError(f"adjustment {kind!r} is not one of {', '.join(get_args(AdjustKind))}")
-    amount = checked_number(amount, "amount")
+    amount = check_number(amount, "amount")
     low, high, _ = RANGES[kind]
     if not low <= amount <= high:
         raise EditError(f"{kind} {amount:g} is not from {low:g} to {high:g}")
     return amount
 
 
-def adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Float64[ndarray, "3 4"]:
+def compute_adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Float64[ndarray, "3 4"]:
     """[M | c] with colour' = M colour + c; the identity for `opacity`.
 
     Hue and saturation keep the luma of every colour, so light and shade stay; temperature keeps that of greys; contrast
@@ -58,7 +58,7 @@ def adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Fl
     """
     matrix = np.eye(3, 4)
     if kind == "hue":
-        matrix[:, :3] = hue_rotation(amount)
+        matrix[:, :3] = compute_hue_rotation(amount)
     elif kind == "saturation":
         gray = np.tile(LUMA, (3, 1))
         matrix[:, :3] = gray + amount * (np.eye(3) - gray)
@@ -71,12 +71,12 @@ def adjustment(kind: AdjustKind, amount: float, mean: Float[ndarray, "3"]) -> Fl
     return matrix
 
 
-def hue_rotation(degrees: float) -> Float64[ndarray, "3 3"]:
+def compute_hue_rotation(degrees: float) -> Float64[ndarray, "3 3"]:
     """Rotation of hue that leaves greys and every colour's luma as they are; red turns towards green."""
-    return hue_rotations(np.array([degrees], np.float64))[0]
+    return compute_hue_rotations(np.array([degrees], np.float64))[0]
 
 
-def hue_rotations(degrees: Float64[ndarray, " k"]) -> Float64[ndarray, "k 3 3"]:
+def compute_hue_rotations(degrees: Float64[ndarray, " k"]) -> Float64[ndarray, "k 3 3"]:
     """The rotations of k hues.
 
     With L the projection to grey along the plane of equal luma and J the cross product with the unit grey axis,
@@ -89,12 +89,12 @@ def hue_rotations(degrees: Float64[ndarray, " k"]) -> Float64[ndarray, "k 3 3"]:
     return gray + np.cos(angles) * rest + np.sin(angles) * (rest @ cross)
 
 
-def hue_of(color: Sequence[float] | Float[ndarray, "3"]) -> float:
-    """Hue in degrees, as `hue_rotation` turns it: 0 = red, 120 = green; 0 for greys."""
-    return float(hues_of(np.array([color], np.float64))[0])
+def compute_hue(color: Sequence[float] | Float[ndarray, "3"]) -> float:
+    """Hue in degrees, as `compute_hue_rotation` turns it: 0 = red, 120 = green; 0 for greys."""
+    return float(compute_hues(np.array([color], np.float64))[0])
 
 
-def hues_of(colors: Float64[ndarray, "k 3"]) -> Float64[ndarray, " k"]:
+def compute_hues(colors: Float64[ndarray, "k 3"]) -> Float64[ndarray, " k"]:
     """The hues of k colours."""
     red, green, blue = colors.T
     return np.rad2deg(np.arctan2(np.sqrt(3) * (green - blue), 2 * red - green - blue))

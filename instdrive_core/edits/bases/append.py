@@ -1,4 +1,4 @@
-"""The common ground of edits that add splats: rows at the end, which undo takes away again."""
+"""The base class of edits that add splats: rows at the end, which undo takes away again."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy import ndarray
 from instdrive_core.edits.bases.relabel import add_entries, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.document.entries import changed_entries
+from instdrive_core.edits.document.entries import add_changed_entries
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import moved
+from instdrive_core.scene.transforms import move_entry
 
 MAX_NODES = 1 << 16
 """Nodes are named with 16 bits."""
@@ -31,13 +31,13 @@ class Addition:
     scene: Scene
     """Rows with final instance IDs and nodes; SH and feature columns as the document's. Its tracks do not count."""
     colors: UInt16[ndarray, " n"]
-    """Entries of the document's colour palette."""
+    """Entry of the document's colour palette for each row."""
     transforms: UInt16[ndarray, " n"]
-    """Entries of the document's transform palette before the shift."""
+    """Entry of the document's transform palette for each row, before the shift."""
     entries: tuple[Instance, ...]
-    """Of the new instances; counted when they are added."""
+    """Table entries of the new instances; counted when they are added."""
     tracks: tuple[Track, ...] = ()
-    """Of new nodes, numbered after those that there are."""
+    """Tracks of the new nodes, which are numbered after the existing ones."""
 
 
 @dataclass
@@ -51,8 +51,8 @@ class AppendEdit(Edit):
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
 
     @abstractmethod
-    def addition(self, document: Document) -> Addition:
-        """What is added, not shifted yet. Raises EditError where the edit does not fit."""
+    def build_addition(self, document: Document) -> Addition:
+        """What this edit adds, not shifted yet. Raises EditError where the edit does not fit the document."""
 
     @property
     @abstractmethod
@@ -61,13 +61,13 @@ class AppendEdit(Edit):
 
     def do(self, document: Document) -> bool:
         """Append rows, tracks and entries of the table."""
-        added = self.addition(document)
+        added = self.build_addition(document)
         if len(document.scene.actors) + len(added.tracks) >= MAX_NODES:
             raise EditError(f"a scene has at most {MAX_NODES - 1} moving objects")
         rows = len(document.scene) + np.arange(len(added.scene))
         self._count, self._actors_before = len(rows), document.scene.actors
         self._size_before, self._free_before = len(document.transforms), document.first_free_id
-        document.set_actors((*document.scene.actors, *(_shifted(track, self.shift) for track in added.tracks)))
+        document.set_actors((*document.scene.actors, *(_shift_track(track, self.shift) for track in added.tracks)))
         document.append_rows(added.scene)
         document.colors.assign(rows, added.colors)
         document.transforms.assign(rows, added.transforms)
@@ -87,9 +87,9 @@ class AppendEdit(Edit):
         document.first_free_id = self._free_before
 
     def _shift_rows(self, document: Document, rows: ndarray) -> None:
-        change = moved(np.c_[np.eye(3), np.array(self.shift)])
+        change = move_entry(np.c_[np.eye(3), np.array(self.shift)])
         try:
-            entries = changed_entries(document.transforms, [(RowParts.whole(rows), change)])
+            entries = add_changed_entries(document.transforms, [(RowParts.whole(rows), change)])
         except EditError:
             self._entries = ()
             self.undo(document)
@@ -97,8 +97,8 @@ class AppendEdit(Edit):
         document.transforms.assign(rows, entries)
 
 
-def unique_track_id(wanted: str, taken: set[str]) -> str:
-    """`wanted`, or with a number where another track is called so."""
+def make_unique_track_id(wanted: str, taken: set[str]) -> str:
+    """`wanted`, or `wanted` and a number where another track has that ID."""
     name, number = wanted, 1
     while name in taken:
         number += 1
@@ -106,7 +106,7 @@ def unique_track_id(wanted: str, taken: set[str]) -> str:
     return name
 
 
-def _shifted(track: Track, shift: tuple[float, float, float]) -> Track:
+def _shift_track(track: Track, shift: tuple[float, float, float]) -> Track:
     poses = track.world_from_box.copy()
     poses[:, :3, 3] += shift
     return replace(track, world_from_box=poses)

@@ -1,4 +1,4 @@
-"""What of instances may be edited: neither what is deleted nor what is locked."""
+"""Splats of instances that may be edited: neither deleted nor locked."""
 
 from __future__ import annotations
 
@@ -8,44 +8,44 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
-from instdrive_core.edits.document.row_kernels import free_rows
+from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.edits.document.row_kernels import keep_free_rows
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
 
 
-def editable(document: Document, ids: tuple[int, ...]) -> ndarray:
+def find_editable_rows(document: Document, ids: tuple[int, ...]) -> ndarray:
     """Rows of the instances that are neither deleted nor locked. Raises EditError where none is left."""
-    rows = document.rows_of(ids)
+    rows = document.find_rows(ids)
     flags = document.state.flags[rows]
     free = rows[(flags & (Flag.DELETED | Flag.LOCKED)) == 0]
     if not len(free):
-        raise _not_editable(ids, bool(((flags & Flag.LOCKED) != 0).any()))
+        raise _not_editable_error(ids, bool(((flags & Flag.LOCKED) != 0).any()))
     return free
 
 
-def editable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
-    """The same for each of the instances. Raises EditError where one has none left."""
-    parts, flags = document.row_parts(ids), document.state.flags
-    free = RowParts(*free_rows(parts.rows, parts.bounds, flags, np.uint8(Flag.DELETED | Flag.LOCKED)))
+def find_editable_parts(document: Document, ids: tuple[int, ...]) -> RowParts:
+    """Rows of each instance that are neither deleted nor locked. Raises EditError where an instance has none."""
+    parts, flags = document.find_row_parts(ids), document.state.flags
+    free = RowParts(*keep_free_rows(parts.rows, parts.bounds, flags, np.uint8(Flag.DELETED | Flag.LOCKED)))
     none_left = np.flatnonzero(free.sizes == 0)
     if len(none_left):
         first = int(none_left[0])
         rows = parts.rows[parts.bounds[first] : parts.bounds[first + 1]]
-        raise _not_editable(ids[first : first + 1], bool(((flags[rows] & Flag.LOCKED) != 0).any()))
+        raise _not_editable_error(ids[first : first + 1], bool(((flags[rows] & Flag.LOCKED) != 0).any()))
     return free
 
 
-def _not_editable(ids: tuple[int, ...], locked: bool) -> EditError:
+def _not_editable_error(ids: tuple[int, ...], locked: bool) -> EditError:
     reason = "locked; unlock it first" if locked else "deleted already"
-    return EditError(f"{ids_in_words(ids)}: every splat is {reason}")
+    return EditError(f"{describe_ids(ids)}: every splat is {reason}")
 
 
 def check_unlocked(document: Document, ids: Iterable[int]) -> None:
-    """Raises EditError where any of these instances is locked: its name, class and splats are not to change."""
+    """Raise EditError where any of these instances is locked: its name, class and splats must not change."""
     wanted = tuple(ids)
-    parts = document.row_parts(wanted)
+    parts = document.find_row_parts(wanted)
     states = document.state.flags[parts.rows] & np.uint8(Flag.DELETED | Flag.LOCKED)
     locked = np.flatnonzero(states == Flag.LOCKED)
     if len(locked):

@@ -1,4 +1,4 @@
-"""The common ground of all edits that only set or clear state bits."""
+"""The base class of edits that only set or clear state bits."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class FlagEdit(Edit):
     _done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
 
     @abstractmethod
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """The changes in order, each seeing those before it. Raises EditError before the first one."""
 
     def do(self, document: Document) -> bool:
         """Apply the changes; keeps the rows that really changed."""
         done = []
-        for rows, flag, on in self.changes(document):
+        for rows, flag, on in self.plan_changes(document):
             changed = document.state.change(rows, flag, on)
             if len(changed):
                 done.append(FlagChange(changed.astype(np.int32), flag, on))
@@ -49,6 +49,6 @@ class FlagEdit(Edit):
             document.state.change(rows, flag, not on)
 
 
-def selectable(state: SplatState, rows: ndarray) -> ndarray:
-    """Those of `rows` that are not hidden, locked or deleted."""
+def keep_selectable(state: SplatState, rows: ndarray) -> ndarray:
+    """Keep the rows that can be selected: neither hidden, locked nor deleted."""
     return rows[(state.flags[rows] & (Flag.HIDDEN | Flag.LOCKED | Flag.DELETED)) == 0]

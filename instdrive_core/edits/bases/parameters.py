@@ -1,4 +1,4 @@
-"""Checks of edits' parameters: edits are read from files, so a parameter may be anything that JSON can hold."""
+"""Checks of edits' parameters. Edits are read from files, so a parameter may be anything that JSON can hold."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def is_number(value: object) -> TypeGuard[float]:
     return bool(abs(value) <= sys.float_info.max)
 
 
-def checked_ids(ids: Iterable[int]) -> tuple[int, ...]:
+def check_ids(ids: Iterable[int]) -> tuple[int, ...]:
     """Instance IDs as a rising tuple without repeats. Raises EditError where one is no positive whole number."""
     unique = set()
     for instance_id in ids:
@@ -35,28 +35,28 @@ def checked_ids(ids: Iterable[int]) -> tuple[int, ...]:
     return tuple(sorted(unique))
 
 
-def checked_switch(value: bool, what: str) -> bool:
-    """The same value. Raises EditError where it is not true or false."""
+def check_switch(value: bool, what: str) -> bool:
+    """Return a switch as it is. Raises EditError where it is not true or false."""
     if not isinstance(value, bool):
         raise EditError(f"{what} is {value!r}, not true or false")
     return value
 
 
-def checked_number(value: float, what: str) -> float:
+def check_number(value: float, what: str) -> float:
     """The value as a float. Raises EditError unless it is a finite number."""
     if not is_number(value):
         raise EditError(f"{what} {value!r} is not a finite number")
     return float(value)
 
 
-def checked_numbers(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
+def check_number_list(values: Sequence[float], what: str, length: int) -> tuple[float, ...]:
     """The values as floats. Raises EditError unless they are `length` finite numbers."""
     if isinstance(values, str) or len(values) != length or not all(is_number(value) for value in values):
         raise EditError(f"{what} {values!r} is not {length} finite numbers")
     return tuple(float(value) for value in values)
 
 
-def checked_vector(values: Sequence[float], what: str) -> Vector:
+def check_vector(values: Sequence[float], what: str) -> Vector:
     """Three floats. Raises EditError unless they are finite numbers."""
-    x, y, z = checked_numbers(values, what, 3)
+    x, y, z = check_number_list(values, what, 3)
     return x, y, z

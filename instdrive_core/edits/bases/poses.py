@@ -1,4 +1,4 @@
-"""The common ground of all edits of where things are: entries of the transform palette, and tracks."""
+"""The base class of edits that move things: entries of the transform palette, and tracks."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Int, UInt16
 from numpy import ndarray
 
-from instdrive_core.edits.bases.late_bounds import MANY, LateBounds
-from instdrive_core.edits.bases.relabel import recount, restore_entries
+from instdrive_core.edits.bases.deferred_bounds import MANY, DeferredBounds
+from instdrive_core.edits.bases.relabel import recount_instances, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.instances.table import Instance
@@ -20,16 +20,16 @@ from instdrive_core.scene.transforms import Similarity
 
 @dataclass
 class PoseEdit(Edit):
-    """Subclasses say which rows name which entries, and which tracks there are; this class does and undoes it."""
+    """An edit of positions: subclasses say which rows name which entries, and which tracks there are."""
 
     _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
     _size_before: int = field(default=1, init=False, repr=False, compare=False)
     _table_before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _late: LateBounds | None = field(default=None, init=False, repr=False, compare=False)
+    _deferred_bounds: DeferredBounds | None = field(default=None, init=False, repr=False, compare=False)
     _tracks_before: dict[int, Track] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def put(
+    def assign_poses(
         self,
         document: Document,
         rows: Int[ndarray, " m"],
@@ -39,7 +39,7 @@ class PoseEdit(Edit):
         size_before: int,
         matrix: Similarity | None = None,
     ) -> None:
-        """Point rows at entries, replace tracks by node, and bound the instances `touched` by it again.
+        """Point rows at entries, replace tracks by node, and compute the bounds of the `touched` instances again.
 
         `size_before` is the palette's number of entries before this edit added any. Where bounds can wait, those of
         very many instances stay as they are for now; `matrix` is what moves them, where it is the same for all.
@@ -50,11 +50,11 @@ class PoseEdit(Edit):
         self._tracks_before = {node: scene.actors[node - 1] for node in tracks}
         self._before = document.transforms.assign(self._rows, entries)
         document.replace_tracks(tracks)
-        self._late = LateBounds(touched, matrix) if len(touched) > MANY else None
-        if self._late is None or not document.put_off(self, self._late):
-            self._late = None
-            recount(document, touched)
-            document.instances_changed(ids_changed=False)
+        self._deferred_bounds = DeferredBounds(touched, matrix) if len(touched) > MANY else None
+        if self._deferred_bounds is None or not document.defer(self, self._deferred_bounds):
+            self._deferred_bounds = None
+            recount_instances(document, touched)
+            document.note_instances_changed(ids_changed=False)
 
     def undo(self, document: Document) -> None:
         """Point the rows back, drop the entries this edit added, restore tracks and bounds."""
@@ -63,7 +63,7 @@ class PoseEdit(Edit):
         document.transforms.assign(self._rows, self._before)
         document.transforms.truncate(self._size_before)
         document.replace_tracks(self._tracks_before)
-        document.leave_off()
-        if self._late is None or self._late.begun:
+        document.drop_deferred()
+        if self._deferred_bounds is None or self._deferred_bounds.begun:
             restore_entries(document, self._table_before)
-            document.instances_changed(ids_changed=False)
+            document.note_instances_changed(ids_changed=False)

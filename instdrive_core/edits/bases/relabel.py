@@ -1,29 +1,27 @@
-"""Changing which instance splats belong to, and what instances are called: the sole writer of `Scene.instance_ids`."""
+"""Changes of the instance each splat belongs to, and of the table of instances."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.bases.editable import check_unlocked
-from instdrive_core.edits.bases.parameters import checked_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import Edit, ids_in_words
-from instdrive_core.edits.queries.part_bounds import bounds_of_parts, main_nodes_of_parts
+from instdrive_core.edits.document.edit import Edit
+from instdrive_core.edits.queries.part_bounds import compute_part_bounds, find_main_nodes_of_parts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.colormap import ID_LIMIT
-from instdrive_core.instances.table import Instance, default_name
+from instdrive_core.instances.table import Instance, make_default_name
 
 MAX_NAME_LENGTH = 200
 
 
 class Relabeling(NamedTuple):
-    """Give some rows to an instance, of the table or new to it; None = to no instance."""
+    """Rows and the instance they go to, which may be new to the table; None = no instance."""
 
     rows: ndarray
     target: Instance | None
@@ -39,12 +37,12 @@ class RelabelEdit(Edit):
     _free_before: int = field(default=1, init=False, repr=False, compare=False)
 
     @abstractmethod
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """Which rows go where; no row twice. Raises EditError where the edit does not fit."""
 
     def do(self, document: Document) -> bool:
         """Write the IDs and count the instances that gained or lost rows again; the emptied ones leave the table."""
-        parts = [part for part in self.relabelings(document) if len(part.rows)]
+        parts = [part for part in self.plan_relabelings(document) if len(part.rows)]
         rows = np.concatenate([np.zeros(0, np.int64), *(part.rows for part in parts)])
         ids = np.repeat([part.target.id if part.target else 0 for part in parts], [len(part.rows) for part in parts])
         changed = document.scene.instance_ids[rows] != ids
@@ -56,38 +54,44 @@ class RelabelEdit(Edit):
         table = document.scene.table
         self._table_before = {number: table.instances.get(number) for number in touched}
         self._free_before = document.first_free_id
-        document.scene.instance_ids[self._rows] = ids[changed]
+        assign_instances(document, self._rows, ids[changed])
         document.first_free_id = max(document.first_free_id, max(targets, default=0) + 1)
-        document.instances_changed(ids_changed=True)
         for number in touched:
             entry = self._table_before[number] or targets.get(number)
             if entry is not None:
                 table.set(entry)
-        recount(document, touched)
+        recount_instances(document, touched)
         return True
 
     def undo(self, document: Document) -> None:
         """Write the old IDs back and restore the table's entries."""
-        document.scene.instance_ids[self._rows] = self._ids_before
+        assert self._rows is not None
+        assert self._ids_before is not None
+        assign_instances(document, self._rows, self._ids_before)
         restore_entries(document, self._table_before)
         document.first_free_id = self._free_before
-        document.instances_changed(ids_changed=True)
 
 
-def recount(document: Document, ids: Iterable[int]) -> None:
-    """Count and bound instances of the table again, and find their nodes; those without rows leave it."""
+def assign_instances(document: Document, rows: ndarray, ids: ndarray | int) -> None:
+    """Write the instance IDs of rows (0 = none): the sole writer. The table is left to the caller."""
+    document.scene.instance_ids[rows] = ids
+    document.note_instances_changed(ids_changed=True)
+
+
+def recount_instances(document: Document, ids: Iterable[int]) -> None:
+    """Compute counts, bounds and nodes of instances in the table again; those without rows leave the table."""
     table = document.scene.table
     known = [instance_id for instance_id in ids if instance_id in table]
-    parts = document.row_parts(known)
+    parts = document.find_row_parts(known)
     for place in np.flatnonzero(parts.sizes == 0).tolist():
         del table.instances[known[place]]
-    left = parts.without_empty()
+    left = parts.drop_empty()
     known = [instance_id for instance_id in known if instance_id in table]
-    nodes = main_nodes_of_parts(document, left)
+    nodes = find_main_nodes_of_parts(document, left)
     counted = left
     if document.scene.actors:
-        counted = left.where(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
-    bounds = bounds_of_parts(document, counted).tolist()
+        counted = left.filter(document.scene.nodes[left.rows] == np.repeat(nodes, left.sizes))
+    bounds = compute_part_bounds(document, counted).tolist()
     facts = zip(known, nodes.tolist(), left.sizes.tolist(), bounds, strict=True)
     for instance_id, node, count, (low, high) in facts:
         entry = table[instance_id]
@@ -101,8 +105,8 @@ def add_entries(document: Document, entries: Iterable[Instance]) -> None:
     for entry in entries:
         document.scene.table.set(entry)
     document.first_free_id = max(document.first_free_id, max((entry.id for entry in entries), default=0) + 1)
-    document.instances_changed(ids_changed=True)
-    recount(document, [entry.id for entry in entries])
+    document.note_instances_changed(ids_changed=True)
+    recount_instances(document, [entry.id for entry in entries])
 
 
 def restore_entries(document: Document, entries: dict[int, Instance | None]) -> None:
@@ -114,8 +118,8 @@ def restore_entries(document: Document, entries: dict[int, Instance | None]) -> 
             document.scene.table.instances.pop(instance_id, None)
 
 
-def new_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
-    """Entries with IDs that were never used, each with node, codeword, class and a name after another's (or nothing).
+def create_instances(document: Document, like: Iterable[Instance | None]) -> list[Instance]:
+    """New entries with IDs that were never used; each takes node, codeword, class and name from an entry, or from None.
 
     Raises EditError where no 24-bit ID is left.
     """
@@ -123,8 +127,8 @@ def new_instances(document: Document, like: Iterable[Instance | None]) -> list[I
     for number, source in enumerate(like, start=document.first_free_id):
         if number >= ID_LIMIT:
             raise EditError(f"no instance ID below {ID_LIMIT} is free; export the scene to number its instances afresh")
-        if source is None or source.name == default_name(source.id):
-            name = default_name(number)
+        if source is None or source.name == make_default_name(source.id):
+            name = make_default_name(number)
         else:
             name = f"{source.name[: MAX_NAME_LENGTH - 12]} ({number})"
         blank = Instance(number, name)
@@ -134,115 +138,14 @@ def new_instances(document: Document, like: Iterable[Instance | None]) -> list[I
     return entries
 
 
-@dataclass
-class RenameInstance(Edit):
-    """Give an instance another name."""
-
-    kind: ClassVar[str] = "rename_instance"
-    id: int
-    name: str
-    _before: Instance | None = field(default=None, init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        checked_ids((self.id,))
-        self.name = checked_text(self.name, "name")
-        if not self.name:
-            raise EditError(f"instance {self.id} needs a name of at least one character")
-
-    @property
-    def title(self) -> str:
-        """``Rename instance 17 to taxi``."""
-        return f"Rename instance {self.id} to {self.name}"
-
-    def do(self, document: Document) -> bool:
-        """Replace the table's entry. Raises EditError where the instance is locked."""
-        self._before = known_instance(document, self.id)
-        check_unlocked(document, (self.id,))
-        return _replaced(document, self._before, replace(self._before, name=self.name))
-
-    def undo(self, document: Document) -> None:
-        """Put the old entry back."""
-        assert self._before is not None
-        _replaced(document, document.scene.table[self.id], self._before)
-
-
-@dataclass
-class MergeInstances(Edit):
-    """Give all splats of some instances to one; the IDs given up are never used again."""
-
-    kind: ClassVar[str] = "merge_instances"
-    ids: tuple[int, ...]
-    into: int
-    _rows: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _ids_before: ndarray | None = field(default=None, init=False, repr=False, compare=False)
-    _table_before: tuple[Instance, ...] = field(default=(), init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        checked_ids((self.into,))
-
-    @property
-    def title(self) -> str:
-        """``Merge 2 instances into instance 17``."""
-        return f"Merge {ids_in_words(self.ids)} into instance {self.into}"
-
-    def do(self, document: Document) -> bool:
-        """Write the IDs and join the table's entries."""
-        others = [known_instance(document, instance_id) for instance_id in self.ids if instance_id != self.into]
-        target = known_instance(document, self.into)
-        strangers = [instance for instance in others if instance.node != target.node]
-        if strangers:
-            raise EditError(
-                f"instance {strangers[0].id} moves with another object than instance {target.id}; "
-                "only instances of the same track, or two of the background, can be merged"
-            )
-        if not others:
-            return False
-        check_unlocked(document, (self.into, *(instance.id for instance in others)))
-        rows = document.rows_of([instance.id for instance in others])
-        self._rows, self._ids_before = rows.astype(np.int32), document.scene.instance_ids[rows]
-        self._table_before = (target, *others)
-        document.scene.instance_ids[rows] = self.into
-        for instance in others:
-            del document.scene.table.instances[instance.id]
-        document.scene.table.set(_joined(target, others))
-        document.instances_changed(ids_changed=True)
-        return True
-
-    def undo(self, document: Document) -> None:
-        """Write the old IDs back and restore the table's entries."""
-        document.scene.instance_ids[self._rows] = self._ids_before
-        for instance in self._table_before:
-            document.scene.table.set(instance)
-        document.instances_changed(ids_changed=True)
-
-
-def known_instance(document: Document, instance_id: int) -> Instance:
-    """The table's entry. Raises EditError where there is none."""
+def get_instance(document: Document, instance_id: int) -> Instance:
+    """The table's entry of an instance. Raises EditError where there is none."""
     if instance_id not in document.scene.table:
         raise EditError(f"the scene has no instance {instance_id}")
     return document.scene.table[instance_id]
 
 
-def _replaced(document: Document, before: Instance, after: Instance) -> bool:
-    if before == after:
-        return False
-    document.scene.table.set(after)
-    document.instances_changed(ids_changed=False)
-    return True
-
-
-def _joined(target: Instance, others: list[Instance]) -> Instance:
-    parts = [instance for instance in (target, *others) if instance.count]
-    if not parts:
-        return target
-    low = np.min([instance.bounds[0] for instance in parts], axis=0)
-    high = np.max([instance.bounds[1] for instance in parts], axis=0)
-    bounds = (tuple(low.tolist()), tuple(high.tolist()))
-    return replace(target, count=sum(instance.count for instance in parts), bounds=bounds)
-
-
-def checked_text(text: str, what: str) -> str:
+def check_text(text: str, what: str) -> str:
     """The text without blanks around it. Raises EditError where it is no printable line of reasonable length."""
     if not isinstance(text, str) or len(text) > MAX_NAME_LENGTH or not (text.isprintable()):
         raise EditError(f"{what} {text!r} is not a line of printable text of at most {MAX_NAME_LENGTH} characters")

@@ -14,16 +14,19 @@ from numpy import ndarray
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.edits.document.history import History
 from instdrive_core.edits.document.row_index import RowIndex
-from instdrive_core.edits.document.row_kernels import counted_flags
+from instdrive_core.edits.document.row_kernels import count_flags
 from instdrive_core.edits.document.row_parts import RowParts
+from instdrive_core.edits.document.versions import DocumentVersions
 from instdrive_core.errors import EditError
+from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.dirty_rows import DirtyRows
 from instdrive_core.scene.palette import ColorPalette
 from instdrive_core.scene.row_buffers import RowBuffers
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag, SplatState
+from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import Similarity, TransformPalette, current_means
+from instdrive_core.scene.transforms import Similarity, TransformPalette, compute_current_means
 
 
 @dataclass(frozen=True)
@@ -41,12 +44,12 @@ class InstanceSummary:
 
     @property
     def is_deleted(self) -> bool:
-        """Nothing is left."""
+        """Every splat is deleted."""
         return self.deleted == self.count
 
     @property
     def is_hidden(self) -> bool:
-        """Something is left, and none of it is drawn."""
+        """Splats are left, and none of them is drawn."""
         return not self.is_deleted and self.drawn == 0
 
     @property
@@ -68,12 +71,12 @@ class InstanceCounts:
     drawn: Int64[ndarray, " m"]
 
 
-class Rest(ABC):
-    """What an edit leaves to `Document.catch_up`."""
+class DeferredWork(ABC):
+    """Work that an edit leaves to `Document.run_deferred`."""
 
     @abstractmethod
     def do(self, document: Document, rows: int | None) -> bool:
-        """Look at about so many rows, None = all of them; returns whether all is done."""
+        """Do the work for about so many rows, None = all of it; returns whether all is done."""
 
 
 class Document:
@@ -88,35 +91,38 @@ class Document:
         self.colors = ColorPalette(len(scene))
         self.transforms = TransformPalette(len(scene))
         self.history = History()
-        self.table_version = 0
-        """Rises when the instance table or the instance IDs change."""
         self.open_scene: Callable[[Path], Scene] | None = None
-        """How edits that insert files open them; whoever knows formats says so."""
+        """Opens the files that edits insert; set by whoever knows formats."""
         self._buffers = RowBuffers()
-        self.track_version = 0
-        """Rises when an actor's track changes."""
         self.orientation: Similarity = np.eye(3, 4)
-        """From the file's axes to the world's: what turned the whole scene. Written by `edits/turn_scene.py`."""
-        self.rows_version = 0
-        """Rises when splats are added, or taken away again by undo."""
+        """From the file's axes to the world's: what turned the whole scene. Written by `replace_surroundings`."""
+        self._rows_version = self._track_version = self._table_version = self._surroundings_version = 0
         self.new_rows = DirtyRows(len(scene))
-        """Tells whoever holds stored parameters per splat which rows were not there before, or were others."""
-        self.first_free_id = _first_free_id(scene)
-        """No splat has or had this instance ID or a higher one; written by `edits/instances.py`."""
-        self.bounds_can_wait = False
-        """Whether moving very many instances may leave their bounds rough: who says so calls `catch_up` every frame."""
+        """Rows that were added or replaced, for whoever holds copies of the stored parameters."""
+        self.first_free_id = _find_first_free_id(scene)
+        """No splat has or had this instance ID or a higher one; written by `bases/relabel.py`."""
+        self.can_defer_bounds = False
+        """Whether moves of very many instances may leave their bounds for later; who sets it calls `run_deferred`."""
         self._outermost: Edit | None = None
-        self.rest: Rest | None = None
-        """What the last edit has put off and is not done."""
+        self.deferred: DeferredWork | None = None
+        """Work that the last edit has deferred and that is not done yet."""
         self._first_tracks = {track.id: track for track in scene.actors}
         self._by_instance: RowIndex | None = None
         self._by_codeword: RowIndex | None = None
         self._counts: tuple[int, InstanceCounts] | None = None
 
     @property
-    def geometry_version(self) -> tuple[int, int]:
-        """Changes when splats or tracks move."""
-        return self.transforms.version, self.track_version
+    def versions(self) -> DocumentVersions:
+        """Counters of all changes so far: another value means that something visible may be different."""
+        return DocumentVersions(
+            self._rows_version,
+            self.state.version,
+            self.colors.version,
+            self.transforms.version,
+            self._track_version,
+            self._table_version,
+            self._surroundings_version,
+        )
 
     def apply(self, edit: Edit, gesture: str | None = None) -> None:
         """Do an edit and push it on the history; one that changes nothing is not pushed.
@@ -124,8 +130,8 @@ class Document:
         Edits of the same `gesture` (a unique name per slider drag) become one step.
         Raises EditError, with nothing changed, where the edit does not fit the scene.
         """
-        if not self.history.goes_on(gesture):  # else what it has put off is undone before the edit is done
-            self.catch_up()
+        if not self.history.continues_gesture(gesture):  # else the edit that deferred it is undone first
+            self.run_deferred()
         self._outermost = edit
         self.history.apply(edit, self, gesture)
 
@@ -135,40 +141,43 @@ class Document:
 
     def redo(self) -> Edit | None:
         """Redo one step; returns its edit, or None where nothing is left."""
-        self.catch_up()
+        self.run_deferred()
         self._outermost = self.history.next
         return self.history.redo(self)
 
-    def put_off(self, edit: Edit, rest: Rest) -> bool:
-        """Leave the rest of what an edit does to `catch_up`; returns False where that must be done at once.
+    def defer(self, edit: Edit, work: DeferredWork) -> bool:
+        """Leave work of an edit to `run_deferred`; returns False where it must be done at once.
 
-        Only the edit that was done last may have anything left to do, and no part of another edit.
+        Only the edit that was done last may defer anything, and no part of another edit.
         """
-        if not self.bounds_can_wait or edit is not self._outermost:
+        if not self.can_defer_bounds or edit is not self._outermost:
             return False
-        self.rest = rest
+        self.deferred = work
         return True
 
-    def leave_off(self) -> None:
-        """Forget what was put off: its edit is undone."""
-        self.rest = None
+    def drop_deferred(self) -> None:
+        """Forget the deferred work: its edit is undone."""
+        self.deferred = None
 
-    def catch_up(self, rows: int | None = None) -> None:
-        """Do what the last edit has put off: all of it, or about as much as concerns so many rows."""
-        if self.rest is not None and self.rest.do(self, rows):
-            self.rest = None
+    def run_deferred(self, rows: int | None = None) -> None:
+        """Do the work that the last edit deferred: all of it, or about as much as concerns so many rows."""
+        if self.deferred is not None and self.deferred.do(self, rows):
+            self.deferred = None
 
-    def rows_of(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
+    def find_rows(self, instance_ids: Iterable[int]) -> Int64[ndarray, " k"]:
         """Rows of any of these instances, rising, deleted ones included. Raises EditError for an unknown ID."""
-        ids = self._known(instance_ids)
-        return self._instance_index().rows(ids)
+        ids = self._check_known(instance_ids)
+        return self._get_instance_index().rows(ids)
 
-    def row_parts(self, instance_ids: Sequence[int]) -> RowParts:
-        """The rows of each of these instances, one after the other, deleted ones included. Raises as `rows_of`."""
-        ids = self._known(instance_ids)
-        return RowParts(*self._instance_index().parts(ids))
+    def find_row_parts(self, instance_ids: Sequence[int]) -> RowParts:
+        """The rows of each of these instances, one after the other, deleted ones included.
 
-    def rows_of_codeword(self, codeword: int) -> Int64[ndarray, " k"]:
+        Raises EditError for an unknown ID.
+        """
+        ids = self._check_known(instance_ids)
+        return RowParts(*self._get_instance_index().parts(ids))
+
+    def find_codeword_rows(self, codeword: int) -> Int64[ndarray, " k"]:
         """Rows with this codeword, rising, deleted ones included; none where the scene has no codewords."""
         if not self.scene.code_bits:
             return np.zeros(0, np.int64)
@@ -176,9 +185,9 @@ class Document:
             self._by_codeword = RowIndex(self.scene.codewords)
         return self._by_codeword.rows((codeword,))
 
-    def means_of(self, rows: Int[ndarray, " k"]) -> Float32[ndarray, "k 3"]:
+    def compute_means(self, rows: Int[ndarray, " k"]) -> Float32[ndarray, "k 3"]:
         """Means with their moves applied, metres, in the frames of the rows' nodes."""
-        return current_means(self.scene.gaussians, self.transforms, rows)
+        return compute_current_means(self.scene.gaussians, self.transforms, rows)
 
     def replace_tracks(self, tracks: Mapping[int, Track]) -> None:
         """Give actors other tracks; keys are nodes, from 1."""
@@ -189,38 +198,43 @@ class Document:
         known = {track.id for track in self.scene.actors}
         self._first_tracks |= {track.id: track for track in actors if track.id not in known}
         self.scene.actors = actors
-        self.track_version += 1
+        self._track_version += 1
 
-    def first_track(self, node: int) -> Track:
+    def get_first_track(self, node: int) -> Track:
         """An actor's track before any edit of it: as it came with the scene, or with the edit that added it."""
         return self._first_tracks[self.scene.actors[node - 1].id]
 
     @property
     def first_tracks(self) -> Mapping[str, Track]:
-        """By the track's ID, what `first_track` gives."""
+        """Tracks before any edit of them, by ID."""
         return dict(self._first_tracks)
 
     def set_first_tracks(self, tracks: Mapping[str, Track]) -> None:
-        """Say anew how tracks were before any edit: for edits of the whole scene, which are no edits of one track."""
+        """Replace the tracks from before any edit: for edits of the whole scene, which are no edits of one track."""
         self._first_tracks = dict(tracks)
 
+    def replace_surroundings(self, views: tuple[CameraView, ...], sky: Sky | None, orientation: Similarity) -> None:
+        """Replace the photos' cameras, the sky, and what turned the whole scene: for edits of the whole scene."""
+        self.scene.views, self.scene.sky, self.orientation = views, sky, orientation
+        self._surroundings_version += 1
+
     def append_rows(self, added: Scene) -> None:
-        """Add splats at the end, neither coloured nor moved, with no state bit set; told by edits of kind `AppendEdit`.
+        """Add splats at the end, neither coloured nor moved, with no state bit set; for `AppendEdit`.
 
         SH, feature and extra columns must be the scene's, nodes those of its actors.
         """
         scene, count = self.scene, len(added)
         for name, array in scene.gaussians.arrays().items():
             tail = getattr(added.gaussians, name)
-            setattr(scene.gaussians, name, self._buffers.extended(name, array, tail))
+            setattr(scene.gaussians, name, self._buffers.extend(name, array, tail))
         for name in ("instance_ids", "codewords", "nodes"):
-            setattr(scene, name, self._buffers.extended(name, getattr(scene, name), getattr(added, name)))
+            setattr(scene, name, self._buffers.extend(name, getattr(scene, name), getattr(added, name)))
         for name, column in scene.extra.items():
-            scene.extra[name] = self._buffers.extended(f"extra {name}", column, added.extra[name])
+            scene.extra[name] = self._buffers.extend(f"extra {name}", column, added.extra[name])
         for part in (self.state, self.colors, self.transforms):
             part.append(count)
         self.new_rows.touch(len(scene) - count, len(scene))
-        self._rows_changed()
+        self._note_rows_changed()
 
     def drop_rows(self, count: int) -> None:
         """Take the last `count` splats away; the inverse of `append_rows`."""
@@ -234,22 +248,22 @@ class Document:
         for part in (self.state, self.colors, self.transforms):
             part.drop_rows(count)
         self.new_rows.shorten(left)
-        self._rows_changed()
+        self._note_rows_changed()
 
-    def _rows_changed(self) -> None:
+    def _note_rows_changed(self) -> None:
         self._by_codeword = None
-        self.rows_version += 1
-        self.instances_changed(ids_changed=True)
+        self._rows_version += 1
+        self.note_instances_changed(ids_changed=True)
 
-    def counts(self) -> InstanceCounts:
+    def count_states(self) -> InstanceCounts:
         """The states of all instances, counted once per change of state or IDs."""
         if self._counts is None or self._counts[0] != self.state.version:
-            self._counts = (self.state.version, self._counted())
+            self._counts = (self.state.version, self._count_states())
         return self._counts[1]
 
-    def instance_flags(self, instance_id: int) -> InstanceSummary:
+    def summarize_instance(self, instance_id: int) -> InstanceSummary:
         """The states of one instance's splats. Raises EditError for an unknown ID."""
-        counts = self.counts()
+        counts = self.count_states()
         position = int(np.searchsorted(counts.ids, instance_id))
         if instance_id not in self.scene.table:
             raise EditError(f"the scene has no instance {instance_id}")
@@ -258,37 +272,37 @@ class Document:
         columns = (counts.count, counts.deleted, counts.hidden, counts.locked, counts.selected, counts.drawn)
         return InstanceSummary(*(int(column[position]) for column in columns))
 
-    def selected_instances(self) -> tuple[int, ...]:
+    def find_selected_instances(self) -> tuple[int, ...]:
         """Instances with any selected splat, rising."""
-        counts = self.counts()
+        counts = self.count_states()
         return tuple(counts.ids[counts.selected > 0].tolist())
 
-    def visible_instances(self) -> tuple[int, ...]:
+    def find_visible_instances(self) -> tuple[int, ...]:
         """Instances with any splat that is neither hidden nor deleted, rising."""
-        counts = self.counts()
+        counts = self.count_states()
         return tuple(counts.ids[counts.drawn > 0].tolist())
 
-    def instances_changed(self, ids_changed: bool) -> None:
-        """Told by edits of the table; `ids_changed` where they wrote `scene.instance_ids` too."""
-        self.table_version += 1
+    def note_instances_changed(self, ids_changed: bool) -> None:
+        """Take note that an edit changed the table, and with `ids_changed` that it wrote `scene.instance_ids` too."""
+        self._table_version += 1
         if ids_changed:
             self._by_instance, self._counts = None, None
 
-    def _known(self, instance_ids: Iterable[int]) -> tuple[int, ...]:
+    def _check_known(self, instance_ids: Iterable[int]) -> tuple[int, ...]:
         ids = tuple(instance_ids)
         unknown = [instance_id for instance_id in ids if instance_id not in self.scene.table]
         if unknown:
             raise EditError(f"the scene has no instance {unknown[0]}; its {len(self.scene.table)} IDs are in the table")
         return ids
 
-    def _instance_index(self) -> RowIndex:
+    def _get_instance_index(self) -> RowIndex:
         if self._by_instance is None:
             self._by_instance = RowIndex(self.scene.instance_ids)
         return self._by_instance
 
-    def _counted(self) -> InstanceCounts:
-        index = self._instance_index()
-        numbers = counted_flags(index.group_of_row, self.state.flags, len(index.keys))
+    def _count_states(self) -> InstanceCounts:
+        index = self._get_instance_index()
+        numbers = count_flags(index.group_of_row, self.state.flags, len(index.keys))
 
         def with_flag(flag: Flag) -> Int64[ndarray, " m"]:
             return numbers[:, (np.arange(16) & flag) != 0].sum(axis=1)
@@ -305,6 +319,6 @@ class Document:
         return InstanceCounts(index.keys[real], **{name: column[real] for name, column in columns.items()})
 
 
-def _first_free_id(scene: Scene) -> int:
+def _find_first_free_id(scene: Scene) -> int:
     named = max((instance.id for instance in scene.table), default=0)
     return max(named, int(scene.instance_ids.max(initial=0))) + 1

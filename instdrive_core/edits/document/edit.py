@@ -1,10 +1,13 @@
-"""What every edit is: a small class that does and undoes one change and remembers only what it touched."""
+"""The base class of all edits: an edit does and undoes one change, and remembers only what it touched."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import fields
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from instdrive_core.edits.document.document import Document  # which holds a history of edits
 
 
 class Edit(ABC):
@@ -12,7 +15,6 @@ class Edit(ABC):
 
     Subclasses are dataclasses: fields given to the constructor are the edit's parameters, from which `do` can be
     replayed on an equal document; everything `undo` needs is kept in fields with ``init=False``.
-    The document's type is not named here because a document holds a history of edits.
     """
 
     kind: ClassVar[str]
@@ -26,23 +28,23 @@ class Edit(ABC):
         """What the history panel shows, e.g. ``Delete instance 17``."""
 
     @abstractmethod
-    def do(self, document: Any) -> bool:
+    def do(self, document: Document) -> bool:
         """Change the document; returns whether anything changed. Raises EditError before the first write."""
 
     @abstractmethod
-    def undo(self, document: Any) -> None:
+    def undo(self, document: Document) -> None:
         """Restore, bit by bit, what the last `do` changed."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Kind and parameters, ready for json.dumps."""
-        return self.parameters()
+        return self.get_parameters()
 
-    def parameters(self) -> dict[str, Any]:
+    def get_parameters(self) -> dict[str, object]:
         """Kind and parameters as the edit holds them: where `to_json` makes long lists, they may be arrays here."""
         values = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}  # type: ignore[arg-type]
         return {"kind": self.kind, **values}
 
 
-def ids_in_words(ids: tuple[int, ...]) -> str:
+def describe_ids(ids: tuple[int, ...]) -> str:
     """``instance 17`` or ``3 instances``, for titles."""
     return f"instance {ids[0]}" if len(ids) == 1 else f"{len(ids)} instances"

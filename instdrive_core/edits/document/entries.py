@@ -1,4 +1,4 @@
-"""Adding entries to a palette for several groups of rows: all of them, or none and an error for the user."""
+"""Adding entries to a palette for several groups of rows: either all of them, or none and an error for the user."""
 
 from __future__ import annotations
 
@@ -13,27 +13,28 @@ from instdrive_core.errors import EditError
 from instdrive_core.scene.entry_palette import EntryPalette, PaletteFullError
 
 PartsChange = Callable[[Float[ndarray, "k w"], Int64[ndarray, " k"]], Float[ndarray, "k w"]]
-"""What becomes of the values of k entries, each named by the part of the rows whose number it gets."""
+"""Changes the values of k entries, each with the number of the part of rows that names it."""
 
 
-def changed_entries(
+def add_changed_entries(
     palette: EntryPalette, changes: Sequence[tuple[RowParts, Callable[[ndarray], ndarray]]]
 ) -> UInt16[ndarray, " m"]:
-    """The entries that rows should name instead, added where they are new: one change after the other, and of each one
-    part after the other, which all change in the same way.
+    """Add the changed entries of groups of rows; all parts of a group change in the same way.
+
+    Returns the entry that each row should name instead: one group after the other, and in it one part after the other.
 
     Raises EditError, with nothing added, where they do not all fit.
     """
     size = len(palette)
     try:
-        found = [palette.add_changed(parts.rows, parts.bounds, _each_once(change)) for parts, change in changes]
+        found = [palette.add_changes(parts.rows, parts.bounds, _change_each_once(change)) for parts, change in changes]
     except PaletteFullError as error:
         palette.truncate(size)
-        raise _full(error) from error
+        raise _palette_full_error(error) from error
     return np.concatenate([np.zeros(0, np.uint16), *found])
 
 
-def _each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
+def _change_each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
     def change_all(values: ndarray, _: ndarray) -> ndarray:
         known: dict[bytes, ndarray] = {}
         for entry in values:
@@ -44,16 +45,18 @@ def _each_once(change: Callable[[ndarray], ndarray]) -> PartsChange:
     return change_all
 
 
-def entries_of_parts(palette: EntryPalette, parts: RowParts, change: PartsChange) -> UInt16[ndarray, " m"]:
-    """The same for parts that change each in its own way.
+def add_part_entries(palette: EntryPalette, parts: RowParts, change: PartsChange) -> UInt16[ndarray, " m"]:
+    """Add the changed entries of parts of rows, each of which changes in its own way.
+
+    Returns the entry that each row should name instead.
 
     Raises EditError, with nothing added, where they do not all fit.
     """
     try:
-        return palette.add_changed(parts.rows, parts.bounds, change)
+        return palette.add_changes(parts.rows, parts.bounds, change)
     except PaletteFullError as error:
-        raise _full(error) from error
+        raise _palette_full_error(error) from error
 
 
-def _full(error: PaletteFullError) -> EditError:
+def _palette_full_error(error: PaletteFullError) -> EditError:
     return EditError(f"{error}; export the scene and open the export to start afresh")

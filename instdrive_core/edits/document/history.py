@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from instdrive_core.edits.document.edit import Edit
+
+if TYPE_CHECKING:
+    from instdrive_core.edits.document.document import Document
 
 
 class History:
@@ -35,17 +38,17 @@ class History:
         """The edit that `redo` would do."""
         return self._edits[self._cursor] if self._cursor < len(self._edits) else None
 
-    def goes_on(self, gesture: str | None) -> bool:
+    def continues_gesture(self, gesture: str | None) -> bool:
         """Whether an edit of this gesture would replace the last one."""
         return gesture is not None and gesture == self._gesture and 0 < self._cursor == len(self._edits)
 
-    def apply(self, edit: Edit, document: Any, gesture: str | None = None) -> None:
+    def apply(self, edit: Edit, document: Document, gesture: str | None = None) -> None:
         """Do an edit, drop what could be redone, and push it. An edit that changes nothing is not pushed.
 
         Edits of one `gesture` (one drag of a slider: any unique name) become one step: each replaces the one before.
         Where `edit.do` raises, document and history stay as they were.
         """
-        replaces = self.goes_on(gesture)
+        replaces = self.continues_gesture(gesture)
         if replaces:
             self._edits[-1].undo(document)
         try:
@@ -63,7 +66,7 @@ class History:
             self._cursor += 1
         self._gesture = gesture if changed else None
 
-    def undo(self, document: Any) -> Edit | None:
+    def undo(self, document: Document) -> Edit | None:
         """Undo the edit before the cursor and return it; None where nothing is left."""
         if self._cursor == 0:
             return None
@@ -73,7 +76,7 @@ class History:
         self._gesture = None
         return edit
 
-    def redo(self, document: Any) -> Edit | None:
+    def redo(self, document: Document) -> Edit | None:
         """Do the edit at the cursor again and return it; None where nothing is left."""
         if self._cursor == len(self._edits):
             return None

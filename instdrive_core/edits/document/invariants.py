@@ -1,8 +1,7 @@
-"""What holds of every document between two edits; for tests, which try to break it."""
+"""Invariants of a document between two edits; for tests, which try to break them."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,29 +10,9 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.scene.selection import Flag
 
 
-def broken_invariants(document: Document) -> list[str]:
+def find_broken_invariants(document: Document) -> list[str]:
     """A sentence for each invariant that does not hold; empty for a sound document."""
     return [*_lengths(document), *_names(document), *_palettes(document), *_states(document), *_history(document)]
-
-
-def fingerprint(document: Document) -> str:
-    """SHA-256 of everything that edits can change, bit by bit; documents that look the same have the same one."""
-    scene, digest = document.scene, hashlib.sha256()
-    arrays = [*scene.gaussians.arrays().items(), *scene.extra.items()]
-    arrays += [("ids", scene.instance_ids), ("codewords", scene.codewords), ("nodes", scene.nodes)]
-    arrays += [("flags", document.state.flags)]
-    for palette in (document.colors, document.transforms):
-        arrays += [("entries", palette.indices), ("values", palette.values)]
-    arrays += [(f"track {number}", track.world_from_box) for number, track in enumerate(scene.actors)]
-    arrays += [(f"camera {number}", view.camera.world_from_camera) for number, view in enumerate(scene.views)]
-    arrays += [("sky", scene.sky.faces)] if scene.sky is not None else []
-    arrays += [("orientation", document.orientation)]
-    for name, array in arrays:
-        digest.update(f"{name} {array.dtype} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).data)
-    table = [(entry.id, entry.name, entry.class_name, entry.codeword, entry.node, entry.count) for entry in scene.table]
-    digest.update(repr(table).encode())
-    return digest.hexdigest()
 
 
 def _lengths(document: Document) -> Iterator[str]:
@@ -74,7 +53,7 @@ def _states(document: Document) -> Iterator[str]:
     flags = document.state.flags
     if np.any((flags & Flag.SELECTED != 0) & (flags & (Flag.DELETED | Flag.HIDDEN) != 0)):
         yield "splats that are not drawn are selected"
-    counts = document.counts()
+    counts = document.count_states()
     deleted = int((document.scene.instance_ids[flags & Flag.DELETED != 0] > 0).sum())
     if int(counts.deleted.sum()) != deleted:
         yield f"{int(counts.deleted.sum())} splats of instances count as deleted, {deleted} are"

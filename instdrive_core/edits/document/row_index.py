@@ -1,4 +1,4 @@
-"""From a value per splat (instance ID, codeword) to the rows that carry it."""
+"""An index from a value per splat (instance ID, codeword) to the rows that carry it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int32, Int64, UInt32
 from numpy import ndarray
 
-from instdrive_core.edits.document.row_kernels import gathered, grouped, numbered
+from instdrive_core.edits.document.row_kernels import gather_groups, group_rows, number_keys
 
 _FEW_KEYS = 1 << 16
 _LARGE_SHARE = 16
@@ -20,7 +20,7 @@ class RowIndex:
 
     def __init__(self, keys: UInt32[ndarray, " n"]) -> None:
         if int(keys.max(initial=0)) < max(4 * len(keys), _FEW_KEYS):
-            self.keys, self.group_of_row = numbered(keys)
+            self.keys, self.group_of_row = number_keys(keys)
         else:  # IDs that are far apart
             self.keys, inverse = np.unique(keys, return_inverse=True)
             self.group_of_row = inverse.astype(np.int32)
@@ -28,7 +28,7 @@ class RowIndex:
         """The different keys, rising."""
         self.group_of_row: Int32[ndarray, " n"]
         """Position in `keys` of each row's key."""
-        self._order, self._bounds = grouped(self.group_of_row, len(self.keys))
+        self._order, self._bounds = group_rows(self.group_of_row, len(self.keys))
 
     @property
     def counts(self) -> Int64[ndarray, " m"]:
@@ -45,12 +45,12 @@ class RowIndex:
             wanted = np.zeros(len(self.keys), bool)
             wanted[groups] = True
             return np.flatnonzero(wanted[self.group_of_row])
-        rows, _ = gathered(self._order, self._bounds, groups)
+        rows, _ = gather_groups(self._order, self._bounds, groups)
         return np.sort(rows)
 
     def parts(self, keys: Sequence[int]) -> tuple[Int64[ndarray, " k"], Int64[ndarray, " p"]]:
         """The rows of one key after another's, rising for each, and the p = keys + 1 places where theirs begin."""
-        return gathered(self._order, self._bounds, self._groups(np.array(keys, np.uint32)))
+        return gather_groups(self._order, self._bounds, self._groups(np.array(keys, np.uint32)))
 
     def _groups(self, keys: UInt32[ndarray, " k"]) -> Int64[ndarray, " k"]:
         """Positions in `self.keys`; -1 for keys that no row carries."""

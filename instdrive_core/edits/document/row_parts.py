@@ -35,13 +35,13 @@ class RowParts:
         """Rows of each part."""
         return np.diff(self.bounds)
 
-    def where(self, kept: Bool[ndarray, " m"]) -> RowParts:
+    def filter(self, kept: Bool[ndarray, " m"]) -> RowParts:
         """The parts with only some of their rows; a part may be left empty."""
         if kept.all():
             return self
         before = np.concatenate([[0], np.cumsum(kept)])
         return RowParts(self.rows[kept], before[self.bounds])
 
-    def without_empty(self) -> RowParts:
+    def drop_empty(self) -> RowParts:
         """The parts that have any row."""
         return RowParts(self.rows, np.append(self.bounds[:-1][self.sizes > 0], self.bounds[-1]))

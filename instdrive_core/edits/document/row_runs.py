@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Int, Int64
@@ -20,7 +20,7 @@ class RowRuns:
     lengths: Int64[ndarray, " r"]
 
     @classmethod
-    def of_rows(cls, rows: Int[ndarray, " m"]) -> RowRuns:
+    def from_rows(cls, rows: Int[ndarray, " m"]) -> RowRuns:
         """The runs of some rows, in any order. Raises EditError where one is below 0."""
         ordered = rows.astype(np.int64)
         if len(ordered) and not (np.diff(ordered) > 0).all():
@@ -31,7 +31,7 @@ class RowRuns:
         return cls(ordered[first], np.diff(first, append=len(ordered)))
 
     @classmethod
-    def from_json(cls, pairs: Any) -> RowRuns:
+    def from_json(cls, pairs: Sequence[object]) -> RowRuns:
         """The inverse of `to_json`. Raises EditError where `pairs` is something else."""
         whole = [
             pair
@@ -76,14 +76,14 @@ class RowRuns:
         return np.arange(len(self)) + np.repeat(self.starts - before, self.lengths)
 
 
-def rows_of_scene(runs: RowRuns, count: int) -> Int64[ndarray, " m"]:
+def expand_runs(runs: RowRuns, count: int) -> Int64[ndarray, " m"]:
     """All rows, rising. Raises EditError for those that a scene of `count` splats does not have."""
     if runs.end > count:
         raise EditError(f"row {runs.end - 1} is beyond the scene's {count:,} splats")
     return runs.rows
 
 
-def row_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) -> RowRuns:
+def make_runs(rows: RowRuns | Int[ndarray, " m"] | Sequence[object]) -> RowRuns:
     """Rows given in any of the ways that edits take them: runs, their JSON, or an array of row numbers.
 
     Raises EditError where they are something else.
@@ -93,7 +93,7 @@ def row_runs(rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]) -
     if isinstance(rows, ndarray):
         if rows.ndim != 1 or rows.dtype.kind not in "iu":
             raise EditError(f"rows are a {rows.dtype} array of shape {rows.shape}, not a list of numbers")
-        return RowRuns.of_rows(rows)
+        return RowRuns.from_rows(rows)
     if not isinstance(rows, tuple | list):
         raise EditError(f"rows are {rows!r}, no list of pairs [first row, number of rows]")
     return RowRuns.from_json(rows)

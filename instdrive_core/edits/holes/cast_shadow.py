@@ -1,4 +1,4 @@
-"""The shadow that something cast on the ground, and ground in the shadow of anything."""
+"""The shadow that a deleted thing cast on the ground, and ground in the shadow of anything."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from jaxtyping import Bool
 from numpy import ndarray
 from scipy import ndimage
 
-from instdrive_core.edits.holes.ground_cells import grown
-from instdrive_core.edits.holes.ground_map import GroundMap, solid
+from instdrive_core.edits.holes.ground_cells import grow_cells
+from instdrive_core.edits.holes.ground_map import GroundMap, find_solid_cells
 
 SHADOW_REACH = 2.0
 """Metres around what was deleted within which its shadow is looked for."""
 SHADOW_SHARE = 0.65
 """Ground darker than this share of lit ground is in shadow."""
 LIT_QUANTILE = 0.7
-"""Of the brightness of ground along the lane: what is taken for lit."""
+"""Quantile of the brightness of ground along the lane that is taken for lit."""
 DARKEST_LIT = 0.8
 """Ground in the sun along any line is at least this share as bright as elsewhere."""
 MIN_SHADOW = 0.4
@@ -23,10 +23,10 @@ MIN_SHADOW = 0.4
 MIN_LIT = 50
 """Cells of ground that must be known to tell."""
 FOREIGN_SHARE = 0.25
-"""Of a dark place, outside of that reach, from which on it is not the shadow of what was deleted."""
+"""A dark place with more than this share outside of that reach is not the shadow of what was deleted."""
 
 
-def cast_shadow(
+def find_cast_shadow(
     ground: GroundMap, clean: Bool[ndarray, "a b"], footprint: Bool[ndarray, "a b"], hole: Bool[ndarray, "a b"]
 ) -> Bool[ndarray, "a b"]:
     """Dark ground, though not of the hole, that hangs together with the hole and ends close around what stood there.
@@ -34,14 +34,14 @@ def cast_shadow(
     Shade that reaches farther is a house's or a tree's, and stays.
     """
     size = ground.grid.size
-    near = grown(footprint, size, SHADOW_REACH)
-    seen = solid(ground) & ~ground.obstructed & ~hole
+    near = grow_cells(footprint, size, SHADOW_REACH)
+    seen = find_solid_cells(ground) & ~ground.obstructed & ~hole
     if np.count_nonzero(clean) < MIN_LIT or not footprint.any():
         return np.zeros_like(hole)
-    dark = seen & shaded(ground, clean)
+    dark = seen & find_shaded_cells(ground, clean)
     parts = np.zeros(hole.shape, np.int32)
     ndimage.label(dark, np.ones((3, 3)), parts)
-    touching = np.unique(parts[dark & grown(footprint | hole, size, 1.5 * size)])
+    touching = np.unique(parts[dark & grow_cells(footprint | hole, size, 1.5 * size)])
     shadow = np.zeros_like(hole)
     for part in touching[touching > 0].tolist():
         cells = parts == part
@@ -50,10 +50,10 @@ def cast_shadow(
         if np.count_nonzero(cells & ~near) <= FOREIGN_SHARE * np.count_nonzero(cells):
             shadow |= cells & near
     # Its rim is half lit.
-    return (grown(shadow, size, size) & seen & near) if shadow.any() else shadow
+    return (grow_cells(shadow, size, size) & seen & near) if shadow.any() else shadow
 
 
-def shaded(ground: GroundMap, clean: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+def find_shaded_cells(ground: GroundMap, clean: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
     """Cells much darker than ground in the sun. Each line along the lane has its own: marks and pavements are brighter;
     yet a line is not taken to be dark because most of it is in shadow. `clean` ground is what is compared with."""
     brightness = ground.color.mean(axis=2)

@@ -1,4 +1,4 @@
-"""Which splats of the ground around go where in a hole, and which go away."""
+"""Planning the fill of a hole: which splats of the ground around are copied where, and which are removed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from instdrive_core.edits.document.row_index import RowIndex
 from instdrive_core.edits.holes.ground_grid import GroundGrid
 from instdrive_core.edits.holes.ground_map import GROUND_BAND, GroundMap
-from instdrive_core.edits.holes.inpainting import source_cells
+from instdrive_core.edits.holes.inpainting import choose_source_cells
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import logit
@@ -31,7 +31,7 @@ BED_DEPTH = 0.05
 BED_THICKNESS = 0.01
 """Standard deviation along the vertical, metres."""
 BED_OPACITY = 0.95
-"""Of its splats: nothing beneath shines through."""
+"""Opacity of the bed's splats: nothing beneath shines through."""
 BED_SPREAD = 0.7
 """Standard deviation of a splat of the bed in cells."""
 UNDERGROUND = -0.12
@@ -39,11 +39,11 @@ UNDERGROUND = -0.12
 
 
 @dataclass(frozen=True)
-class Filling:
-    """What fills a hole."""
+class FillPlan:
+    """The splats that fill a hole, and those that they replace."""
 
     sources: Int64[ndarray, " s"]
-    """Rows to be copied."""
+    """Rows of the document to copy."""
     shifts: Float64[ndarray, "s 3"]
     """Metres from each source to its copy."""
     bed: Float64[ndarray, "h 3"]
@@ -54,10 +54,10 @@ class Filling:
     bed_scale: float
     """Standard deviation in metres."""
     replaced: Int64[ndarray, " r"]
-    """Rows that go."""
+    """Rows of the document to delete."""
 
-    def bed_of(self, gaussians: Gaussians) -> Gaussians:
-        """Flat level splats, the same from everywhere."""
+    def build_bed(self, gaussians: Gaussians) -> Gaussians:
+        """The bed as flat level splats that look the same from everywhere; `gaussians` are the document's."""
         like = gaussians.select(self.bed_like)
         count = len(like)
         scales = np.tile(np.array([self.bed_scale, self.bed_scale, BED_THICKNESS], np.float32), (count, 1))
@@ -72,39 +72,39 @@ class Filling:
         )
 
 
-def planned_filling(
+def plan_fill(
     near: Neighborhood,
     hole: Bool[ndarray, "a b"],
     ground: GroundMap,
     known: Bool[ndarray, "a b"],
     rng: np.random.Generator,
-) -> Filling:
-    """Which splats go where: only `known` cells are copied. Raises EditError where there are none."""
+) -> FillPlan:
+    """Plan which splats are copied where; only `known` cells are copied. Raises EditError where there are none."""
     grid = ground.grid
     values = np.dstack([ground.color, HEIGHT_WEIGHT * ground.height])
-    sources = source_cells(values, known, hole, rng)
+    sources = choose_source_cells(values, known, hole, rng)
     if sources is None:
         raise EditError("no ground around the hole was seen well enough to be copied")
     cells = np.argwhere(hole)
     origins = sources[tuple(cells.T)]
-    level = _road_level(ground, known)
+    level = _estimate_road_level(ground, known)
     lift = level[tuple(cells.T)] - level[tuple(origins.T)]
-    rows, targets = _splats_of(grid, near, ground, origins)
+    rows, targets = _match_splats(grid, near, ground, origins)
     shifts = np.zeros((len(rows), 3))
     shifts[:, :2] = grid.size * (cells[targets] - origins[targets]) @ grid.axes
     shifts[:, 2] = shifts[:, :2] @ np.array(grid.plane[1:]) + lift[targets]
-    places = grid.on_ground(grid.centers(cells))
+    places = grid.lift_to_ground(grid.compute_centers(cells))
     places[:, 2] += ground.height[tuple(origins.T)] + lift - BED_DEPTH
     flat = np.flatnonzero(ground.ground)
-    like = flat[_nearest_rows(grid, near, flat, origins)]
+    like = flat[_find_nearest_rows(grid, near, flat, origins)]
     colors = np.clip(ground.color[tuple(origins.T)], 0, 1)
-    return Filling(
+    return FillPlan(
         near.rows[rows], shifts, places, colors, near.rows[like], BED_SPREAD * grid.size,
-        near.rows[_replaced(grid, near, hole)],
+        near.rows[_find_replaced(grid, near, hole)],
     )  # fmt: skip
 
 
-def _road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
+def _estimate_road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
     """Metres above the plane of the carriageway under or beside each cell: roads are cambered, kerbs do not count."""
     low = good & (np.abs(ground.height) <= ROAD_BAND)
     spread = ROAD_SMOOTHING / ground.grid.size
@@ -113,31 +113,31 @@ def _road_level(ground: GroundMap, good: Bool[ndarray, "a b"]) -> Float64[ndarra
     return sums / np.maximum(weights, 1e-6)
 
 
-def _splats_of(
+def _match_splats(
     grid: GroundGrid, near: Neighborhood, ground: GroundMap, origins: Int64[ndarray, "h 2"]
 ) -> tuple[Int64[ndarray, " s"], Int64[ndarray, " s"]]:
     """Splats of the neighbourhood whose middle lies in a source cell, and the hole's cell they are copied to."""
     flat = np.flatnonzero(ground.ground)
-    cells = grid.cells_of(near.means[flat])
-    flat, cells = flat[grid.inside(cells)], cells[grid.inside(cells)]
+    cells = grid.find_cells(near.means[flat])
+    flat, cells = flat[grid.contains(cells)], cells[grid.contains(cells)]
     index = RowIndex((cells @ np.array([grid.shape[1], 1])).astype(np.uint32))
     found = [index.rows((number,)) for number in (origins @ np.array([grid.shape[1], 1])).tolist()]
     targets = np.repeat(np.arange(len(origins)), [len(rows) for rows in found])
     return flat[np.concatenate([np.zeros(0, np.int64), *found])], targets
 
 
-def _nearest_rows(
+def _find_nearest_rows(
     grid: GroundGrid, near: Neighborhood, flat: Int64[ndarray, " f"], cells: Int64[ndarray, "h 2"]
 ) -> Int64[ndarray, " h"]:
-    return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.centers(cells))[1])
+    return np.asarray(KDTree(near.means[flat][:, :2]).query(grid.compute_centers(cells))[1])
 
 
-def _replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
+def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
     """What lies in the hole at ground level, and under it and right beside it below."""
-    cells = grid.cells_of(near.means)
-    inside = grid.inside(cells)
+    cells = grid.find_cells(near.means)
+    inside = grid.contains(cells)
     cells = np.where(inside[:, None], cells, 0)
-    heights = grid.heights(near.means)
+    heights = grid.compute_heights(near.means)
     at_level = hole[tuple(cells.T)] & (heights <= GROUND_BAND[1])
     around: Bool[ndarray, "a b"] = np.asarray(ndimage.binary_dilation(hole, iterations=2), bool)
     beside = around[tuple(cells.T)] & (heights <= UNDERGROUND)

@@ -1,4 +1,4 @@
-"""Which places the photos showed, and which of them something stood before."""
+"""Free space between cameras and the ground: which places the photos showed, and which were hidden."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 from scipy.spatial import ConvexHull, QhullError
 
-from instdrive_core.instances.interiors import Body
+from instdrive_core.instances.interiors import CompactObject
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.track import Track
 
@@ -34,10 +34,12 @@ class Occluder:
     radius: float
     """Metres from the centre to the farthest corner."""
     track: Track | None = None
-    """Of the node whose frame this is; None = the world."""
+    """Track of the node whose frame this is; None = the world."""
 
 
-def standing(body: Body, points: Float64[ndarray, "k 3"], floor: float, track: Track | None = None) -> Occluder | None:
+def build_occluder(
+    body: CompactObject, points: Float64[ndarray, "k 3"], floor: float, track: Track | None = None
+) -> Occluder | None:
     """The hull of a body, reaching down to `floor` (metres, in the frame of `points`); None where it is flat.
 
     Ground beneath a car is dark in every photo: what is seen through the gap between the wheels does not count.
@@ -54,7 +56,7 @@ def standing(body: Body, points: Float64[ndarray, "k 3"], floor: float, track: T
     return Occluder(hull.equations, center, float(np.linalg.norm(corners - center, axis=1).max()), track)
 
 
-def sightings(
+def count_sightings(
     points: Float64[ndarray, "n 3"], views: Sequence[CameraView], occluders: Sequence[Occluder], chosen: int
 ) -> tuple[Int64[ndarray, " n"], Int64[ndarray, " n"]]:
     """In how many views each world point (on level ground, metres) is seen, and from how many the first `chosen`
@@ -90,7 +92,7 @@ def _hides(occluder: Occluder, view: CameraView, points: Float64[ndarray, "n 3"]
     if occluder.track is not None:
         if not occluder.track.covers(view.time):
             return np.zeros(len(points), bool)
-        pose = occluder.track.pose_at(view.time)
+        pose = occluder.track.interpolate_pose(view.time)
         points, eye = (points - pose[:3, 3]) @ pose[:3, :3], (eye - pose[:3, 3]) @ pose[:3, :3]
     points, eye = np.ascontiguousarray(points), np.ascontiguousarray(eye)
     return _segments_meet(occluder.planes, occluder.center, occluder.radius, eye, points)

@@ -1,4 +1,4 @@
-"""Sets of cells of a ground grid: grown, cut down to large parts, under what stands there."""
+"""Sets of cells of a ground grid: growing them, keeping large parts, finding those under objects."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.surroundings import Standing
+from instdrive_core.edits.holes.surroundings import StandingObject
 
 
-def all_under(standing: Sequence[Standing], grid: GroundGrid) -> Bool[ndarray, "a b"]:
-    """Cells under any of the objects that do not move."""
-    under, places = np.zeros(grid.shape, bool), grid.centers(grid.all_cells())
+def find_covered_cells(standing: Sequence[StandingObject], grid: GroundGrid) -> Bool[ndarray, "a b"]:
+    """Mask of the cells under any object that does not move."""
+    under, places = np.zeros(grid.shape, bool), grid.compute_centers(grid.list_cells())
     for each in standing:
         if each.track is None:
-            under |= _under(each, places).reshape(grid.shape)
+            under |= _is_under(each, places).reshape(grid.shape)
     return under
 
 
-def grown(cells: Bool[ndarray, "a b"], size: float, metres: float) -> Bool[ndarray, "a b"]:
-    """With all cells (of `size` metres) up to some metres away."""
-    return _distances(~cells) * size <= metres if cells.any() else cells
+def grow_cells(cells: Bool[ndarray, "a b"], size: float, metres: float) -> Bool[ndarray, "a b"]:
+    """Add all cells (of `size` metres) that are at most some metres away."""
+    return _compute_distances(~cells) * size <= metres if cells.any() else cells
 
 
-def _distances(free: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
+def _compute_distances(free: Bool[ndarray, "a b"]) -> Float64[ndarray, "a b"]:
     """Cells from each free one to the nearest that is not."""
     return np.asarray(ndimage.distance_transform_edt(free), np.float64)
 
 
-def large_parts(cells: Bool[ndarray, "a b"], size: float, area: float) -> Bool[ndarray, "a b"]:
-    """The parts of at least `area` square metres; cells are `size` metres long."""
+def keep_large_parts(cells: Bool[ndarray, "a b"], size: float, area: float) -> Bool[ndarray, "a b"]:
+    """Keep the connected parts of at least `area` square metres; cells are `size` metres long."""
     parts = np.zeros(cells.shape, np.int32)
     ndimage.label(cells, np.ones((3, 3)), parts)
     return cells & (np.bincount(parts.ravel())[parts] * size**2 >= area)
 
 
-def _under(each: Standing, places: Float64[ndarray, "c 2"]) -> Bool[ndarray, " c"]:
+def _is_under(each: StandingObject, places: Float64[ndarray, "c 2"]) -> Bool[ndarray, " c"]:
     """Whether any point above each place is in the body's hull: its faces clip the vertical line from both ends."""
     body = each.body
     level = (np.c_[places, np.full(len(places), body.center[2])] - body.center) @ body.axes

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 
 _SIGMAS = 2.0
 """Splats count up to so many standard deviations from their middle …"""
@@ -39,39 +39,39 @@ class GroundGrid:
         x, y = self.along
         return np.array([[x, y], [-y, x]])
 
-    def centers(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 2"]:
+    def compute_centers(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 2"]:
         """World x and y of the cells' middles, metres."""
         return np.array(self.corner) + self.size * (cells + 0.5) @ self.axes
 
-    def on_ground(self, places: Float[ndarray, "k 2"]) -> Float64[ndarray, "k 3"]:
+    def lift_to_ground(self, places: Float[ndarray, "k 2"]) -> Float64[ndarray, "k 3"]:
         """Points of the ground plane at these x and y."""
         return np.c_[places, self.plane[0] + places @ np.array(self.plane[1:])]
 
-    def corners(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 4 3"]:
+    def compute_corners(self, cells: Int64[ndarray, "k 2"]) -> Float64[ndarray, "k 4 3"]:
         """The four corners of each cell on the ground plane, in order around it."""
         steps = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         places = np.array(self.corner) + self.size * (cells[:, None] + steps) @ self.axes
-        return self.on_ground(places.reshape(-1, 2)).reshape(-1, 4, 3)
+        return self.lift_to_ground(places.reshape(-1, 2)).reshape(-1, 4, 3)
 
-    def cells_of(self, points: Float[ndarray, "n d"]) -> Int64[ndarray, "n 2"]:
+    def find_cells(self, points: Float[ndarray, "n d"]) -> Int64[ndarray, "n 2"]:
         """The cell of each point, which may lie outside of the shape."""
         return np.floor((points[:, :2] - np.array(self.corner)) @ self.axes.T / self.size).astype(np.int64)
 
-    def heights(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
+    def compute_heights(self, points: Float[ndarray, "n 3"]) -> Float64[ndarray, " n"]:
         """Metres above the ground plane."""
         return points[:, 2] - self.plane[0] - points[:, :2] @ np.array(self.plane[1:])
 
-    def inside(self, cells: Int64[ndarray, "n 2"]) -> ndarray:
+    def contains(self, cells: Int64[ndarray, "n 2"]) -> ndarray:
         """Mask (n,) of the cells that the shape holds."""
         return np.all((cells >= 0) & (cells < self.shape), axis=1)
 
-    def all_cells(self) -> Int64[ndarray, "c 2"]:
+    def list_cells(self) -> Int64[ndarray, "c 2"]:
         """Every cell of the shape, row-major."""
         return np.argwhere(np.ones(self.shape, bool))
 
-    def counted(self, cells: Int64[ndarray, "n 2"]) -> Int64[ndarray, "a b"]:
+    def count_cells(self, cells: Int64[ndarray, "n 2"]) -> Int64[ndarray, "a b"]:
         """How many of `cells` name each cell of the shape."""
-        flat = np.ravel_multi_index(tuple(cells[self.inside(cells)].T), self.shape)
+        flat = np.ravel_multi_index(tuple(cells[self.contains(cells)].T), self.shape)
         return np.bincount(flat, minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
 
 
@@ -85,7 +85,7 @@ class GroundRaster:
     """Mean of the covering splats' values; 0 where nothing lies."""
 
 
-def rasterized(
+def rasterize_ground(
     grid: GroundGrid,
     means: Float32[ndarray, "n 3"],
     quats: Float32[ndarray, "n 4"],
@@ -95,7 +95,7 @@ def rasterized(
 ) -> GroundRaster:
     """Splats (metres; opacities in 0 … 1) seen from above, all at one depth: order does not count."""
     local = ((means[:, :2] - np.array(grid.corner)) @ grid.axes.T) / grid.size
-    inverse, reach = _footprints(grid, quats, scales)
+    inverse, reach = _compute_footprints(grid, quats, scales)
     base = np.floor(local).astype(np.int64)
     through = np.ones(grid.shape[0] * grid.shape[1])
     weights, sums = np.zeros_like(through), np.zeros((len(through), values.shape[1]))
@@ -103,7 +103,7 @@ def rasterized(
         for across in range(-_MAX_CELLS, _MAX_CELLS + 1):
             rows = np.flatnonzero(reach >= max(abs(along), abs(across)) - 1)
             cells = base[rows] + np.array([along, across])
-            within = grid.inside(cells)
+            within = grid.contains(cells)
             rows, cells = rows[within], cells[within]
             offset = cells + 0.5 - local[rows]
             squares = np.einsum("ni,nij,nj->n", offset, inverse[rows], offset)
@@ -117,13 +117,13 @@ def rasterized(
     return GroundRaster((1 - through).reshape(grid.shape), mean.reshape(*grid.shape, -1))
 
 
-def _footprints(
+def _compute_footprints(
     grid: GroundGrid, quats: Float32[ndarray, "n 4"], scales: Float32[ndarray, "n 3"]
 ) -> tuple[Float64[ndarray, "n 2 2"], Float64[ndarray, " n"]]:
     """Inverse covariances of the splats seen from above, in cells, and how many cells each reaches."""
     axes = np.zeros((2, 3))
     axes[:, :2] = grid.axes / grid.size
-    spread = axes @ (matrix_from_quaternion(normalized(quats)) * scales[:, None, :].astype(np.float64))
+    spread = axes @ (matrix_from_quaternion(normalize_quaternions(quats)) * scales[:, None, :].astype(np.float64))
     covariances = spread @ spread.transpose(0, 2, 1) + _PIXEL**2 * np.eye(2)
     reach = _SIGMAS * np.sqrt(covariances[:, (0, 1), (0, 1)].max(axis=1))
     return np.linalg.inv(covariances), np.ceil(reach)

@@ -9,10 +9,10 @@ from jaxtyping import Bool, Float64
 from numpy import ndarray
 from scipy import ndimage
 
-from instdrive_core.edits.holes.ground_grid import GroundGrid, GroundRaster, rasterized
+from instdrive_core.edits.holes.ground_grid import GroundGrid, GroundRaster, rasterize_ground
 from instdrive_core.edits.holes.surroundings import Neighborhood
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 
 GROUND_BAND = (-0.12, 0.3)
 """Metres above the plane between which ground lies: kerbs and pavements included."""
@@ -46,30 +46,30 @@ class GroundMap:
     """Which splats of the neighbourhood the ground is made of."""
 
 
-def ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
+def build_ground_map(grid: GroundGrid, near: Neighborhood) -> GroundMap:
     """Which splats are ground, and what it looks like from above."""
-    heights = grid.heights(near.means)
+    heights = grid.compute_heights(near.means)
     level = (heights >= GROUND_BAND[0]) & (heights <= GROUND_BAND[1])
-    thin = _vertical_deviations(near) <= MAX_THICKNESS
+    thin = _compute_vertical_deviations(near) <= MAX_THICKNESS
     ground = level & thin & ~near.compact & (near.scales.max(axis=1) <= MAX_SPLAT)
     rows = np.flatnonzero(ground)
     values = np.c_[near.colors[rows], heights[rows]]
-    raster = rasterized(grid, near.means[rows], near.quats[rows], near.scales[rows], near.opacities[rows], values)
-    means = _completed(raster)
+    raster = rasterize_ground(grid, near.means[rows], near.quats[rows], near.scales[rows], near.opacities[rows], values)
+    means = _fill_bare_cells(raster)
     opaque = near.opacities >= SOLID_OPACITY
     upright = opaque & (heights >= STANDING_BAND[0]) & (heights <= STANDING_BAND[1])
-    counts = grid.counted(grid.cells_of(near.means[upright]))
+    counts = grid.count_cells(grid.find_cells(near.means[upright]))
     crowded = np.asarray(ndimage.uniform_filter(counts.astype(np.float64), 3, mode="constant")) * 9 >= 2
     return GroundMap(grid, raster.cover, means[..., :3], means[..., 3], crowded & (counts > 0), ground)
 
 
-def _vertical_deviations(near: Neighborhood) -> Float64[ndarray, " k"]:
+def _compute_vertical_deviations(near: Neighborhood) -> Float64[ndarray, " k"]:
     """Standard deviation of each splat along z, metres."""
-    turned = matrix_from_quaternion(normalized(near.quats))[:, 2] * near.scales
+    turned = matrix_from_quaternion(normalize_quaternions(near.quats))[:, 2] * near.scales
     return np.sqrt((turned.astype(np.float64) ** 2).sum(axis=1))
 
 
-def _completed(raster: GroundRaster) -> Float64[ndarray, "a b v"]:
+def _fill_bare_cells(raster: GroundRaster) -> Float64[ndarray, "a b v"]:
     """Values of covered cells, and of bare ones the neighbours': cells between two lines of splats have some, too."""
     weights = ndimage.gaussian_filter(raster.cover, SMOOTHING, mode="nearest")
     sums = ndimage.gaussian_filter(raster.cover[..., None] * raster.values, (SMOOTHING, SMOOTHING, 0), mode="nearest")
@@ -77,6 +77,6 @@ def _completed(raster: GroundRaster) -> Float64[ndarray, "a b v"]:
     return np.where((raster.cover >= BARE)[..., None], raster.values, means)
 
 
-def solid(ground: GroundMap) -> Bool[ndarray, "a b"]:
+def find_solid_cells(ground: GroundMap) -> Bool[ndarray, "a b"]:
     """Cells with solid ground in them or close around: it may lie in lines, as a LiDAR saw it."""
     return np.asarray(ndimage.uniform_filter(ground.cover, 3, mode="nearest")) >= MIN_COVER / 2

@@ -14,13 +14,13 @@ TOLERANCE = 0.04
 and pavement wins."""
 MAX_SLOPE = 0.25
 MIN_SHARE = 0.15
-"""Of all points that must agree with a plane for it to be ground."""
+"""Share of all points that must agree with a plane for it to be ground."""
 BELOW_WEIGHT = 0.5
 """A point below the plane speaks against it by so much: what is above may stand on it, below it is only noise."""
 _REFITS = 3
 
 
-def ground_plane(points: Float[ndarray, "n 3"]) -> Float64[ndarray, "3"] | None:
+def fit_ground_plane(points: Float[ndarray, "n 3"]) -> Float64[ndarray, "3"] | None:
     """Height (metres) at x = y = 0 and slopes along x and y of the plane that most points agree with.
 
     Planes through three points, drawn by lot (RANSAC, Fischler & Bolles 1981) but always the same for the same points,
@@ -49,14 +49,14 @@ def ground_plane(points: Float[ndarray, "n 3"]) -> Float64[ndarray, "3"] | None:
     votes -= BELOW_WEIGHT * (residuals < -TOLERANCE).sum(axis=1)
     plane = planes[int(votes.argmax())]
     for _ in range(_REFITS):
-        agreeing = _agreeing(plane, columns, heights)
+        agreeing = _find_agreeing(plane, columns, heights)
         if agreeing.sum() < max(MIN_POINTS // 2, MIN_SHARE * len(points)):
             return None
         plane = np.linalg.lstsq(columns[agreeing], heights[agreeing], rcond=None)[0]
     return plane
 
 
-def _agreeing(
+def _find_agreeing(
     plane: Float64[ndarray, "3"], columns: Float64[ndarray, "n 3"], heights: Float64[ndarray, " n"]
 ) -> Bool[ndarray, " n"]:
     return np.abs(heights - columns @ plane) <= TOLERANCE

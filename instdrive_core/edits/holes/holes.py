@@ -11,14 +11,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.holes.cast_shadow import cast_shadow
-from instdrive_core.edits.holes.free_space import Occluder, sightings, standing
-from instdrive_core.edits.holes.ground_cells import all_under, grown, large_parts
+from instdrive_core.edits.holes.cast_shadow import find_cast_shadow
+from instdrive_core.edits.holes.free_space import Occluder, build_occluder, count_sightings
+from instdrive_core.edits.holes.ground_cells import find_covered_cells, grow_cells, keep_large_parts
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.ground_map import GroundMap, ground_map, solid
-from instdrive_core.edits.holes.ground_plane import ground_plane
-from instdrive_core.edits.holes.kept_footprint import under_kept
-from instdrive_core.edits.holes.surroundings import Neighborhood, Standing, Surroundings, standing_around
+from instdrive_core.edits.holes.ground_map import GroundMap, build_ground_map, find_solid_cells
+from instdrive_core.edits.holes.ground_plane import fit_ground_plane
+from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
+from instdrive_core.edits.holes.surroundings import Neighborhood, StandingObject, Surroundings, find_standing_objects
 from instdrive_core.edits.queries.placement import SOLID_OPACITY
 
 CELL = 0.2
@@ -72,36 +72,36 @@ class Hole:
     @property
     def outlines(self) -> Float64[ndarray, "h 4 3"]:
         """Corners of each cell on the ground, metres."""
-        return self.grid.corners(self.cells)
+        return self.grid.compute_corners(self.cells)
 
 
-def hole_under(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None:
+def find_hole(found: Surroundings, residue: Int64[ndarray, " r"]) -> Hole | None:
     """The ground that a deletion uncovers and no photo showed; None where there is no ground around.
 
     `residue` are rows that are left of what was deleted: they neither cover the ground nor stand on it.
     """
-    grid = grid_around(found)
+    grid = build_ground_grid(found)
     if grid is None:
         return None
-    ground = ground_map(grid, found.around.without(residue))
-    kept = under_kept(found.kept, grid)
-    footprint, reached = _footprints(grid, found.deleted, kept)
-    hidden, uncovered = _hidden_cells(grid, found)
+    ground = build_ground_map(grid, found.around.exclude(residue))
+    kept = find_kept_footprint(found.kept, grid)
+    footprint, reached = _find_footprints(grid, found.deleted, kept)
+    hidden, uncovered = _find_hidden_cells(grid, found)
     if hidden is None:
-        hidden = uncovered = grown(footprint, grid.size, FOOTPRINT_MARGIN)
-    edge = grown(footprint, grid.size, EDGE)
+        hidden = uncovered = grow_cells(footprint, grid.size, FOOTPRINT_MARGIN)
+    edge = grow_cells(footprint, grid.size, EDGE)
     candidates = ((hidden & uncovered & reached) | edge) & (footprint | ~ground.obstructed) & ~kept
-    stained = edge | grown(all_under(found.others, grid) | kept, grid.size, EDGE)
-    clean = solid(ground) & ~hidden & ~ground.obstructed & ~stained
-    wrong = candidates & ~_plausible(ground, clean, candidates)
-    missing = footprint & ~solid(ground)
-    closed = _closed(wrong, candidates, ground.obstructed | kept, grid.size)
-    hole = large_parts(closed | missing, grid.size, MIN_AREA)
-    shadow = cast_shadow(ground, clean, footprint, hole)
+    stained = edge | grow_cells(find_covered_cells(found.others, grid) | kept, grid.size, EDGE)
+    clean = find_solid_cells(ground) & ~hidden & ~ground.obstructed & ~stained
+    wrong = candidates & ~_find_plausible_cells(ground, clean, candidates)
+    missing = footprint & ~find_solid_cells(ground)
+    closed = _close_gaps(wrong, candidates, ground.obstructed | kept, grid.size)
+    hole = keep_large_parts(closed | missing, grid.size, MIN_AREA)
+    shadow = find_cast_shadow(ground, clean, footprint, hole)
     return Hole(grid, np.argwhere(hole), np.argwhere(shadow))
 
 
-def _closed(
+def _close_gaps(
     wrong: Bool[ndarray, "a b"], candidates: Bool[ndarray, "a b"], obstructed: Bool[ndarray, "a b"], size: float
 ) -> Bool[ndarray, "a b"]:
     """With the cells at their edge, which seemed solid for the ground beside them, and those amid them that happen to
@@ -110,15 +110,15 @@ def _closed(
     closed = np.asarray(ndimage.binary_closing(grown, np.ones((3, 3)), iterations=2))[3:-3, 3:-3]
     whole = wrong | (closed & candidates)
     islands = np.asarray(ndimage.binary_fill_holes(whole), bool) & ~whole
-    return whole | (islands & ~large_parts(islands, size, MAX_ISLAND) & ~obstructed)
+    return whole | (islands & ~keep_large_parts(islands, size, MAX_ISLAND) & ~obstructed)
 
 
-def grid_around(found: Surroundings) -> GroundGrid | None:
+def build_ground_grid(found: Surroundings) -> GroundGrid | None:
     """Cells along the lane, on the plane of the ground; None where there are too few splats for one."""
     near = found.around
     offsets = near.means - found.place.astype(np.float32)
     close = (np.hypot(offsets[:, 0], offsets[:, 1]) <= PLANE_RADIUS) & (np.abs(offsets[:, 2]) <= PLANE_BAND)
-    plane = ground_plane(offsets[close & (near.opacities >= SOLID_OPACITY) & ~near.compact])
+    plane = fit_ground_plane(offsets[close & (near.opacities >= SOLID_OPACITY) & ~near.compact])
     if plane is None:
         return None
     shape = (round(2 * HALF_LENGTH / CELL), round(2 * HALF_WIDTH / CELL))
@@ -128,57 +128,63 @@ def grid_around(found: Surroundings) -> GroundGrid | None:
     return replace(grid, corner=(x, y))
 
 
-def known_ground(document: Document, grid: GroundGrid, near: Neighborhood) -> tuple[GroundMap, Bool[ndarray, "a b"]]:
+def find_known_ground(
+    document: Document, grid: GroundGrid, near: Neighborhood
+) -> tuple[GroundMap, Bool[ndarray, "a b"]]:
     """The ground as it is now, and where it is known: solid, free, and shown by enough photos."""
-    ground = ground_map(grid, near)
-    others = standing_around(document, near)
-    occluders = [each for each in (_occluder(one, grid) for one in others) if each is not None]
-    points = grid.on_ground(grid.centers(grid.all_cells()))
-    seen, _ = sightings(points, document.scene.views, occluders, 0)
-    known = solid(ground) & ~ground.obstructed
+    ground = build_ground_map(grid, near)
+    others = find_standing_objects(document, near)
+    occluders = [each for each in (_make_occluder(one, grid) for one in others) if each is not None]
+    points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
+    seen, _ = count_sightings(points, document.scene.views, occluders, 0)
+    known = find_solid_cells(ground) & ~ground.obstructed
     if (seen >= MIN_SIGHTINGS).any():
         known &= (seen >= MIN_SIGHTINGS).reshape(grid.shape)
-    return ground, known & ~grown(all_under(others, grid), grid.size, EDGE)
+    return ground, known & ~grow_cells(find_covered_cells(others, grid), grid.size, EDGE)
 
 
-def _hidden_cells(grid: GroundGrid, found: Surroundings) -> tuple[Bool[ndarray, "a b"] | None, Bool[ndarray, "a b"]]:
+def _find_hidden_cells(
+    grid: GroundGrid, found: Surroundings
+) -> tuple[Bool[ndarray, "a b"] | None, Bool[ndarray, "a b"]]:
     """Cells that fewer than `MIN_SIGHTINGS` photos show, and those that the deleted objects hid from any; None where
     there are no photos around to tell."""
-    points = grid.on_ground(grid.centers(grid.all_cells()))
-    occluders = [_occluder(each, grid) for each in (*found.deleted, *found.others)]
+    points = grid.lift_to_ground(grid.compute_centers(grid.list_cells()))
+    occluders = [_make_occluder(each, grid) for each in (*found.deleted, *found.others)]
     chosen = sum(each is not None for each in occluders[: len(found.deleted)])
-    seen, hidden = sightings(points, found.views, [each for each in occluders if each is not None], chosen)
+    seen, hidden = count_sightings(points, found.views, [each for each in occluders if each is not None], chosen)
     away = np.linalg.norm(points[:, :2] - found.place[:2], axis=1)
     if not (seen[away < MAX_AWAY + 2] > 0).any():
         return None, np.zeros(grid.shape, bool)
     return (seen < MIN_SIGHTINGS).reshape(grid.shape), (hidden > 0).reshape(grid.shape)
 
 
-def _occluder(each: Standing, grid: GroundGrid) -> Occluder | None:
+def _make_occluder(each: StandingObject, grid: GroundGrid) -> Occluder | None:
     if each.track is None:
-        floor = float(grid.on_ground(each.body.center[None, :2])[0, 2])
+        floor = float(grid.lift_to_ground(each.body.center[None, :2])[0, 2])
     else:
         floor = -float(each.track.dimensions[2]) / 2
-    return standing(each.body, each.points, floor, each.track)
+    return build_occluder(each.body, each.points, floor, each.track)
 
 
-def _footprints(
-    grid: GroundGrid, deleted: tuple[Standing, ...], kept: Bool[ndarray, "a b"]
+def _find_footprints(
+    grid: GroundGrid, deleted: tuple[StandingObject, ...], kept: Bool[ndarray, "a b"]
 ) -> tuple[Bool[ndarray, "a b"], Bool[ndarray, "a b"]]:
     """Cells under the hulls of what stood there and not under what is `kept` of it, and those within `MAX_AWAY` of
     them. Where an actor drove is none of its footprint: photos before and after show it."""
-    under, places = all_under(deleted, grid) & ~kept, grid.centers(grid.all_cells())
-    reached: Bool[ndarray, "a b"] = grown(under, grid.size, MAX_AWAY)
+    under, places = find_covered_cells(deleted, grid) & ~kept, grid.compute_centers(grid.list_cells())
+    reached: Bool[ndarray, "a b"] = grow_cells(under, grid.size, MAX_AWAY)
     for each in deleted:
         if each.track is not None:
             times = each.track.times
-            path = np.stack([each.track.pose_at(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
+            path = np.stack([each.track.interpolate_pose(time)[:2, 3] for time in times[:: max(1, len(times) // 20)]])
             gaps = np.linalg.norm(places[:, None] - path[None], axis=-1).min(axis=1)
             reached = reached | (gaps <= MAX_AWAY).reshape(grid.shape)
     return under, reached
 
 
-def _plausible(ground: GroundMap, known: Bool[ndarray, "a b"], asked: Bool[ndarray, "a b"]) -> Bool[ndarray, "a b"]:
+def _find_plausible_cells(
+    ground: GroundMap, known: Bool[ndarray, "a b"], asked: Bool[ndarray, "a b"]
+) -> Bool[ndarray, "a b"]:
     """Cells of those `asked` whose ground is solid and of a colour that enough of the known ground around has, too."""
     along, across = round(PALETTE_ALONG / ground.grid.size), round(PALETTE_ACROSS / ground.grid.size)
     margin, window = ((along, along), (across, across)), (2 * along + 1, 2 * across + 1)
@@ -186,7 +192,7 @@ def _plausible(ground: GroundMap, known: Bool[ndarray, "a b"], asked: Bool[ndarr
     colors = np.pad(np.where(known[..., None], ground.color, np.inf), (*margin, (0, 0)), constant_values=np.inf)
     around = sliding_window_view(colors, window, (0, 1))
     plausible = np.zeros(known.shape, bool)
-    for cell in np.argwhere(asked & solid(ground)):
+    for cell in np.argwhere(asked & find_solid_cells(ground)):
         differences = np.abs(around[tuple(cell)] - ground.color[tuple(cell)][:, None, None]).max(axis=0)
         plausible[tuple(cell)] = np.count_nonzero(differences <= MAX_COLOR_DIFFERENCE) >= MIN_ALIKE
     return plausible

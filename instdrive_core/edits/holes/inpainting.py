@@ -28,7 +28,7 @@ class ExemplarConfig:
     """Added to the mean squared difference per squared cell that a piece comes from across the lane: kerbs, lane marks
     and ruts run along it."""
     along_penalty: float = 2e-5
-    """The same per cell along the lane."""
+    """Added to the mean squared difference per squared cell that a piece comes from along the lane."""
     reuse_penalty: float = 2e-3
     """Added for each time that a piece close to it was taken already: nothing is stamped all over the hole."""
     reuse_reach: int = 2
@@ -40,7 +40,7 @@ class ExemplarConfig:
 DEFAULT_CONFIG = ExemplarConfig()
 
 
-def source_cells(
+def choose_source_cells(
     values: Float64[ndarray, "a b v"],
     known: Bool[ndarray, "a b"],
     hole: Bool[ndarray, "a b"],

@@ -10,32 +10,32 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.compact_objects import body_of_rows, is_compact, of_main_node, solid_points
-from instdrive_core.edits.queries.placement import lane_at
+from instdrive_core.edits.queries.compact_objects import build_body, is_compact, keep_main_node, select_solid_points
+from instdrive_core.edits.queries.placement import find_lane
 from instdrive_core.errors import EditError
-from instdrive_core.instances.interiors import Body
+from instdrive_core.instances.interiors import CompactObject
 from instdrive_core.maths.spherical_harmonics import color_from_dc
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.selection import Flag
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import current_means, transform_rows
+from instdrive_core.scene.transforms import bake_transforms, compute_current_means
 
 REACH = 14.0
 """Metres around the middle within which ground is looked at."""
 
 MAX_POINTS = 3000
-"""Of one object: enough for its hull."""
+"""Points kept of one object: enough for its hull."""
 
 
 @dataclass(frozen=True)
-class Standing:
+class StandingObject:
     """An object that stood, or stands, on the ground."""
 
-    body: Body
+    body: CompactObject
     points: Float64[ndarray, "k 3"]
     """Solid splats of it, at most about `MAX_POINTS`, metres, in the frame of its node."""
     track: Track | None
-    """Of its node; None = background."""
+    """Track of its node; None = background."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class Neighborhood:
     compact: Bool[ndarray, " k"]
     """Part of an object that stands there."""
 
-    def without(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
-        """The same without some rows of the document."""
+    def exclude(self, rows: Int64[ndarray, " r"]) -> Neighborhood:
+        """A neighbourhood without some rows of the document."""
         kept = ~np.isin(self.rows, rows)
         return Neighborhood(**{entry.name: getattr(self, entry.name)[kept] for entry in fields(self)})
 
@@ -70,20 +70,20 @@ class Surroundings:
     along: tuple[float, float]
     """Unit vector of the lane."""
     around: Neighborhood
-    deleted: tuple[Standing, ...]
-    others: tuple[Standing, ...]
+    deleted: tuple[StandingObject, ...]
+    others: tuple[StandingObject, ...]
     kept: tuple[Float64[ndarray, "k 3"], ...]
-    """Of each thing that was deleted in part and does not move: solid splats of what is left, metres."""
+    """Solid splats that are left of each thing that was deleted in part and does not move, metres."""
     views: tuple[CameraView, ...]
 
 
-def surroundings(
+def find_surroundings(
     document: Document,
     groups: Sequence[tuple[int, Int64[ndarray, "_"]]],
     time: float,
     kept: Sequence[Int64[ndarray, "_"]] = (),
 ) -> Surroundings | None:
-    """Around deleted rows, grouped by instance; None where none of the groups is an object that stood on the ground.
+    """Surroundings of deleted rows, grouped by instance; None where no group is an object that stood on the ground.
 
     `time` (seconds) says where moving ones were, `kept` which rows of the same instances were left on purpose.
     """
@@ -92,30 +92,32 @@ def surroundings(
         return None
     place = np.mean([_middle(each, time) for each in deleted], axis=0)
     gone = [instance_id for instance_id, _ in groups]
-    near = neighborhood(document, place, np.concatenate([rows for _, rows in groups]))
-    others = standing_around(document, near, gone)
+    near = find_neighborhood(document, place, np.concatenate([rows for _, rows in groups]))
+    others = find_standing_objects(document, near, gone)
     try:
-        lane = lane_at(document, (), place, time)
+        lane = find_lane(document, (), place, time)
     except EditError:
         lane = np.array([0.0, 1.0, 0.0])
     along = (float(lane[0]), float(lane[1]))
-    left = tuple(solid_points(document, rows[document.scene.nodes[rows] == 0]) for rows in kept)
+    left = tuple(select_solid_points(document, rows[document.scene.nodes[rows] == 0]) for rows in kept)
     return Surroundings(place, along, near, tuple(deleted), others, left, document.scene.views)
 
 
-def standing_around(document: Document, near: Neighborhood, without: Sequence[int] = ()) -> tuple[Standing, ...]:
-    """Objects of the neighbourhood that still stand, but for some instances."""
+def find_standing_objects(
+    document: Document, near: Neighborhood, without: Sequence[int] = ()
+) -> tuple[StandingObject, ...]:
+    """Objects of the neighbourhood that still stand, except some instances."""
     ids = [number for number in np.unique(near.instance_ids[near.compact]).tolist() if number not in without]
     found = [_standing(document, number, _alive(document, number)) for number in ids]
     return tuple(each for each in found if each is not None)
 
 
-def neighborhood(
+def find_neighborhood(
     document: Document, place: Float64[ndarray, " m"], spared: Int64[ndarray, " n"] | None = None
 ) -> Neighborhood:
-    """Within `REACH` of a place in the plane; without the rows `spared`, though they may not be deleted yet."""
+    """Splats within `REACH` of a place in the plane, except the rows `spared`, which may not be deleted yet."""
     scene, flags = document.scene, document.state.flags
-    means = current_means(scene.gaussians, document.transforms)
+    means = compute_current_means(scene.gaussians, document.transforms)
     offsets = np.abs(means[:, :2] - np.asarray(place[:2], np.float32))
     alive = (flags & Flag.DELETED) == 0
     rows = np.flatnonzero((offsets[:, 0] <= REACH) & (offsets[:, 1] <= REACH) & (scene.nodes == 0) & alive)
@@ -125,25 +127,25 @@ def neighborhood(
     known = [scene.table[number] for number in np.unique(ids).tolist() if number in scene.table]
     compact = np.isin(ids, [instance.id for instance in known if is_compact(instance)])
     part = scene.gaussians.select(rows)
-    transform_rows(part, document.transforms, document.transforms.indices[rows])
+    bake_transforms(part, document.transforms, document.transforms.indices[rows])
     colors, locked = color_from_dc(part.sh_dc), (flags[rows] & Flag.LOCKED) != 0
     return Neighborhood(rows, part.means, part.quats, part.scales, part.opacities, colors, ids, locked, compact)
 
 
-def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Standing | None:
-    members = of_main_node(document, members)
-    body = body_of_rows(document, instance_id, members)
+def _standing(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> StandingObject | None:
+    members = keep_main_node(document, members)
+    body = build_body(document, instance_id, members)
     if body is None:
         return None
     node = int(document.scene.nodes[members[0]])
     track = document.scene.actors[node - 1] if node else None
-    return Standing(body, solid_points(document, members[:: 1 + len(members) // MAX_POINTS]), track)
+    return StandingObject(body, select_solid_points(document, members[:: 1 + len(members) // MAX_POINTS]), track)
 
 
 def _alive(document: Document, instance_id: int) -> Int64[ndarray, " m"]:
-    rows = document.rows_of((instance_id,))
+    rows = document.find_rows((instance_id,))
     return rows[(document.state.flags[rows] & Flag.DELETED) == 0]
 
 
-def _middle(standing: Standing, time: float) -> Float64[ndarray, "3"]:
-    return standing.body.center if standing.track is None else standing.track.pose_at(time)[:3, 3]
+def _middle(standing: StandingObject, time: float) -> Float64[ndarray, "3"]:
+    return standing.body.center if standing.track is None else standing.track.interpolate_pose(time)[:3, 3]

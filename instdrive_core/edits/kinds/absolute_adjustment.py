@@ -1,7 +1,7 @@
-"""Adjusting colours to absolute amounts: how far each slider is from neutral, whatever was done before.
+"""Adjusting colours to absolute amounts: what a slider shows is how far it is from neutral, whatever was done before.
 
-`AdjustInstances` works on what is shown, and adjustments add up; here the last amount of each kind counts. What an
-instance is made of is remembered by its palette entry: the colours before adjustment, and the amounts.
+The last amount of each kind counts. An instance's palette entry remembers the colours before adjustment, and the
+amounts. The editor, the command line and Python all adjust by `SetAdjustment`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 from jaxtyping import Float, Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind, adjustment, checked_adjustment
-from instdrive_core.edits.bases.editable import editable_parts
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.adjustments import RANGES, AdjustKind, check_adjustment, compute_adjustment
+from instdrive_core.edits.bases.editable import find_editable_parts
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.edits.document.entries import PartsChange
-from instdrive_core.edits.document.row_kernels import free_rows
+from instdrive_core.edits.document.row_kernels import keep_free_rows
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.edits.kinds.color import ColorEdit
-from instdrive_core.edits.queries.mean_colors import mean_colors
-from instdrive_core.scene.palette import DRAWN, stacked_values
+from instdrive_core.edits.queries.mean_colors import compute_mean_colors
+from instdrive_core.scene.palette import DRAWN, pack_color_entries
 from instdrive_core.scene.selection import Flag
 
 ORDER: tuple[AdjustKind, ...] = ("temperature", "hue", "saturation", "brightness", "contrast")
@@ -43,18 +43,18 @@ class SetAdjustment(ColorEdit):
     """Degrees for `hue` (-180 … 180), -1 … 1 for `temperature` (warm above 0), else a factor (0 … 4; opacity 0 … 1)."""
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        self.amount = checked_adjustment(self.what, self.amount)
+        self.ids = check_ids(self.ids)
+        self.amount = check_adjustment(self.what, self.amount)
 
     @property
     def title(self) -> str:
         """``Set brightness of instance 17 to 1.3``."""
         unit = "°" if self.what == "hue" else ""
-        return f"Set {self.what} of {ids_in_words(self.ids)} to {self.amount:.3g}{unit}"
+        return f"Set {self.what} of {describe_ids(self.ids)} to {self.amount:.3g}{unit}"
 
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""
-        parts = editable_parts(document, self.ids)
+        parts = find_editable_parts(document, self.ids)
         return self.assign(document, parts, self._change(document, parts))
 
     def _change(self, document: Document, parts: RowParts) -> PartsChange:
@@ -62,21 +62,21 @@ class SetAdjustment(ColorEdit):
 
         @cache
         def means() -> Float64[ndarray, "p 3"]:
-            return mean_colors(document.scene.gaussians, parts, palette.bases, palette.indices)
+            return compute_mean_colors(document.scene.gaussians, parts, palette.bases, palette.indices)
 
         def change(values: ndarray, part: Int64[ndarray, " k"]) -> ndarray:
             bases, adjusted = values[:, DRAWN : DRAWN + 12].reshape(-1, 3, 4), values[:, DRAWN + 12 :].copy()
             if self.what == "opacity":
                 alphas = np.full(len(values), self.amount)
-                return stacked_values(values[:, :12].reshape(-1, 3, 4), alphas, bases, adjusted)
+                return pack_color_entries(values[:, :12].reshape(-1, 3, 4), alphas, bases, adjusted)
             adjusted[:, ORDER.index(self.what)] = self.amount - RANGES[self.what].neutral
-            matrices = composed(bases, adjusted, lambda: means()[part])
-            return stacked_values(matrices, values[:, DRAWN - 1], bases, adjusted)
+            matrices = compose_adjustments(bases, adjusted, lambda: means()[part])
+            return pack_color_entries(matrices, values[:, DRAWN - 1], bases, adjusted)
 
         return change
 
 
-def composed(
+def compose_adjustments(
     bases: Float[ndarray, "k 3 4"], adjusted: Float[ndarray, "k a"], means: Callable[[], Float64[ndarray, "k 3"]]
 ) -> Float64[ndarray, "k 3 4"]:
     """Maps [A | b] of colours: `bases`, then the adjustments, which are given by their distances from neutral.
@@ -86,7 +86,7 @@ def composed(
     """
     # Entries are many, but what they were adjusted by is seldom more than a few different things.
     different, place = np.unique(adjusted[:, :-1].astype(np.float64), axis=0, return_inverse=True)
-    linear = np.array([_linear(offsets.tolist()) for offsets in different])[place.reshape(-1)]
+    linear = np.array([_compose_linear(offsets.tolist()) for offsets in different])[place.reshape(-1)]
     matrices = linear @ bases.astype(np.float64)
     contrasts = adjusted[:, -1].astype(np.float64)
     if contrasts.any():
@@ -97,30 +97,30 @@ def composed(
     return matrices
 
 
-def _linear(offsets: list[float]) -> Float64[ndarray, "3 3"]:
-    """What all adjustments but contrast do to colours."""
+def _compose_linear(offsets: list[float]) -> Float64[ndarray, "3 3"]:
+    """Matrix of all adjustments but contrast."""
     linear = np.eye(3)
     for kind, offset in zip(ORDER, offsets, strict=False):
         if offset:
-            linear = adjustment(kind, RANGES[kind].neutral + offset, np.zeros(3))[:, :3] @ linear
+            linear = compute_adjustment(kind, RANGES[kind].neutral + offset, np.zeros(3))[:, :3] @ linear
     return linear
 
 
 @dataclass(frozen=True)
-class Look:
-    """How instances are coloured now."""
+class AdjustmentSummary:
+    """The adjustments that instances show now."""
 
     amounts: dict[AdjustKind, tuple[float, ...]]
-    """Of each adjustment the distinct amounts, rising: one where all splats agree."""
+    """Distinct amounts of each adjustment, rising: a single one where all splats agree."""
     recolored: bool
     """Whether any splat was recoloured or adjusted at all."""
 
 
-def look_of(document: Document, ids: Iterable[int]) -> Look:
-    """The look of instances, deleted splats left out. Raises EditError for an unknown ID."""
-    rows = document.rows_of(ids)
+def summarize_adjustments(document: Document, ids: Iterable[int]) -> AdjustmentSummary:
+    """Adjustments that instances show now, deleted splats left out. Raises EditError for an unknown ID."""
+    rows = document.find_rows(ids)
     palette = document.colors
-    alive = free_rows(rows, np.array([0, len(rows)]), document.state.flags, np.uint8(Flag.DELETED))[0]
+    alive = keep_free_rows(rows, np.array([0, len(rows)]), document.state.flags, np.uint8(Flag.DELETED))[0]
     named = np.zeros(len(palette), bool)
     named[palette.indices[alive]] = True
     entries = np.flatnonzero(named)
@@ -130,4 +130,4 @@ def look_of(document: Document, ids: Iterable[int]) -> Look:
     amounts: dict[AdjustKind, tuple[float, ...]] = {
         kind: tuple(np.unique(columns[kind].astype(np.float32)).tolist()) for kind in RANGES
     }
-    return Look(amounts, recolored=bool(entries.any()))
+    return AdjustmentSummary(amounts, recolored=bool(entries.any()))

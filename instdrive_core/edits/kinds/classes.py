@@ -1,4 +1,4 @@
-"""Of which class instances are: of any number of them in one edit."""
+"""Setting the class of any number of instances."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from instdrive_core.edits.bases.editable import check_unlocked
-from instdrive_core.edits.bases.parameters import checked_ids
-from instdrive_core.edits.bases.relabel import checked_text, known_instance, restore_entries
+from instdrive_core.edits.bases.parameters import check_ids
+from instdrive_core.edits.bases.relabel import check_text, get_instance, restore_entries
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import Edit, ids_in_words
+from instdrive_core.edits.document.edit import Edit, describe_ids
 from instdrive_core.instances.table import Instance
 
 
@@ -21,33 +21,33 @@ class SetClass(Edit):
     ids: tuple[int, ...]
     class_name: str
     _before: dict[int, Instance | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """Those of another class until then."""
+    """Entries of the instances that had another class."""
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        self.class_name = checked_text(self.class_name, "class")
+        self.ids = check_ids(self.ids)
+        self.class_name = check_text(self.class_name, "class")
 
     @property
     def title(self) -> str:
         """``Set class of 3 instances to Car``."""
-        return f"Set class of {ids_in_words(self.ids)} to {self.class_name or 'unknown'}"
+        return f"Set class of {describe_ids(self.ids)} to {self.class_name or 'unknown'}"
 
     def do(self, document: Document) -> bool:
         """Replace the table's entries. Raises EditError where one of the instances is locked or unknown."""
-        entries = [known_instance(document, instance_id) for instance_id in self.ids]
+        entries = [get_instance(document, instance_id) for instance_id in self.ids]
         check_unlocked(document, self.ids)
         others = [entry for entry in entries if entry.class_name != self.class_name]
         self._before = {entry.id: entry for entry in others}
         for entry in others:
             document.scene.table.set(replace(entry, class_name=self.class_name))
         if others:
-            document.instances_changed(ids_changed=False)
+            document.note_instances_changed(ids_changed=False)
         return bool(others)
 
     def undo(self, document: Document) -> None:
         """Put the old entries back."""
         restore_entries(document, self._before)
-        document.instances_changed(ids_changed=False)
+        document.note_instances_changed(ids_changed=False)
 
 
 @dataclass
@@ -69,9 +69,9 @@ class SetInstanceClass(Edit):
         return self._edit.title
 
     def do(self, document: Document) -> bool:
-        """As `SetClass.do`."""
+        """Replace the table's entry. Raises EditError where the instance is locked or unknown."""
         return self._edit.do(document)
 
     def undo(self, document: Document) -> None:
-        """As `SetClass.undo`."""
+        """Put the old entry back."""
         self._edit.undo(document)

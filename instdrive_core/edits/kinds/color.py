@@ -9,17 +9,17 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.edits.bases.adjustments import LUMA, hue_of, hue_rotations, hues_of
-from instdrive_core.edits.bases.editable import editable, editable_parts
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.adjustments import LUMA, compute_hue, compute_hue_rotations, compute_hues
+from instdrive_core.edits.bases.editable import find_editable_parts, find_editable_rows
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import Edit, ids_in_words
-from instdrive_core.edits.document.entries import PartsChange, entries_of_parts
+from instdrive_core.edits.document.edit import Edit, describe_ids
+from instdrive_core.edits.document.entries import PartsChange, add_part_entries
 from instdrive_core.edits.document.row_parts import RowParts
-from instdrive_core.edits.queries.mean_colors import mean_colors
+from instdrive_core.edits.queries.mean_colors import compute_mean_colors
 from instdrive_core.errors import EditError
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.palette import DRAWN, stacked_values
+from instdrive_core.scene.palette import DRAWN, pack_color_entries
 
 RecolorMode = Literal["tint", "hue", "solid"]
 MEAN_LUMA_FLOOR = 0.05
@@ -37,7 +37,7 @@ class ColorEdit(Edit):
     def assign(self, document: Document, parts: RowParts, change: PartsChange) -> bool:
         """Add the changed entries of parts of rows, point the rows at them, remember; whether any row changed."""
         palette, size = document.colors, len(document.colors)
-        wanted = entries_of_parts(palette, parts, change)
+        wanted = add_part_entries(palette, parts, change)
         changed = palette.indices[parts.rows] != wanted
         self._rows, self._size_before = parts.rows[changed].astype(np.int32), size
         self._before = palette.assign(self._rows, wanted[changed])
@@ -67,7 +67,7 @@ class RecolorInstances(ColorEdit):
     """RGB in [0, 1]."""
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
         if self.mode not in get_args(RecolorMode):
             raise EditError(f"recolour mode {self.mode!r} is not one of {', '.join(get_args(RecolorMode))}")
         if len(self.color) != 3 or not all(0 <= channel <= 1 for channel in self.color):
@@ -79,14 +79,16 @@ class RecolorInstances(ColorEdit):
         """``Tint instance 17 #d02020``."""
         code = "".join(f"{round(channel * 255):02x}" for channel in self.color)
         if self.mode == "hue":
-            return f"Shift hue of {ids_in_words(self.ids)} to #{code}"
-        return f"{self.mode.capitalize()} {ids_in_words(self.ids)} #{code}"
+            return f"Shift hue of {describe_ids(self.ids)} to #{code}"
+        return f"{self.mode.capitalize()} {describe_ids(self.ids)} #{code}"
 
     def do(self, document: Document) -> bool:
         """Add one entry per instance and point the instance's rows at it."""
-        parts = editable_parts(document, self.ids)
-        matrices = recolor_matrices(document.scene.gaussians, parts, self.mode, self.color)
-        return self.assign(document, parts, lambda values, part: stacked_values(matrices[part], values[:, DRAWN - 1]))
+        parts = find_editable_parts(document, self.ids)
+        matrices = compute_recolor_matrices(document.scene.gaussians, parts, self.mode, self.color)
+        return self.assign(
+            document, parts, lambda values, part: pack_color_entries(matrices[part], values[:, DRAWN - 1])
+        )
 
 
 @dataclass
@@ -97,20 +99,20 @@ class ResetColors(ColorEdit):
     ids: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
 
     @property
     def title(self) -> str:
         """``Reset colours of instance 17``."""
-        return f"Reset colours of {ids_in_words(self.ids)}"
+        return f"Reset colours of {describe_ids(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Point the instances' rows at the entry that changes nothing."""
-        rows = RowParts.whole(editable(document, self.ids))
+        rows = RowParts.whole(find_editable_rows(document, self.ids))
         return self.assign(document, rows, lambda values, _: np.repeat(document.colors.values[:1], len(values), axis=0))
 
 
-def recolor_matrices(
+def compute_recolor_matrices(
     gaussians: Gaussians, parts: RowParts, mode: RecolorMode, color: tuple[float, float, float]
 ) -> Float32[ndarray, "k 3 4"]:
     """The palette entries [A | b] that recolour the Gaussians of instances, whose rows the parts are.
@@ -123,9 +125,9 @@ def recolor_matrices(
     if mode == "solid":
         matrices[:, :, 3] = color
         return matrices.astype(np.float32)
-    means = mean_colors(gaussians, parts)
+    means = compute_mean_colors(gaussians, parts)
     if mode == "hue":
-        matrices[:, :, :3] = hue_rotations(hue_of(color) - hues_of(means))
+        matrices[:, :, :3] = compute_hue_rotations(compute_hue(color) - compute_hues(means))
     else:
         matrices[:, :, :3] = np.outer(color, LUMA) / np.maximum(means @ LUMA, MEAN_LUMA_FLOOR)[:, None, None]
     return matrices.astype(np.float32)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
 from instdrive_core.errors import EditError
 
@@ -28,7 +29,7 @@ class CompoundEdit(Edit):
         """The given name."""
         return self.name
 
-    def do(self, document: Any) -> bool:
+    def do(self, document: Document) -> bool:
         """Do all edits, or none of them."""
         self._done = []
         try:
@@ -40,11 +41,11 @@ class CompoundEdit(Edit):
             raise
         return bool(self._done)
 
-    def undo(self, document: Any) -> None:
+    def undo(self, document: Document) -> None:
         """Undo those that changed anything, last first."""
         for edit in reversed(self._done):
             edit.undo(document)
 
-    def to_json(self) -> dict[str, Any]:
-        """As every edit's, with the parts as JSON too."""
+    def to_json(self) -> dict[str, object]:
+        """Kind and parameters, with each part's JSON in place of the part."""
         return {"kind": self.kind, "edits": [edit.to_json() for edit in self.edits], "name": self.name}

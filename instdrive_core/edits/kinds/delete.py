@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from jaxtyping import Int
 from numpy import ndarray
 
-from instdrive_core.edits.bases.editable import editable
+from instdrive_core.edits.bases.editable import find_editable_rows
 from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
-from instdrive_core.edits.document.row_runs import RowRuns, row_runs, rows_of_scene
+from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.edits.document.row_runs import RowRuns, expand_runs, make_runs
 from instdrive_core.errors import EditError
 from instdrive_core.scene.selection import Flag
-from instdrive_core.wording import counted
+from instdrive_core.wording import format_count
 
 
 @dataclass
@@ -28,17 +28,17 @@ class DeleteInstances(FlagEdit):
     ids: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
 
     @property
     def title(self) -> str:
         """``Delete instance 17``."""
-        return f"Delete {ids_in_words(self.ids)}"
+        return f"Delete {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the instances' rows."""
-        rows = editable(document, self.ids)
-        return _deletion(rows)
+        rows = find_editable_rows(document, self.ids)
+        return _plan_deletion(rows)
 
 
 @dataclass
@@ -52,12 +52,12 @@ class DeleteSelected(FlagEdit):
         """``Delete selection``."""
         return "Delete selection"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the selected rows."""
-        rows = document.state.rows_with(Flag.SELECTED)
+        rows = document.state.find_rows(Flag.SELECTED)
         if not len(rows):
             raise EditError("nothing is selected; select what to delete first")
-        return _deletion(rows)
+        return _plan_deletion(rows)
 
 
 @dataclass
@@ -65,27 +65,27 @@ class DeleteRows(FlagEdit):
     """Delete any splats, e.g. those that the linter objects to; locked ones are spared."""
 
     kind: ClassVar[str] = "delete_rows"
-    rows: RowRuns | Int[ndarray, " m"] | tuple[Any, ...] | list[Any]
+    rows: RowRuns | Int[ndarray, " m"] | Sequence[object]
     """Row numbers as an array, or runs as pairs (first row, number of rows); kept as runs."""
 
     def __post_init__(self) -> None:
-        self.rows = row_runs(self.rows)
+        self.rows = make_runs(self.rows)
 
     @property
     def title(self) -> str:
         """``Delete 12 splats``."""
-        return f"Delete {counted(len(row_runs(self.rows)), 'splat')}"
+        return f"Delete {format_count(len(make_runs(self.rows)), 'splat')}"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The rows as runs."""
-        return {"kind": self.kind, "rows": row_runs(self.rows).to_json()}
+        return {"kind": self.kind, "rows": make_runs(self.rows).to_json()}
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Deselect and delete the rows. Raises EditError for rows that the scene does not have."""
-        rows = rows_of_scene(row_runs(self.rows), len(document.scene))
-        return _deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
+        rows = expand_runs(make_runs(self.rows), len(document.scene))
+        return _plan_deletion(rows[(document.state.flags[rows] & (Flag.DELETED | Flag.LOCKED)) == 0])
 
 
-def _deletion(rows: ndarray) -> Iterator[FlagChange]:
+def _plan_deletion(rows: ndarray) -> Iterator[FlagChange]:
     yield FlagChange(rows, Flag.SELECTED, False)
     yield FlagChange(rows, Flag.DELETED, True)

@@ -7,12 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from instdrive_core.edits.bases.append import Addition, AppendEdit, unique_track_id
-from instdrive_core.edits.bases.editable import editable_parts
-from instdrive_core.edits.bases.parameters import Vector, checked_ids, checked_vector
-from instdrive_core.edits.bases.relabel import new_instances
+from instdrive_core.edits.bases.append import Addition, AppendEdit, make_unique_track_id
+from instdrive_core.edits.bases.editable import find_editable_parts
+from instdrive_core.edits.bases.parameters import Vector, check_ids, check_vector
+from instdrive_core.edits.bases.relabel import create_instances
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.scene.scene import Scene
 
 
@@ -26,32 +26,32 @@ class DuplicateInstances(AppendEdit):
     """Metres in the world from the originals to the copies."""
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        self.translation = checked_vector(self.translation, "translation")
+        self.ids = check_ids(self.ids)
+        self.translation = check_vector(self.translation, "translation")
 
     @property
     def title(self) -> str:
         """``Duplicate instance 17``."""
-        return f"Duplicate {ids_in_words(self.ids)}"
+        return f"Duplicate {describe_ids(self.ids)}"
 
     @property
     def shift(self) -> Vector:
         """The translation."""
         return self.translation
 
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """The rows that are neither deleted nor locked."""
         scene = document.scene
-        parts = editable_parts(document, self.ids)
+        parts = find_editable_parts(document, self.ids)
         rows = parts.rows
-        copies = new_instances(document, [scene.table[instance_id] for instance_id in self.ids])
+        copies = create_instances(document, [scene.table[instance_id] for instance_id in self.ids])
         nodes = sorted(set(np.unique(scene.nodes[rows]).tolist()) - {0})
         renumbered = np.zeros(len(scene.actors) + 1, np.uint16)
         renumbered[nodes] = len(scene.actors) + 1 + np.arange(len(nodes))
         taken, tracks = {track.id for track in scene.actors}, []
         for node in nodes:
             track = scene.actors[node - 1]
-            tracks.append(replace(track, id=unique_track_id(f"{track.id} copy", taken)))
+            tracks.append(replace(track, id=make_unique_track_id(f"{track.id} copy", taken)))
             taken.add(tracks[-1].id)
         added = Scene(
             scene.gaussians.select(rows),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,25 +12,25 @@ from instdrive_core.edits.bases.append import Addition, AppendEdit
 from instdrive_core.edits.bases.flags import FlagChange
 from instdrive_core.edits.bases.parameters import (
     Vector,
-    checked_number,
-    checked_numbers,
-    checked_switch,
-    checked_vector,
+    check_number,
+    check_number_list,
+    check_switch,
+    check_vector,
     is_whole,
 )
-from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, new_instances
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint
-from instdrive_core.edits.holes.cast_shadow import shaded
-from instdrive_core.edits.holes.fill_plan import Filling, planned_filling
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.holes.cast_shadow import find_shaded_cells
+from instdrive_core.edits.holes.fill_plan import FillPlan, plan_fill
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, known_ground
-from instdrive_core.edits.holes.surroundings import neighborhood
+from instdrive_core.edits.holes.holes import HALF_LENGTH, HALF_WIDTH, Hole, find_known_ground
+from instdrive_core.edits.holes.surroundings import find_neighborhood
 from instdrive_core.errors import EditError
-from instdrive_core.scene.gaussians import concatenated
+from instdrive_core.scene.gaussians import concatenate_gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import transformed
+from instdrive_core.scene.transforms import copy_transformed
 
 SYNTHETIC = "synthetic"
 """Name of the per-splat column that is 1 for splats no photo was the reason for, and the class of their instances."""
@@ -45,7 +45,7 @@ class FillHole(AppendEdit):
     """
 
     kind: ClassVar[str] = "fill_hole"
-    cells: tuple[Any, ...]
+    cells: tuple[object, ...]
     """Pairs: places of the cells along and across the lane."""
     corner: tuple[float, float]
     """World x and y (metres) of the outer corner of cell (0, 0)."""
@@ -56,29 +56,29 @@ class FillHole(AppendEdit):
     plane: Vector
     """Height of the ground plane at the world's origin (metres) and its slopes along x and y."""
     name: str = "fill"
-    """Of the new instance."""
+    """Name of the new instance."""
     seed: int = 0
-    """Draws among pieces of ground that fit as well."""
+    """Seed of the choice among pieces of ground that fit equally well."""
     lit: bool = False
     """Whether the hole lies in the sun, so that ground in the shadow of other things is not copied."""
     _flags_done: list[FlagChange] = field(default_factory=list, init=False, repr=False, compare=False)
     _new_column: bool = field(default=False, init=False, repr=False, compare=False)
-    _filling: Filling | None = field(default=None, init=False, repr=False, compare=False)
+    _filling: FillPlan | None = field(default=None, init=False, repr=False, compare=False)
     _planned_for: bytes = field(default=b"", init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self.cells = _checked_cells(self.cells)
-        (x, y), (ax, ay) = checked_numbers(self.corner, "corner", 2), checked_numbers(self.along, "along", 2)
+        self.cells = _check_cells(self.cells)
+        (x, y), (ax, ay) = check_number_list(self.corner, "corner", 2), check_number_list(self.along, "along", 2)
         if not 0.99 < np.hypot(ax, ay) < 1.01:
             raise EditError(f"along {self.along!r} is no unit vector")
         self.corner, self.along = (x, y), (ax, ay)
-        self.plane = checked_vector(self.plane, "plane")
-        self.size = checked_number(self.size, "size")
+        self.plane = check_vector(self.plane, "plane")
+        self.size = check_number(self.size, "size")
         if not 0.01 <= self.size <= 10:
             raise EditError(f"size {self.size!r} of a cell is not 0.01 to 10 metres")
         if not isinstance(self.name, str) or not self.name.isprintable() or not 0 < len(self.name) <= MAX_NAME_LENGTH:
             raise EditError(f"name {self.name!r} is not a line of 1 to {MAX_NAME_LENGTH} characters")
-        checked_switch(self.lit, "lit")
+        check_switch(self.lit, "lit")
         if not is_whole(self.seed) or not 0 <= self.seed < 2**32:
             raise EditError(f"seed {self.seed!r} is not a whole number from 0 to {2**32 - 1}")
 
@@ -89,17 +89,17 @@ class FillHole(AppendEdit):
 
     @property
     def shift(self) -> Vector:
-        """None: copies are placed one by one."""
+        """No shift: copies are placed one by one."""
         return (0.0, 0.0, 0.0)
 
     def prepare(self, document: Document) -> None:
-        """Find out what to copy, which takes a second: `do` on an equal document is then quick.
+        """Plan what to copy, which takes a second: `do` on an equal document is then quick.
 
         Give a frozen copy to do this on another thread. Raises EditError where there is no ground to copy.
         """
-        key = fingerprint(document)
+        key = fingerprint(document, CONTENT)
         if self._filling is None or self._planned_for != key:
-            self._filling, self._planned_for = self._planned(document), key
+            self._filling, self._planned_for = self._plan(document), key
 
     def do(self, document: Document) -> bool:
         """Add the copies, then delete what they replace."""
@@ -127,19 +127,19 @@ class FillHole(AppendEdit):
         super().undo(document)
         self._drop_column(document)
 
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """Copies and bed under one new instance."""
         assert self._filling is not None
         filling, scene = self._filling, document.scene
-        entry = replace(new_instances(document, [None])[0], name=self.name, class_name=SYNTHETIC)
-        copies = transformed(scene.gaussians, document.transforms, filling.sources)
+        entry = replace(create_instances(document, [None])[0], name=self.name, class_name=SYNTHETIC)
+        copies = copy_transformed(scene.gaussians, document.transforms, filling.sources)
         copies.means = (copies.means + filling.shifts).astype(np.float32)
         rows = np.concatenate([filling.sources, filling.bed_like])
         count = len(rows)
         extra = {name: column[rows] for name, column in scene.extra.items()}
         extra[SYNTHETIC] = np.ones(count, scene.extra[SYNTHETIC].dtype)
         added = Scene(
-            concatenated([copies, filling.bed_of(scene.gaussians)]),
+            concatenate_gaussians([copies, filling.build_bed(scene.gaussians)]),
             np.full(count, entry.id, np.uint32),
             scene.codewords[rows],
             np.zeros(count, np.uint16),
@@ -153,7 +153,7 @@ class FillHole(AppendEdit):
             del document.scene.extra[SYNTHETIC]
             self._new_column = False
 
-    def _planned(self, document: Document) -> Filling:
+    def _plan(self, document: Document) -> FillPlan:
         cells = np.array(self.cells, np.int64)
         grid = GroundGrid(self.corner, self.along, self.size, (1, 1), self.plane)
         middle = (cells.min(axis=0) + cells.max(axis=0)) // 2
@@ -163,18 +163,19 @@ class FillHole(AppendEdit):
         grid = replace(grid, corner=(x, y), shape=(int(2 * half[0]), int(2 * half[1])))
         hole = np.zeros(grid.shape, bool)
         inside = cells - start
-        if not grid.inside(inside).all():
+        if not grid.contains(inside).all():
             raise EditError(f"the hole is longer than {2 * HALF_LENGTH:g} m or wider than {2 * HALF_WIDTH:g} m")
         hole[tuple(inside.T)] = True
-        place = grid.on_ground(grid.centers((middle - start)[None]))[0]
-        near = neighborhood(document, place)
-        ground, known = known_ground(document, grid, near)
+        place = grid.lift_to_ground(grid.compute_centers((middle - start)[None]))[0]
+        near = find_neighborhood(document, place)
+        ground, known = find_known_ground(document, grid, near)
         if self.lit:
-            known &= ~shaded(ground, known)
-        return planned_filling(near, hole, ground, known, np.random.default_rng(self.seed))
+            known &= ~find_shaded_cells(ground, known)
+        rng = np.random.default_rng(self.seed)  # bare, so that saved projects replay: see `maths.streams`
+        return plan_fill(near, hole, ground, known, rng)
 
 
-def _checked_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:
+def _check_cells(cells: Sequence[object]) -> tuple[tuple[int, int], ...]:
     pairs = []
     for cell in cells:
         if not isinstance(cell, tuple | list):
@@ -188,8 +189,8 @@ def _checked_cells(cells: Sequence[Any]) -> tuple[tuple[int, int], ...]:
     return tuple(sorted(set(pairs)))
 
 
-def fill_of(hole: Hole, name: str, seed: int = 0) -> FillHole:
-    """The edit that fills a hole and lights the shadow."""
+def make_fill_hole(hole: Hole, name: str, seed: int = 0) -> FillHole:
+    """The edit that fills a hole and replaces the ground in the shadow."""
     grid = hole.grid
     cells = tuple((along, across) for along, across in np.concatenate([hole.cells, hole.shadow]).tolist())
     return FillHole(cells, grid.corner, grid.along, grid.size, grid.plane, name, seed, lit=len(hole.shadow) > 0)

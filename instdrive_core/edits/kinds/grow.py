@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float32, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, selectable
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, keep_selectable
 from instdrive_core.edits.bases.parameters import is_number
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.document.fingerprint import CONTENT, Part, fingerprint
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.errors import EditError
-from instdrive_core.instances.nearness import rows_near, spacing_of
+from instdrive_core.instances.proximity import estimate_spacing, find_rows_near
 from instdrive_core.scene.selection import Flag
 
 _ENOUGH = 100
@@ -64,40 +64,40 @@ class BorderEdit(FlagEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError where nothing is selected.
         """
-        self._found = (self._content(document), self.along_border(document).astype(np.int32))
+        self._found = (self._content(document), self.search_border(document).astype(np.int32))
 
     def is_prepared_for(self, document: Document) -> bool:
         """Whether a document has the content that this edit was prepared for."""
         return self._found is not None and self._found[0] == self._content(document)
 
     @abstractmethod
-    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+    def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The rows that change sides. Raises EditError where nothing is selected."""
 
-    def found(self, document: Document) -> Int32[ndarray, " k"]:
-        """As `along_border`, looked for where that was not done before, as it is for a redo."""
+    def find_border(self, document: Document) -> Int32[ndarray, " k"]:
+        """The rows along the border: found by `prepare`, or searched now where the document has changed since."""
         if not self.is_prepared_for(document):
             self.prepare(document)
         assert self._found is not None
         return self._found[1]
 
     def _content(self, document: Document) -> bytes:
-        """Equal where the same is found: what `fingerprint` tells, what is selected or hidden, and who is where."""
-        poses, present = document.scene.at(self.time)
-        digest = hashlib.blake2b(fingerprint(document), digest_size=16)
-        for array in (document.state.flags, poses, present):
+        """Equal where the same is found: by what is where, what is selected or hidden, and where actors are."""
+        poses, present = document.scene.find_node_poses(self.time)
+        digest = hashlib.blake2b(fingerprint(document, (*CONTENT, Part.VISIBILITY)), digest_size=16)
+        for array in (poses, present):
             digest.update(np.ascontiguousarray(array).data)
         return digest.digest()
 
     def _sides(self, document: Document) -> _Sides:
-        means, drawn = shown_means(document, self.time)
-        chosen = document.state.mask(Flag.SELECTED)
+        means, drawn = compute_shown_means(document, self.time)
+        chosen = document.state.find_mask(Flag.SELECTED)
         selected = np.flatnonzero(drawn & chosen)
         if not len(selected):
             raise EditError("nothing is selected; select what to grow or to shrink first")
         distance = self.distance
         if distance is None:
-            spacing = spacing_of(means[selected] if len(selected) >= _ENOUGH else means[drawn])
+            spacing = estimate_spacing(means[selected] if len(selected) >= _ENOUGH else means[drawn])
             distance = spacing if math.isfinite(spacing) else _FALLBACK
         return _Sides(means, selected, np.flatnonzero(drawn & ~chosen), distance)
 
@@ -116,14 +116,14 @@ class GrowSelection(BorderEdit):
         """``Grow selection by 0.2 m``."""
         return f"Grow selection{self._by()}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit on the selection's neighbours."""
-        yield FlagChange(self.found(document), Flag.SELECTED, True)
+        yield FlagChange(self.find_border(document), Flag.SELECTED, True)
 
-    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+    def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The neighbours that can be selected."""
         means, selected, others, distance = self._sides(document)
-        return rows_near(means, selectable(document.state, others), selected, distance)
+        return find_rows_near(means, keep_selectable(document.state, others), selected, distance)
 
 
 @dataclass
@@ -137,11 +137,11 @@ class ShrinkSelection(BorderEdit):
         """``Shrink selection by 0.2 m``."""
         return f"Shrink selection{self._by()}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit along the selection's border."""
-        yield FlagChange(self.found(document), Flag.SELECTED, False)
+        yield FlagChange(self.find_border(document), Flag.SELECTED, False)
 
-    def along_border(self, document: Document) -> Int64[ndarray, " k"]:
+    def search_border(self, document: Document) -> Int64[ndarray, " k"]:
         """The selected rows near others."""
         means, selected, others, distance = self._sides(document)
-        return rows_near(means, selected, others, distance)
+        return find_rows_near(means, selected, others, distance)

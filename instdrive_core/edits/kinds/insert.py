@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy import ndarray
 
-from instdrive_core.edits.bases.append import Addition, AppendEdit, unique_track_id
-from instdrive_core.edits.bases.parameters import Vector, checked_vector
-from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, new_instances
+from instdrive_core.edits.bases.append import Addition, AppendEdit, make_unique_track_id
+from instdrive_core.edits.bases.parameters import Vector, check_vector
+from instdrive_core.edits.bases.relabel import MAX_NAME_LENGTH, create_instances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
@@ -42,15 +42,15 @@ class InsertScene(AppendEdit):
             raise EditError(f"path {self.path!r} is no name of a file")
         if not isinstance(self.digest, str):
             raise EditError(f"digest {self.digest!r} is no text")
-        self.translation = checked_vector(self.translation, "translation")
+        self.translation = check_vector(self.translation, "translation")
 
     @classmethod
-    def of(cls, source: Scene, path: str, translation: Vector = (0.0, 0.0, 0.0)) -> InsertScene:
+    def from_scene(cls, source: Scene, path: str, translation: Vector = (0.0, 0.0, 0.0)) -> InsertScene:
         """The edit for a scene that has been opened already: doing it reads nothing.
 
         Raises EditError where the scene has no splats.
         """
-        edit = cls(path, translation, _digest(source.gaussians))
+        edit = cls(path, translation, _compute_digest(source.gaussians))
         edit._source = source
         _check_not_empty(source, path)
         return edit
@@ -60,7 +60,7 @@ class InsertScene(AppendEdit):
         """How many there will be. Raises ValueError before the scene is opened, by `of` or by doing the edit."""
         if self._source is None:
             raise ValueError(f"{self.path} was not opened yet")
-        return len(_found(self._source)) or 1
+        return len(_find_present_entries(self._source)) or 1
 
     @property
     def title(self) -> str:
@@ -72,39 +72,39 @@ class InsertScene(AppendEdit):
         """The translation."""
         return self.translation
 
-    def addition(self, document: Document) -> Addition:
+    def build_addition(self, document: Document) -> Addition:
         """The file's rows under IDs, nodes and columns of the document."""
-        source = self._opened(document)
+        source = self._open_source(document)
         scene, count = document.scene, len(source)
-        ids, entries = _renumbered(document, source, Path(self.path).stem)
+        ids, entries = _renumber(document, source, Path(self.path).stem)
         nodes = np.where(source.nodes > 0, source.nodes + np.int64(len(scene.actors)), 0)
         taken, tracks = {track.id for track in scene.actors}, []
         for track in source.actors:
-            tracks.append(replace(track, id=unique_track_id(track.id, taken)))
+            tracks.append(replace(track, id=make_unique_track_id(track.id, taken)))
             taken.add(tracks[-1].id)
         if nodes.max(initial=0) > np.iinfo(np.uint16).max:
             raise EditError(f"{self.path}: with its {len(tracks)} moving objects the scene would have too many")
         same_code = source.code_bits == scene.code_bits
         added = Scene(
-            _fitted(source.gaussians, scene.gaussians),
+            _fit_columns(source.gaussians, scene.gaussians),
             ids,
             source.codewords if same_code else np.zeros(count, np.uint32),
             nodes.astype(np.uint16),
             actors=(*scene.actors, *tracks),
-            extra={name: _column(source, name, column) for name, column in scene.extra.items()},
+            extra={name: _take_column(source, name, column) for name, column in scene.extra.items()},
         )
         if not same_code:
             entries = tuple(replace(entry, codeword=0) for entry in entries)
         zeros = np.zeros(count, np.uint16)
         return Addition(added, zeros, zeros, entries, tuple(tracks))
 
-    def _opened(self, document: Document) -> Scene:
+    def _open_source(self, document: Document) -> Scene:
         """The file's scene, kept for redo: the file may be gone by then."""
         if self._source is None:
             if document.open_scene is None:
                 raise EditError(f"{self.path} cannot be inserted: this document was not told how to open files")
             self._source = document.open_scene(Path(self.path))
-            digest = _digest(self._source.gaussians)
+            digest = _compute_digest(self._source.gaussians)
             if self.digest not in ("", digest):
                 self._source = None
                 raise EditError(f"{self.path} is no longer the file that was inserted; restore it")
@@ -118,20 +118,20 @@ def _check_not_empty(source: Scene, path: str) -> None:
         raise EditError(f"{path} has no splats")
 
 
-def _found(source: Scene) -> list[Instance]:
+def _find_present_entries(source: Scene) -> list[Instance]:
     return [entry for entry in source.table if entry.count]
 
 
-def _renumbered(document: Document, source: Scene, name: str) -> tuple[ndarray, tuple[Instance, ...]]:
+def _renumber(document: Document, source: Scene, name: str) -> tuple[ndarray, tuple[Instance, ...]]:
     """Each row's new ID, and the new entries of the table."""
-    found = _found(source)
+    found = _find_present_entries(source)
     if not found:
         like = [Instance(0, name[:MAX_NAME_LENGTH] or "inserted")]
         if source.actors:
             raise EditError("the scene to be inserted has moving objects but no instances")
-        entry = replace(new_instances(document, like)[0], name=like[0].name)
+        entry = replace(create_instances(document, like)[0], name=like[0].name)
         return np.full(len(source), entry.id, np.uint32), (entry,)
-    fresh = new_instances(document, found)
+    fresh = create_instances(document, found)
     actors = len(document.scene.actors)
     entries = [
         replace(entry, name=old.name, node=old.node + actors if old.node else 0)
@@ -143,26 +143,26 @@ def _renumbered(document: Document, source: Scene, name: str) -> tuple[ndarray, 
     return np.where(known[place] == source.instance_ids, new[place], np.uint32(0)), tuple(entries)
 
 
-def _fitted(gaussians: Gaussians, like: Gaussians) -> Gaussians:
+def _fit_columns(gaussians: Gaussians, like: Gaussians) -> Gaussians:
     """With as many SH and feature columns as `like`."""
-    rest = _resized(gaussians.sh_rest, like.sh_rest.shape[1])
-    return replace(gaussians, sh_rest=rest, features=_resized(gaussians.features, like.features.shape[1]))
+    rest = _resize_columns(gaussians.sh_rest, like.sh_rest.shape[1])
+    return replace(gaussians, sh_rest=rest, features=_resize_columns(gaussians.features, like.features.shape[1]))
 
 
-def _resized(array: Float32[ndarray, "n k *c"], columns: int) -> Float[ndarray, "n {columns} *c"]:
+def _resize_columns(array: Float32[ndarray, "n k *c"], columns: int) -> Float[ndarray, "n {columns} *c"]:
     result = np.zeros((len(array), columns, *array.shape[2:]), array.dtype)
     shared = min(columns, array.shape[1])
     result[:, :shared] = array[:, :shared]
     return result
 
 
-def _column(source: Scene, name: str, like: ndarray) -> ndarray:
+def _take_column(source: Scene, name: str, like: ndarray) -> ndarray:
     if name in source.extra and np.can_cast(source.extra[name].dtype, like.dtype):
         return source.extra[name].astype(like.dtype)
     return np.zeros(len(source), like.dtype)
 
 
-def _digest(gaussians: Gaussians) -> str:
+def _compute_digest(gaussians: Gaussians) -> str:
     digest = hashlib.sha256()
     for array in gaussians.arrays().values():
         digest.update(np.ascontiguousarray(array).data)

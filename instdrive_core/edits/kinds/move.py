@@ -10,26 +10,26 @@ import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
-from instdrive_core.edits.bases.editable import check_unlocked, editable_parts
+from instdrive_core.edits.bases.editable import check_unlocked, find_editable_parts
 from instdrive_core.edits.bases.parameters import (
     Vector,
-    checked_ids,
-    checked_number,
-    checked_numbers,
-    checked_switch,
-    checked_vector,
+    check_ids,
+    check_number,
+    check_number_list,
+    check_switch,
+    check_vector,
 )
 from instdrive_core.edits.bases.poses import PoseEdit
-from instdrive_core.edits.bases.relabel import known_instance
+from instdrive_core.edits.bases.relabel import get_instance
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
-from instdrive_core.edits.document.entries import changed_entries
+from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.edits.document.entries import add_changed_entries
 from instdrive_core.edits.document.row_parts import RowParts
-from instdrive_core.edits.queries.placement import bottom_of, center_of, ground_under, lane_at
+from instdrive_core.edits.queries.placement import compute_bottom, compute_center, find_ground_below, find_lane
 from instdrive_core.errors import EditError
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import Similarity, moved
+from instdrive_core.scene.transforms import Similarity, move_entry
 
 SCALE_LIMITS = (0.01, 100.0)
 
@@ -61,50 +61,50 @@ class MoveInstances(PoseEdit):
     """Set down on the ground at the new place."""
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        self.translation = checked_vector(self.translation, "translation")
-        self.pivot = None if self.pivot is None else checked_vector(self.pivot, "pivot")
-        turn = checked_numbers(self.rotation, "rotation", 4)
+        self.ids = check_ids(self.ids)
+        self.translation = check_vector(self.translation, "translation")
+        self.pivot = None if self.pivot is None else check_vector(self.pivot, "pivot")
+        turn = check_number_list(self.rotation, "rotation", 4)
         self.rotation = (turn[0], turn[1], turn[2], turn[3])
         if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
             raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
-        self.time = checked_number(self.time, "time")
-        self.scale = checked_number(self.scale, "scale")
+        self.time = check_number(self.time, "time")
+        self.scale = check_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
             raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
         for name in ("yaw_only", "along_lane", "on_ground"):
-            checked_switch(getattr(self, name), name)
+            check_switch(getattr(self, name), name)
 
     @property
     def title(self) -> str:
         """``Move instance 17``."""
-        return f"Move {ids_in_words(self.ids)}"
+        return f"Move {describe_ids(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Point rows at composed transforms, and replace tracks."""
-        free = editable_parts(document, self.ids)
-        matrix = self.matrix(document)
+        free = find_editable_parts(document, self.ids)
+        matrix = self.compute_matrix(document)
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
-        node_of = {number: known_instance(document, number).node for number in self.ids}
+        node_of = {number: get_instance(document, number).node for number in self.ids}
         nodes = sorted(set(node_of.values()) - {0})
         sharing = [entry.id for entry in document.scene.table if entry.node in nodes]
         check_unlocked(document, sharing)
-        still = free.where(document.scene.nodes[free.rows] == 0)  # of an actor, its strays
-        changes = [(still, moved(matrix))]
+        still = free.filter(document.scene.nodes[free.rows] == 0)  # of an actor, its strays
+        changes = [(still, move_entry(matrix))]
         if nodes and self.scale != 1:
             # An actor's path takes the rigid part; its splats, in their box frame, only the size.
             driving = np.flatnonzero(np.isin(document.scene.nodes, nodes))
-            changes.append((RowParts.whole(driving), moved(self.scale * np.eye(3, 4))))
+            changes.append((RowParts.whole(driving), move_entry(self.scale * np.eye(3, 4))))
         size_before = len(document.transforms)
-        entries = changed_entries(document.transforms, changes)
+        entries = add_changed_entries(document.transforms, changes)
         rows = np.concatenate([parts.rows for parts, _ in changes])
         touched = [entry.id for entry in document.scene.table if entry.node in nodes or node_of.get(entry.id) == 0]
-        tracks = {node: moved_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
-        self.put(document, rows, entries, tracks, touched, size_before, matrix)
+        tracks = {node: move_track(document.scene.actors[node - 1], matrix, self.scale, self.time) for node in nodes}
+        self.assign_poses(document, rows, entries, tracks, touched, size_before, matrix)
         return True
 
-    def matrix(self, document: Document) -> Similarity:
+    def compute_matrix(self, document: Document) -> Similarity:
         """[s R | t] in the world, with all constraints. Raises EditError where ground or lane cannot be found."""
         w, x, y, z = self.rotation
         if self.yaw_only:
@@ -113,24 +113,26 @@ class MoveInstances(PoseEdit):
         fixed = None if self.pivot is None else np.array(self.pivot)
         # Of thousands of instances the centre takes a while.
         free = fixed is not None and not (self.along_lane or self.on_ground)
-        center = fixed if fixed is not None and free else center_of(document, self.ids, self.time)
+        center = fixed if fixed is not None and free else compute_center(document, self.ids, self.time)
         pivot = center if fixed is None else fixed
         shift = np.array(self.translation)
         if self.along_lane:
-            lane = lane_at(document, self.ids, center, self.time)
+            lane = find_lane(document, self.ids, center, self.time)
             shift = lane * (lane @ shift)
         linear = self.scale * matrix_from_quaternion(np.array([w, x, y, z]))
         matrix = np.c_[linear, pivot + shift - linear @ pivot]
         if self.on_ground:
             place = matrix[:, :3] @ center + matrix[:, 3]
-            matrix[2, 3] += ground_under(document, self.ids, place) - bottom_of(document, self.ids, matrix, self.time)
+            matrix[2, 3] += find_ground_below(document, self.ids, place) - compute_bottom(
+                document, self.ids, matrix, self.time
+            )
         return matrix
 
 
-def moved_track(track: Track, matrix: Similarity, scale: float, time: float) -> Track:
+def move_track(track: Track, matrix: Similarity, scale: float, time: float) -> Track:
     """The track moved as a rigid path, so that where it is at `time` (seconds) goes where `matrix` = [s R | t] says."""
     rotation: Float64[ndarray, "3 3"] = matrix[:, :3] / scale
-    here = track.pose_at(time)[:3, 3]
+    here = track.interpolate_pose(time)[:3, 3]
     poses = track.world_from_box.copy()
     poses[:, :3, :3] = rotation @ poses[:, :3, :3]
     poses[:, :3, 3] = (poses[:, :3, 3] - here) @ rotation.T + matrix[:, :3] @ here + matrix[:, 3]

@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from instdrive_core.edits.bases.editable import check_unlocked
-from instdrive_core.edits.bases.parameters import checked_ids
-from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, known_instance, new_instances
+from instdrive_core.edits.bases.parameters import check_ids
+from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, create_instances, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Instance
@@ -26,7 +26,7 @@ class ReassignSelected(RelabelEdit):
 
     def __post_init__(self) -> None:
         if self.into is not None and self.into != 0:
-            checked_ids((self.into,))
+            check_ids((self.into,))
         if self.into is False:
             raise EditError("instance ID False is not a whole number")
 
@@ -37,9 +37,9 @@ class ReassignSelected(RelabelEdit):
             return "New instance from selection"
         return f"Reassign selection to instance {self.into}" if self.into else "Take selection out of its instance"
 
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """All selected rows to the one target."""
-        rows = document.state.rows_with(Flag.SELECTED)
+        rows = document.state.find_rows(Flag.SELECTED)
         if not len(rows):
             raise EditError("nothing is selected; select what to reassign first")
         if self.into == 0:
@@ -48,7 +48,7 @@ class ReassignSelected(RelabelEdit):
         if self.into is None:
             target = self._target(document, int(rows[0]))
         else:
-            target = known_instance(document, self.into)
+            target = get_instance(document, self.into)
             check_unlocked(document, (self.into,))
         if nodes != [target.node]:
             raise EditError(
@@ -62,4 +62,4 @@ class ReassignSelected(RelabelEdit):
         scene = document.scene
         source = scene.table.instances.get(int(scene.instance_ids[row]))
         blank = Instance(0, "instance 0", int(scene.nodes[row]), int(scene.codewords[row]))
-        return new_instances(document, [source or blank])[0]
+        return create_instances(document, [source or blank])[0]

@@ -7,14 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from instdrive_core.edits.bases.editable import check_unlocked, editable
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.editable import check_unlocked, find_editable_rows
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.bases.poses import PoseEdit
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
-from instdrive_core.edits.document.entries import changed_entries
+from instdrive_core.edits.document.edit import describe_ids
+from instdrive_core.edits.document.entries import add_changed_entries
 from instdrive_core.edits.document.row_parts import RowParts
-from instdrive_core.scene.transforms import sent_home
+from instdrive_core.scene.transforms import reset_entry
 
 
 @dataclass
@@ -29,16 +29,16 @@ class ResetMoves(PoseEdit):
     ids: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
 
     @property
     def title(self) -> str:
         """``Reset the move of instance 17``."""
-        return f"Reset the move of {ids_in_words(self.ids)}"
+        return f"Reset the move of {describe_ids(self.ids)}"
 
     def do(self, document: Document) -> bool:
         """Name the homes again, and give actors their first tracks."""
-        scene, rows = document.scene, editable(document, self.ids)
+        scene, rows = document.scene, find_editable_rows(document, self.ids)
         nodes = sorted(set(scene.nodes[rows].tolist()) - {0})
         sharing = [entry.id for entry in scene.table if entry.node in nodes]
         check_unlocked(document, sharing)
@@ -47,13 +47,13 @@ class ResetMoves(PoseEdit):
         palette = document.transforms
         is_away = (palette.matrices != palette.homes).any(axis=(1, 2))
         rows = rows[is_away[palette.indices[rows]]]
-        first = {node: document.first_track(node) for node in nodes}
+        first = {node: document.get_first_track(node) for node in nodes}
         moved = {node: track for node, track in first.items() if track is not scene.actors[node - 1]}
         if not len(rows) and not moved:
             return False
         named = set(self.ids)
         touched = [entry.id for entry in scene.table if entry.node in nodes or entry.id in named]
         size_before = len(palette)
-        entries = changed_entries(palette, [(RowParts.whole(rows), sent_home)])
-        self.put(document, rows, entries, moved, touched, size_before)
+        entries = add_changed_entries(palette, [(RowParts.whole(rows), reset_entry)])
+        self.assign_poses(document, rows, entries, moved, touched, size_before)
         return True

@@ -9,10 +9,10 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, selectable
-from instdrive_core.edits.bases.parameters import checked_ids, is_whole
+from instdrive_core.edits.bases.flags import FlagChange, FlagEdit, keep_selectable
+from instdrive_core.edits.bases.parameters import check_ids, is_whole
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.errors import EditError
 from instdrive_core.instances.codebook import MAX_BITS
 from instdrive_core.scene.selection import Flag, SplatState
@@ -37,17 +37,17 @@ class SelectInstances(FlagEdit):
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
         check_mode(self.mode)
 
     @property
     def title(self) -> str:
         """``Select instance 17``."""
-        return f"{VERBS[self.mode]} {ids_in_words(self.ids)}"
+        return f"{VERBS[self.mode]} {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the selection where it is replaced, then set or clear the instances' rows."""
-        return selection_changes(document.state, document.rows_of(self.ids), self.mode)
+        return plan_selection_changes(document.state, document.find_rows(self.ids), self.mode)
 
 
 @dataclass
@@ -57,7 +57,7 @@ class SelectClass(FlagEdit):
     kind: ClassVar[str] = "select_class"
     selects_only: ClassVar[bool] = True
     class_name: str
-    """As in the instance table; empty = the instances that have none."""
+    """Class in the instance table; empty = the instances that have none."""
     mode: SelectMode = "replace"
 
     def __post_init__(self) -> None:
@@ -70,14 +70,14 @@ class SelectClass(FlagEdit):
         """``Select class Car``."""
         return f"{VERBS[self.mode]} class {self.class_name or 'none'}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
-        """As `SelectInstances`, for the instances of the class."""
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
+        """Clear the selection where it is replaced, then set or clear the rows of the class."""
         table = document.scene.table
         ids = tuple(instance.id for instance in table if instance.class_name == self.class_name)
         if not ids:
             known = ", ".join(sorted({instance.class_name for instance in table} - {""})) or "none"
             raise EditError(f"no instance has the class {self.class_name!r}; the scene's classes are: {known}")
-        return selection_changes(document.state, document.rows_of(ids), self.mode)
+        return plan_selection_changes(document.state, document.find_rows(ids), self.mode)
 
 
 @dataclass
@@ -99,12 +99,12 @@ class SelectCodeword(FlagEdit):
         """``Select codeword 1038``."""
         return f"{VERBS[self.mode]} codeword {self.codeword}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
-        """As `SelectInstances`, for the codeword's rows."""
-        rows = document.rows_of_codeword(self.codeword)
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
+        """Clear the selection where it is replaced, then set or clear the codeword's rows."""
+        rows = document.find_codeword_rows(self.codeword)
         if not len(rows):
             raise EditError(f"no splat of the scene has codeword {self.codeword}")
-        return selection_changes(document.state, rows, self.mode)
+        return plan_selection_changes(document.state, rows, self.mode)
 
 
 @dataclass
@@ -119,9 +119,9 @@ class SelectAll(FlagEdit):
         """``Select all``."""
         return "Select all"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set the bit wherever it may be set and is not."""
-        yield FlagChange(_free_rows(document.state), Flag.SELECTED, True)
+        yield FlagChange(_find_free_rows(document.state), Flag.SELECTED, True)
 
 
 @dataclass
@@ -136,9 +136,9 @@ class InvertSelection(FlagEdit):
         """``Invert selection``."""
         return "Invert selection"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Swap the two sets."""
-        selected, others = document.state.rows_with(Flag.SELECTED), _free_rows(document.state)
+        selected, others = document.state.find_rows(Flag.SELECTED), _find_free_rows(document.state)
         yield FlagChange(selected, Flag.SELECTED, False)
         yield FlagChange(others, Flag.SELECTED, True)
 
@@ -155,31 +155,31 @@ class SelectNone(FlagEdit):
         """``Clear selection``."""
         return "Clear selection"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear all selected rows."""
-        yield FlagChange(document.state.rows_with(Flag.SELECTED), Flag.SELECTED, False)
+        yield FlagChange(document.state.find_rows(Flag.SELECTED), Flag.SELECTED, False)
 
 
-def selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
+def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
     """What a select edit that found `rows` (m,) changes, by its mode."""
     if mode == "remove":
         yield FlagChange(rows, Flag.SELECTED, False)
         return
     if mode in ("replace", "intersect"):
         # Rows that stay selected are left alone: the delta holds only what changes.
-        outside = state.mask(Flag.SELECTED)
+        outside = state.find_mask(Flag.SELECTED)
         outside[rows] = False
         yield FlagChange(outside.nonzero()[0], Flag.SELECTED, False)
     if mode != "intersect":
-        yield FlagChange(selectable(state, rows), Flag.SELECTED, True)
+        yield FlagChange(keep_selectable(state, rows), Flag.SELECTED, True)
 
 
 def check_mode(mode: str) -> None:
-    """Raises EditError where `mode` is no `SelectMode`."""
+    """Raise EditError where `mode` is no `SelectMode`."""
     if mode not in get_args(SelectMode):
         raise EditError(f"selection mode {mode!r} is not one of {', '.join(get_args(SelectMode))}")
 
 
-def _free_rows(state: SplatState) -> ndarray:
+def _find_free_rows(state: SplatState) -> ndarray:
     """Rows without any bit: not selected, and free to be."""
     return np.flatnonzero(state.flags == 0)

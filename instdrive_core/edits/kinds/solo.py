@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
-from instdrive_core.edits.bases.parameters import checked_ids
+from instdrive_core.edits.bases.parameters import check_ids
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.scene.selection import Flag
 
 
@@ -23,18 +23,18 @@ class SoloInstances(FlagEdit):
     ids: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
+        self.ids = check_ids(self.ids)
 
     @property
     def title(self) -> str:
         """``Show only instance 17``."""
-        return f"Show only {ids_in_words(self.ids)}"
+        return f"Show only {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Show the instances, then deselect and hide the others; what is deleted keeps its bits."""
-        alive = ~document.state.mask(Flag.DELETED)
+        alive = ~document.state.find_mask(Flag.DELETED)
         wanted = np.zeros(len(alive), bool)
-        wanted[document.rows_of(self.ids)] = True
+        wanted[document.find_rows(self.ids)] = True
         others = np.flatnonzero(alive & ~wanted)
         yield FlagChange(np.flatnonzero(alive & wanted), Flag.HIDDEN, False)
         yield FlagChange(others, Flag.SELECTED, False)

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float32, Int64, UInt32
 from numpy import ndarray
 
-from instdrive_core.edits.bases.editable import editable
-from instdrive_core.edits.bases.parameters import checked_ids, is_number
-from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, known_instance, new_instances
+from instdrive_core.edits.bases.editable import find_editable_rows
+from instdrive_core.edits.bases.parameters import check_ids, is_number
+from instdrive_core.edits.bases.relabel import RelabelEdit, Relabeling, create_instances, get_instance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.errors import EditError
 from instdrive_core.instances.components import ComponentConfig, split_components
@@ -21,7 +21,7 @@ DEFAULT_GAP = 1.0
 
 
 @dataclass(frozen=True)
-class Parts:
+class InstanceParts:
     """What an instance falls into, and what that was found from."""
 
     rows: Int64[ndarray, " n"]
@@ -49,10 +49,10 @@ class SplitInstance(RelabelEdit):
     gap: float = DEFAULT_GAP
     """Metres: parts farther apart are different things, dense ones already at three times their own spacing; the
     extents of the splats come on top."""
-    _found: Parts | None = field(default=None, init=False, repr=False, compare=False)
+    _found: InstanceParts | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checked_ids((self.id,))
+        check_ids((self.id,))
         if not is_number(self.gap) or self.gap <= 0:
             raise EditError(f"gap {self.gap!r} is not a number of metres above 0")
         self.gap = float(self.gap)
@@ -67,12 +67,12 @@ class SplitInstance(RelabelEdit):
 
         Give a frozen copy to do this on another thread. Raises EditError for an unknown instance.
         """
-        self._found = parts_of(document, self.id, self.gap, self._found)
+        self._found = find_parts(document, self.id, self.gap, self._found)
         return self._found.sizes
 
-    def relabelings(self, document: Document) -> list[Relabeling]:
+    def plan_relabelings(self, document: Document) -> list[Relabeling]:
         """The second largest part and those after it, each to a new instance."""
-        source = known_instance(document, self.id)
+        source = get_instance(document, self.id)
         self.prepare(document)
         assert self._found is not None
         rows, parts = self._found.rows, self._found.numbers
@@ -80,13 +80,15 @@ class SplitInstance(RelabelEdit):
         if count < 2:
             raise EditError(f"instance {self.id} hangs together at gaps of {self.gap:g} m; try a smaller gap")
         pieces = [rows[parts == number] for number in range(2, count + 1)]
-        return [Relabeling(*pair) for pair in zip(pieces, new_instances(document, [source] * len(pieces)), strict=True)]
+        return [
+            Relabeling(*pair) for pair in zip(pieces, create_instances(document, [source] * len(pieces)), strict=True)
+        ]
 
 
-def parts_of(document: Document, instance_id: int, gap: float, known: Parts | None = None) -> Parts:
+def find_parts(document: Document, instance_id: int, gap: float, known: InstanceParts | None = None) -> InstanceParts:
     """The parts of an instance, `known` where they still hold. Raises EditError for an unknown ID."""
-    rows = editable(document, (instance_id,))
-    means = document.means_of(rows)
+    rows = find_editable_rows(document, (instance_id,))
+    means = document.compute_means(rows)
     if known is not None and known.hold_for(rows, means):
         return known
     # The user asks for parts: nothing is joined again across gaps, and an actor is no longer taken to be whole.
@@ -94,4 +96,4 @@ def parts_of(document: Document, instance_id: int, gap: float, known: Parts | No
     gaussians, apart = document.scene.gaussians, document.scene.nodes[rows].astype(np.uint32)
     scales, opacities = np.exp(gaussians.log_scales[rows]), gaussians.select(rows).opacities
     numbers = split_components(means, scales, np.zeros(len(rows), np.uint16), apart, opacities, config)
-    return Parts(rows, means, numbers)
+    return InstanceParts(rows, means, numbers)

@@ -11,22 +11,29 @@ import numpy as np
 from jaxtyping import Float64, UInt16
 from numpy import ndarray
 
-from instdrive_core.edits.bases.parameters import Vector, checked_number, checked_numbers, checked_vector
-from instdrive_core.edits.bases.relabel import recount, restore_entries
+from instdrive_core.edits.bases.parameters import Vector, check_number, check_number_list, check_vector
+from instdrive_core.edits.bases.relabel import recount_instances, restore_entries
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.edit import Edit
-from instdrive_core.edits.document.entries import changed_entries
-from instdrive_core.edits.document.frozen_copy import fingerprint, frozen_copy
+from instdrive_core.edits.document.entries import add_changed_entries
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.document.row_parts import RowParts
 from instdrive_core.errors import EditError
 from instdrive_core.instances.table import Bounds, Instance
 from instdrive_core.maths.rotations import matrix_from_quaternion, quaternion_from_matrix
 from instdrive_core.scene.camera import CameraView
+from instdrive_core.scene.pose_transforms import rotate_sky, transform_bounds, transform_track, transform_view
 from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
-from instdrive_core.scene.transforms import Similarity, composed, rehomed
-from instdrive_core.scene.turned import turned_bounds, turned_sky, turned_track, turned_view
-from instdrive_core.scene.upright import axis_title, is_quarter_turn, nearest_axis, snapped, upright_rotation
+from instdrive_core.scene.transforms import Similarity, compose_transforms, rebase_entry
+from instdrive_core.scene.upright import (
+    compute_upright_rotation,
+    find_nearest_axis,
+    format_axis,
+    is_quarter_turn,
+    snap_rotation,
+)
 
 SCALE_LIMITS = (1e-4, 1e4)
 _SAME = 0.5
@@ -61,41 +68,41 @@ class TurnScene(Edit):
     scale: float = 1.0
     """New metres per old one: 0.01 for a scene in centimetres."""
     _bounds: tuple[bytes, dict[int, Bounds]] | None = field(default=None, init=False, repr=False, compare=False)
-    """Of the turned instances, where they have to be counted: of which document, and by instance."""
+    """Bounds of the turned instances by ID, where they have to be computed, and the fingerprint of their document."""
     _before: _Before | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        w, x, y, z = checked_numbers(self.rotation, "rotation", 4)
+        w, x, y, z = check_number_list(self.rotation, "rotation", 4)
         self.rotation = (w, x, y, z)
         if not 1e-6 <= math.hypot(*self.rotation) <= 1e6:
             raise EditError(f"rotation {self.rotation} is a quaternion of no usable length")
-        self.scale = checked_number(self.scale, "scale")
+        self.scale = check_number(self.scale, "scale")
         if not SCALE_LIMITS[0] <= self.scale <= SCALE_LIMITS[1]:
             raise EditError(f"scale {self.scale:g} is not from {SCALE_LIMITS[0]:g} to {SCALE_LIMITS[1]:g}")
 
     @classmethod
-    def upright(cls, up: Vector, scale: float = 1.0) -> TurnScene:
+    def make_upright(cls, up: Vector, scale: float = 1.0) -> TurnScene:
         """The turn after which what points along `up` now, of any length above 0, points up."""
-        up = checked_vector(up, "up")
+        up = check_vector(up, "up")
         if math.hypot(*up) < 1e-6:
             raise EditError(f"up {up!r} is a vector of no length")
-        w, x, y, z = quaternion_from_matrix(upright_rotation(np.array(up))).tolist()
+        w, x, y, z = quaternion_from_matrix(compute_upright_rotation(np.array(up))).tolist()
         return cls((w, x, y, z), scale)
 
     @property
     def linear(self) -> Float64[ndarray, "3 3"]:
         """s R, exact for quarter turns."""
-        return self.scale * snapped(matrix_from_quaternion(np.array(self.rotation)))
+        return self.scale * snap_rotation(matrix_from_quaternion(np.array(self.rotation)))
 
     @property
     def title(self) -> str:
         """``Turn the scene, −Y up``, ``Scale the scene by 0.01`` …"""
-        axis, angle = nearest_axis(self.linear[2])  # what the third row picks becomes z
+        axis, angle = find_nearest_axis(self.linear[2])  # what the third row picks becomes z
         turned = not np.array_equal(self.linear, self.scale * np.eye(3))
         scaled = f"by {self.scale:g}" if self.scale != 1 else ""
         if not turned:
             return f"Scale the scene {scaled}".rstrip()
-        name = f"Turn the scene, {axis_title(axis)} up" if angle < _SAME else "Turn the scene"
+        name = f"Turn the scene, {format_axis(axis)} up" if angle < _SAME else "Turn the scene"
         return f"{name}, and scale it {scaled}" if scaled else name
 
     @property
@@ -104,14 +111,14 @@ class TurnScene(Edit):
         return is_quarter_turn(self.linear / self.scale)
 
     def prepare(self, document: Document) -> None:
-        """Bound the instances as they will be, which may take half a second: `do` on an equal document is then quick.
+        """Compute the bounds after the turn, which may take half a second: `do` on an equal document is then quick.
 
         Give a frozen copy to do this on another thread.
         """
         if self.is_quick:
             return
         turned = TurnScene(self.rotation, self.scale)
-        turned.do(frozen_copy(document))
+        turned.do(freeze_document(document))
         self._bounds = turned._bounds
 
     def do(self, document: Document) -> bool:
@@ -119,29 +126,28 @@ class TurnScene(Edit):
         matrix = np.c_[self.linear, np.zeros(3)]
         if np.array_equal(matrix, np.eye(3, 4)):
             return False
-        key = b"" if self.is_quick else fingerprint(document)
+        key = b"" if self.is_quick else fingerprint(document, CONTENT)
         scene, palette = document.scene, document.transforms
         size = len(palette)
-        entries = self._entries(document, matrix)
+        entries = self._add_entries(document, matrix)
         before = palette.assign(np.arange(len(scene)), entries)
         table: dict[int, Instance | None] = {entry.id: entry for entry in scene.table}
         first = document.first_tracks
         self._before = _Before(before, size, scene.actors, first, table, scene.views, scene.sky, document.orientation)
         self._turn_tracks(document, matrix)
-        scene.views = tuple(turned_view(view, matrix) for view in scene.views)
-        if scene.sky is not None:
-            scene.sky = turned_sky(scene.sky, self.linear / self.scale)
-        document.orientation = composed(matrix, document.orientation)
+        views = tuple(transform_view(view, matrix) for view in scene.views)
+        sky = None if scene.sky is None else rotate_sky(scene.sky, self.linear / self.scale)
+        document.replace_surroundings(views, sky, compose_transforms(matrix, document.orientation))
         if self.is_quick:
             self._turn_table(document, matrix)
         else:
-            self._bound_again(document, key)
-        document.instances_changed(ids_changed=False)
+            self._recount_bounds(document, key)
+        document.note_instances_changed(ids_changed=False)
         return True
 
     @property
     def _growth(self) -> Similarity:
-        """What happens in the frames of boxes."""
+        """The scaling in the frames of boxes."""
         return np.c_[self.scale * np.eye(3), np.zeros(3)]
 
     def undo(self, document: Document) -> None:
@@ -153,36 +159,38 @@ class TurnScene(Edit):
         document.set_first_tracks(before.first_tracks)
         document.set_actors(before.actors)
         restore_entries(document, before.table)
-        scene.views, scene.sky, document.orientation = before.views, before.sky, before.orientation
-        document.instances_changed(ids_changed=False)
+        document.replace_surroundings(before.views, before.sky, before.orientation)
+        document.note_instances_changed(ids_changed=False)
 
-    def _entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
-        """Of all rows. An actor's are turned by its track: in the box's frame they only grow."""
+    def _add_entries(self, document: Document, matrix: Similarity) -> UInt16[ndarray, " n"]:
+        """Add the turned entries of all rows. Tracks turn the actors: in a box's frame splats only grow."""
         nodes = document.scene.nodes
         still, driving = np.flatnonzero(nodes == 0), np.flatnonzero(nodes)
-        changes = [(RowParts.whole(still), rehomed(matrix)), (RowParts.whole(driving), rehomed(self._growth))]
+        changes = [(RowParts.whole(still), rebase_entry(matrix)), (RowParts.whole(driving), rebase_entry(self._growth))]
         entries = np.empty(len(nodes), np.uint16)
-        entries[np.concatenate([still, driving])] = changed_entries(document.transforms, changes)
+        entries[np.concatenate([still, driving])] = add_changed_entries(document.transforms, changes)
         return entries
 
     def _turn_tracks(self, document: Document, matrix: Similarity) -> None:
         """A track that was never edited stays the same object as the first one."""
         scene = document.scene
-        turned = {id(track): turned_track(track, matrix) for track in (*scene.actors, *document.first_tracks.values())}
+        turned = {
+            id(track): transform_track(track, matrix) for track in (*scene.actors, *document.first_tracks.values())
+        }
         document.set_first_tracks({name: turned[id(track)] for name, track in document.first_tracks.items()})
         document.set_actors(tuple(turned[id(track)] for track in scene.actors))
 
     def _turn_table(self, document: Document, matrix: Similarity) -> None:
-        """Bounds after a quarter turn; those of actors lie in the boxes' frames."""
+        """Turn the bounds by quarter turns; those of actors lie in the boxes' frames."""
         for entry in tuple(document.scene.table):
-            bounds = turned_bounds(entry.bounds, self._growth if entry.node else matrix)
+            bounds = transform_bounds(entry.bounds, self._growth if entry.node else matrix)
             document.scene.table.set(replace(entry, bounds=bounds))
 
-    def _bound_again(self, document: Document, key: bytes) -> None:
-        """Bounds of what stands askew to its old ones: counted, or known from the last time."""
+    def _recount_bounds(self, document: Document, key: bytes) -> None:
+        """Compute the bounds of what stands askew now, or take those from the last time."""
         table = document.scene.table
         if self._bounds is None or self._bounds[0] != key:
-            recount(document, [entry.id for entry in table if entry.count])
+            recount_instances(document, [entry.id for entry in table if entry.count])
             self._bounds = key, {entry.id: entry.bounds for entry in table}
         for entry in tuple(table):
             table.set(replace(entry, bounds=self._bounds[1][entry.id]))

@@ -9,9 +9,9 @@ from typing import ClassVar
 from numpy import ndarray
 
 from instdrive_core.edits.bases.flags import FlagChange, FlagEdit
-from instdrive_core.edits.bases.parameters import checked_ids, checked_switch
+from instdrive_core.edits.bases.parameters import check_ids, check_switch
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.edit import ids_in_words
+from instdrive_core.edits.document.edit import describe_ids
 from instdrive_core.scene.selection import Flag, SplatState
 
 
@@ -24,17 +24,17 @@ class HideInstances(FlagEdit):
     hidden: bool = True
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        checked_switch(self.hidden, "hidden")
+        self.ids = check_ids(self.ids)
+        check_switch(self.hidden, "hidden")
 
     @property
     def title(self) -> str:
         """``Hide instance 17``."""
-        return f"{'Hide' if self.hidden else 'Show'} {ids_in_words(self.ids)}"
+        return f"{'Hide' if self.hidden else 'Show'} {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""
-        return _flagged(document.state, document.rows_of(self.ids), Flag.HIDDEN, self.hidden)
+        return _plan_flag_changes(document.state, document.find_rows(self.ids), Flag.HIDDEN, self.hidden)
 
 
 @dataclass
@@ -46,17 +46,17 @@ class LockInstances(FlagEdit):
     locked: bool = True
 
     def __post_init__(self) -> None:
-        self.ids = checked_ids(self.ids)
-        checked_switch(self.locked, "locked")
+        self.ids = check_ids(self.ids)
+        check_switch(self.locked, "locked")
 
     @property
     def title(self) -> str:
         """``Lock instance 17``."""
-        return f"{'Lock' if self.locked else 'Unlock'} {ids_in_words(self.ids)}"
+        return f"{'Lock' if self.locked else 'Unlock'} {describe_ids(self.ids)}"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Set or clear the bit on rows that are not deleted."""
-        return _flagged(document.state, document.rows_of(self.ids), Flag.LOCKED, self.locked)
+        return _plan_flag_changes(document.state, document.find_rows(self.ids), Flag.LOCKED, self.locked)
 
 
 @dataclass
@@ -70,12 +70,12 @@ class ShowAll(FlagEdit):
         """``Show all``."""
         return "Show all"
 
-    def changes(self, document: Document) -> Iterator[FlagChange]:
+    def plan_changes(self, document: Document) -> Iterator[FlagChange]:
         """Clear the bit wherever it is set."""
-        yield FlagChange(document.state.rows_with(Flag.HIDDEN), Flag.HIDDEN, False)
+        yield FlagChange(document.state.find_rows(Flag.HIDDEN), Flag.HIDDEN, False)
 
 
-def _flagged(state: SplatState, rows: ndarray, flag: Flag, on: bool) -> Iterator[FlagChange]:
+def _plan_flag_changes(state: SplatState, rows: ndarray, flag: Flag, on: bool) -> Iterator[FlagChange]:
     alive = rows[(state.flags[rows] & Flag.DELETED) == 0]
     if on:
         yield FlagChange(alive, Flag.SELECTED, False)

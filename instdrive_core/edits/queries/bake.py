@@ -1,4 +1,4 @@
-"""From an edited document to a scene that needs no document: what is exported."""
+"""Baking an edited document into a scene that needs no document: what is exported."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from jaxtyping import Int
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.instances.table import table_from_ids
-from instdrive_core.maths.sh_rotation import rotated_rest
+from instdrive_core.instances.table import build_instance_table
+from instdrive_core.maths.sh_rotation import rotate_rest
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
-from instdrive_core.scene.palette import baked_colors
-from instdrive_core.scene.scene import Scene, node_rotations, placed
+from instdrive_core.scene.palette import bake_colors
+from instdrive_core.scene.scene import Scene, extract_node_rotations, place_in_world
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import transform_rows
+from instdrive_core.scene.transforms import bake_transforms
 
 
-def baked(
+def bake_document(
     document: Document, time: float | None = None, rows: Int[ndarray, " k"] | None = None, *, to_read: bool = False
 ) -> Scene:
     """The edited scene: deleted rows gone, colours in the SH coefficients, moves done, instances counted again.
@@ -31,44 +31,44 @@ def baked(
     written to them: where every row is left, arrays that no edit has changed are then the document's own.
     """
     scene = document.scene
-    deleted = document.state.mask(Flag.DELETED)
+    deleted = document.state.find_mask(Flag.DELETED)
     keep = np.flatnonzero(~deleted) if rows is None else rows[~deleted[rows]]
     recolored = np.flatnonzero(document.colors.indices[keep])
     if to_read and len(keep) == len(scene):
         moved = bool(document.transforms.indices.any())
-        gaussians = _with_copies_of(scene.gaussians, len(recolored) > 0, moved)
+        gaussians = _copy_written_arrays(scene.gaussians, len(recolored) > 0, moved)
     else:
         gaussians = scene.gaussians.select(keep)
     report(0.3)
     if len(recolored):
-        dc, rest, logits = baked_colors(scene.gaussians, document.colors, keep[recolored])
+        dc, rest, logits = bake_colors(scene.gaussians, document.colors, keep[recolored])
         gaussians.sh_dc[recolored], gaussians.sh_rest[recolored] = dc, rest
         gaussians.opacity_logits[recolored] = logits
-    transform_rows(gaussians, document.transforms, document.transforms.indices[keep])
+    bake_transforms(gaussians, document.transforms, document.transforms.indices[keep])
     report(0.6)
-    edited = recounted(_rows_of_scene(scene, keep, gaussians))
-    return edited if time is None else frozen_at(edited, time)
+    edited = recount_table(_select_rows(scene, keep, gaussians))
+    return edited if time is None else freeze_at_time(edited, time)
 
 
-def frozen_at(scene: Scene, time: float) -> Scene:
+def freeze_at_time(scene: Scene, time: float) -> Scene:
     """The scene at one moment, without tracks: actors present at `time` (seconds) become background."""
     if not scene.actors:
         return scene
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     keep = np.flatnonzero(present[scene.nodes])
     gaussians, nodes = scene.gaussians.select(keep), scene.nodes[keep]
-    gaussians.means, gaussians.quats = placed(gaussians.means, gaussians.quats, nodes, poses)
-    rotations = node_rotations(poses)
+    gaussians.means, gaussians.quats = place_in_world(gaussians.means, gaussians.quats, nodes, poses)
+    rotations = extract_node_rotations(poses)
     for node in np.unique(nodes[nodes > 0]).tolist():
         rows = np.flatnonzero(nodes == node)
-        gaussians.sh_rest[rows] = rotated_rest(gaussians.sh_rest[rows], rotations[node])
-    static = _rows_of_scene(scene, keep, gaussians)
-    return recounted(replace(static, nodes=np.zeros_like(nodes), actors=()))
+        gaussians.sh_rest[rows] = rotate_rest(gaussians.sh_rest[rows], rotations[node])
+    static = _select_rows(scene, keep, gaussians)
+    return recount_table(replace(static, nodes=np.zeros_like(nodes), actors=()))
 
 
-def recounted(scene: Scene) -> Scene:
-    """The same scene with counts and bounds of its instances taken from the arrays; names and classes stay."""
-    table = table_from_ids(
+def recount_table(scene: Scene) -> Scene:
+    """A scene whose table has counts and bounds taken from its arrays; names and classes stay."""
+    table = build_instance_table(
         scene.instance_ids,
         scene.gaussians.means,
         scene.codewords,
@@ -79,15 +79,15 @@ def recounted(scene: Scene) -> Scene:
     return replace(scene, table=table)
 
 
-def _with_copies_of(gaussians: Gaussians, colors: bool, places: bool) -> Gaussians:
-    """The same Gaussians, of which baking may write the colours, or the places, or both."""
+def _copy_written_arrays(gaussians: Gaussians, colors: bool, places: bool) -> Gaussians:
+    """Gaussians with copies of the arrays that baking writes: those of colours, of places, or both."""
     written = {"sh_dc", "sh_rest", "opacity_logits"} if colors else set()
     written |= {"means", "quats", "log_scales", "sh_rest"} if places else set()
     arrays = gaussians.arrays()
     return Gaussians(**{name: array.copy() if name in written else array for name, array in arrays.items()})
 
 
-def _rows_of_scene(scene: Scene, rows: ndarray, gaussians: Gaussians) -> Scene:
+def _select_rows(scene: Scene, rows: ndarray, gaussians: Gaussians) -> Scene:
     return replace(
         scene,
         gaussians=gaussians,

@@ -7,27 +7,27 @@ from jaxtyping import Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.instances.interiors import DEFAULT_CONFIG, Body, body_of_points
+from instdrive_core.instances.interiors import DEFAULT_CONFIG, CompactObject, fit_compact_object
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
 
 
-def solid_points(document: Document, members: Int64[ndarray, " m"]) -> Float64[ndarray, "k 3"]:
+def select_solid_points(document: Document, members: Int64[ndarray, " m"]) -> Float64[ndarray, "k 3"]:
     """Means of the rows that are opaque enough to span a hull, metres, in the frame of their node."""
     solid = members[sigmoid(document.scene.gaussians.opacity_logits[members]) >= DEFAULT_CONFIG.min_opacity]
-    return document.means_of(solid).astype(np.float64)
+    return document.compute_means(solid).astype(np.float64)
 
 
-def of_main_node(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
-    """Those of `rows` that lie in the node that most of them lie in: trained instances may have strays in another."""
+def keep_main_node(document: Document, rows: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
+    """Keep the rows of the node that most of them lie in: trained instances may have strays in another."""
     nodes = document.scene.nodes[rows]
     return rows[nodes == np.bincount(nodes).argmax()] if len(rows) else rows
 
 
-def body_of_rows(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> Body | None:
+def build_body(document: Document, instance_id: int, members: Int64[ndarray, " m"]) -> CompactObject | None:
     """The body that rows of one node span; None where they are too large, too flat or too few for one."""
-    points = solid_points(document, members)
-    return body_of_points(instance_id, points) if len(points) >= DEFAULT_CONFIG.min_gaussians else None
+    points = select_solid_points(document, members)
+    return fit_compact_object(instance_id, points) if len(points) >= DEFAULT_CONFIG.min_gaussians else None
 
 
 def is_compact(instance: Instance) -> bool:

@@ -1,4 +1,4 @@
-"""Where the ground is under a place."""
+"""Height of the ground below a place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_SLOPE = 0.5
 _ROUNDS = 4
 
 
-def ground_height(
+def estimate_ground_height(
     points: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], radii: tuple[float, ...] = RADII
 ) -> float | None:
     """Height (metres, z up) of the ground under `place`, among points that do not belong to what stands there.
@@ -34,11 +34,11 @@ def ground_height(
         close = np.flatnonzero(distances < radius**2)
         if len(close) >= MIN_SPLATS:
             close = close[:: -(-len(close) // MAX_SPLATS)]
-            return _plane_at_zero(offsets[close].astype(np.float64), points[close, 2].astype(np.float64))
+            return _fit_height_at_zero(offsets[close].astype(np.float64), points[close, 2].astype(np.float64))
     return None
 
 
-def _plane_at_zero(offsets: Float64[ndarray, "k 2"], heights: Float64[ndarray, " k"]) -> float:
+def _fit_height_at_zero(offsets: Float64[ndarray, "k 2"], heights: Float64[ndarray, " k"]) -> float:
     """Height at offset 0 of a plane that grows from the lowest points to all that agree with it."""
     # One of the points, not between two: the band around it is never empty.
     low = np.quantile(heights, LOWEST_SHARE, method="nearest")

@@ -17,7 +17,7 @@ _LARGE_SHARE = 8
 """Where more than one row of so many counts, all rows are walked in the order in which they are stored."""
 
 
-def mean_colors(
+def compute_mean_colors(
     gaussians: Gaussians,
     parts: RowParts,
     maps: Float[ndarray, "p 3 4"] = IDENTITY,
@@ -38,12 +38,12 @@ def mean_colors(
     weights = sigmoid(gaussians.opacity_logits[rows])
     through = np.zeros(len(weights), np.uint16) if indices is None else np.array(indices[rows])
     sums = np.zeros((len(parts), 4))
-    _add(sums, owner, gaussians.sh_dc[rows], weights, np.ascontiguousarray(maps, np.float64), through)
+    _add_colors(sums, owner, gaussians.sh_dc[rows], weights, np.ascontiguousarray(maps, np.float64), through)
     return sums[:, :3] / np.maximum(sums[:, 3:], 1e-12)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add(sums, owner, sh_dc, weights, maps, through):
+def _add_colors(sums, owner, sh_dc, weights, maps, through):
     """Add the mapped colour of each row, times its weight, and the weight to the sums of its owner (-1 = none)."""
     for row in range(np.uint64(len(owner))):
         if owner[row] < 0:

@@ -11,21 +11,21 @@ from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.document.row_parts import RowParts
 
 SHARES = (0.03, 0.97)
-"""Between which quantiles of its means an instance lies; as of `instances.table.middle_bounds`."""
+"""Between which quantiles of its means an instance lies; as of `instances.table.compute_middle_bounds`."""
 _FEW = 32
 """Values beyond a rank that are cheaper kept in order than partitioned."""
 
 
-def bounds_of_parts(document: Document, parts: RowParts) -> Float32[ndarray, "p 2 3"]:
-    """`middle_bounds` of the present means of each part, which has at least one row; metres, in the rows' nodes."""
+def compute_part_bounds(document: Document, parts: RowParts) -> Float32[ndarray, "p 2 3"]:
+    """`compute_middle_bounds` of each part's present means, metres, in the rows' nodes; each has at least one row."""
     palette, last = document.transforms, parts.sizes - 1
     # As "nearest" of np.quantile: halves go to the even one.
     ranks = np.stack([np.rint(last * share) for share in SHARES], axis=1).astype(np.int64)
     means = np.ascontiguousarray(document.scene.gaussians.means)
-    return _bounds(means, palette.indices, np.array(palette.matrices), parts.rows, parts.bounds, ranks)
+    return _compute_bounds(means, palette.indices, np.array(palette.matrices), parts.rows, parts.bounds, ranks)
 
 
-def main_nodes_of_parts(document: Document, parts: RowParts) -> Int64[ndarray, " p"]:
+def find_main_nodes_of_parts(document: Document, parts: RowParts) -> Int64[ndarray, " p"]:
     """The node that most rows of each part, which has at least one, belong to; the lowest of equals."""
     main = np.zeros(len(parts), np.int64)
     if not document.scene.actors:
@@ -37,7 +37,7 @@ def main_nodes_of_parts(document: Document, parts: RowParts) -> Int64[ndarray, "
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy")
-def _bounds(means, entries, matrices, rows, bounds, ranks):
+def _compute_bounds(means, entries, matrices, rows, bounds, ranks):
     found = np.empty((len(bounds) - 1, 2, 3), np.float32)
     for part in numba.prange(len(found)):
         first, count = bounds[part], bounds[part + 1] - bounds[part]
@@ -53,12 +53,12 @@ def _bounds(means, entries, matrices, rows, bounds, ranks):
                     value = np.float32(m[0] * x + m[1] * y + m[2] * z + m[3])
                 values[axis, k] = value
         for axis in range(3):
-            found[part, 0, axis], found[part, 1, axis] = _ends(values[axis], ranks[part, 0], ranks[part, 1])
+            found[part, 0, axis], found[part, 1, axis] = _find_ends(values[axis], ranks[part, 0], ranks[part, 1])
     return found
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _ends(values, low, high):
+def _find_ends(values, low, high):
     """The values of two ranks; NaN where any value is. Close to the ends, one walk that keeps the few beyond them."""
     below, above = low + 1, len(values) - high
     total = np.float32(0)
@@ -69,7 +69,7 @@ def _ends(values, low, high):
             if np.isnan(value):
                 return np.float32(np.nan), np.float32(np.nan)
     if max(below, above) > _FEW:
-        return _selected(values, low), _selected(values, high)
+        return _select_rank(values, low), _select_rank(values, high)
     smallest, largest = np.full(below, np.float32(np.inf)), np.full(above, np.float32(-np.inf))
     for value in values:
         if value < smallest[below - 1]:
@@ -88,7 +88,7 @@ def _ends(values, low, high):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _selected(values, rank):
+def _select_rank(values, rank):
     """The value of a rank, by Hoare's selection: what is smaller comes before it, what is larger after it."""
     low, high = 0, len(values) - 1
     while low < high:

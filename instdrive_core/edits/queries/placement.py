@@ -1,4 +1,4 @@
-"""Where instances are, stand and may go: what gizmos show and moves are bound to."""
+"""Centres, feet, ground and lanes of instances: what gizmos show and constrained moves follow."""
 
 from __future__ import annotations
 
@@ -9,91 +9,91 @@ from jaxtyping import Bool, Float, Float32, Float64, Int64
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.ground_height import RADII, ground_height
+from instdrive_core.edits.queries.ground_height import RADII, estimate_ground_height
 from instdrive_core.errors import EditError
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.scene.lane import street_direction, travel_direction
+from instdrive_core.scene.lane import estimate_street_direction, estimate_travel_direction
 from instdrive_core.scene.selection import Flag
-from instdrive_core.scene.transforms import Similarity, scale_of
+from instdrive_core.scene.transforms import Similarity, extract_scale
 
 SOLID_OPACITY = 0.3
 """Fainter splats are neither ground nor the foot of anything."""
 _FOOT_SHARE = 0.02
-"""Of an instance's solid splats that may hang below its foot."""
+"""Share of an instance's solid splats that may hang below its foot."""
 _MIN_PATH = 1.0
 """Metres an actor must drive to have a lane of its own."""
 _STREET_SPLATS = 100_000
-"""Of splats spread over the street, so many or fewer tell where it runs."""
+"""Number of splats, spread over the street, that are enough to tell where it runs."""
 
 
-def solid(opacities: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
-    """Which of a thing's splats shape it; where all are faint, the least faint."""
+def find_solid(opacities: Float[ndarray, " n"]) -> Bool[ndarray, " n"]:
+    """Mask of the splats that shape a thing: the opaque ones, or the least faint where all are faint."""
     return opacities >= min(SOLID_OPACITY, opacities.max())
 
 
-def foot_of(heights: Float[ndarray, " n"]) -> float:
-    """Where a thing of solid splats at these heights stands."""
+def estimate_foot(heights: Float[ndarray, " n"]) -> float:
+    """Height on which a thing stands whose solid splats have these heights."""
     return float(np.quantile(heights, _FOOT_SHARE, method="nearest"))
 
 
-def center_of(document: Document, ids: Sequence[int], time: float) -> Float64[ndarray, "3"]:
+def compute_center(document: Document, ids: Sequence[int], time: float) -> Float64[ndarray, "3"]:
     """The mean of the instances' centres in the world, metres: of their bounds, or of an actor's box at `time` (s)."""
     table, actors = document.scene.table, document.scene.actors
     instances = [table[instance_id] for instance_id in ids]
     centers = np.array([instance.bounds for instance in instances], np.float64).mean(axis=1)
     for place, instance in enumerate(instances):
         if instance.node:
-            centers[place] = actors[instance.node - 1].pose_at(time)[:3, 3]
+            centers[place] = actors[instance.node - 1].interpolate_pose(time)[:3, 3]
     return centers.mean(axis=0)
 
 
-def bottom_of(document: Document, ids: Sequence[int], matrix: Similarity, time: float) -> float:
+def compute_bottom(document: Document, ids: Sequence[int], matrix: Similarity, time: float) -> float:
     """Height (metres) of the lowest foot of the instances after a move [s R | t] in the world."""
     feet = []
     for instance_id in ids:
         node = document.scene.table[instance_id].node
         if node:
             track = document.scene.actors[node - 1]
-            center = matrix[:, :3] @ track.pose_at(time)[:3, 3] + matrix[:, 3]
-            feet.append(center[2] - scale_of(matrix) * track.dimensions[2] / 2)
+            center = matrix[:, :3] @ track.interpolate_pose(time)[:3, 3] + matrix[:, 3]
+            feet.append(center[2] - extract_scale(matrix) * track.dimensions[2] / 2)
         else:
-            rows = document.rows_of((instance_id,))
+            rows = document.find_rows((instance_id,))
             opacities = sigmoid(document.scene.gaussians.opacity_logits[rows])
-            heights = document.means_of(rows[solid(opacities)]) @ matrix[2, :3] + matrix[2, 3]
-            feet.append(foot_of(heights))
+            heights = document.compute_means(rows[find_solid(opacities)]) @ matrix[2, :3] + matrix[2, 3]
+            feet.append(estimate_foot(heights))
     return float(min(feet))
 
 
-def ground_under(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
-    """Height (metres) of the background under a place, the instances themselves left out. Raises EditError."""
+def find_ground_below(document: Document, ids: Sequence[int], place: Float[ndarray, "3"]) -> float:
+    """Height (metres) of the ground below a place, without the instances. Raises EditError where there is none."""
     for radius in RADII:
-        height = ground_height(_background_around(document, ids, place, radius), place, (radius,))
+        height = estimate_ground_height(_gather_background(document, ids, place, radius), place, (radius,))
         if height is not None:
             return height
     raise EditError(f"there is no ground within {RADII[-1]:g} m of x = {place[0]:.1f}, y = {place[1]:.1f}")
 
 
-def _background_around(
+def _gather_background(
     document: Document, ids: Sequence[int], place: Float[ndarray, "3"], reach: float
 ) -> Float32[ndarray, "k 3"]:
-    """Where solid splats of other things are, none of them driving, within `reach` metres along x and along y."""
+    """Positions of solid background splats of other things within `reach` metres along x and along y."""
     scene = document.scene
     stored, entries = scene.gaussians.means, document.transforms.indices
 
-    def counted(rows: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
+    def keep_usable(rows: Int64[ndarray, " m"]) -> Int64[ndarray, " k"]:
         usable = (scene.nodes[rows] == 0) & ((document.state.flags[rows] & Flag.DELETED) == 0)
         rows = rows[usable & ~np.isin(scene.instance_ids[rows], np.array(ids, np.uint32))]
         return rows[sigmoid(scene.gaussians.opacity_logits[rows]) >= SOLID_OPACITY]
 
-    settled = document.transforms.entry_at_home(document.orientation)
-    near = _near(stored, place, reach, document.transforms.matrices[settled])
+    settled = document.transforms.find_entry_at_home(document.orientation)
+    near = _find_near(stored, place, reach, document.transforms.matrices[settled])
     # Of what was moved, little is of others: during a drag it is mostly the instances themselves.
-    moved = document.means_of(counted(np.flatnonzero(entries != settled)))
-    still = document.means_of(counted(near[entries[near] == settled]))
-    return np.concatenate([still, moved[_near(moved, place, reach, np.eye(3, 4))]])
+    moved = document.compute_means(keep_usable(np.flatnonzero(entries != settled)))
+    still = document.compute_means(keep_usable(near[entries[near] == settled]))
+    return np.concatenate([still, moved[_find_near(moved, place, reach, np.eye(3, 4))]])
 
 
-def _near(
+def _find_near(
     means: Float32[ndarray, "n 3"], place: Float[ndarray, "3"], reach: float, matrix: Similarity
 ) -> Int64[ndarray, " k"]:
     """Rows that `matrix` puts within `reach` along x and along y; y is looked at for those only that are near in x."""
@@ -108,24 +108,24 @@ def _near(
     return rows
 
 
-def lane_at(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], time: float) -> Float64[ndarray, "3"]:
+def find_lane(document: Document, ids: Sequence[int], place: Float[ndarray, "3"], time: float) -> Float64[ndarray, "3"]:
     """Horizontal unit direction of the lane: of the first moving actor's own drive, else of the recording car's past
     this place, else of the street's longest extent. Raises EditError where there is none of them."""
     scene = document.scene
     for instance_id in ids:
         node = scene.table[instance_id].node
-        if node and scene.actors[node - 1].path_length() >= _MIN_PATH:
-            forward = scene.actors[node - 1].pose_at(time)[:3, 1] * [1, 1, 0]
+        if node and scene.actors[node - 1].compute_path_length() >= _MIN_PATH:
+            forward = scene.actors[node - 1].interpolate_pose(time)[:3, 1] * [1, 1, 0]
             if np.linalg.norm(forward) > 1e-6:
                 return forward / np.linalg.norm(forward)
     cameras: dict[str, list[tuple[float, ndarray]]] = {}
     for view in scene.views:
         cameras.setdefault(view.name, []).append((view.time, view.camera.position))
     paths = [np.stack([where for _, where in sorted(film, key=lambda shot: shot[0])]) for film in cameras.values()]
-    lane = travel_direction(paths, place)
+    lane = estimate_travel_direction(paths, place)
     if lane is None:
         street = np.flatnonzero(scene.nodes == 0)
-        lane = street_direction(document.means_of(street[:: 1 + len(street) // _STREET_SPLATS]), place)
+        lane = estimate_street_direction(document.compute_means(street[:: 1 + len(street) // _STREET_SPLATS]), place)
     if lane is None:
         raise EditError("the scene has neither photo cameras nor a street here, so no lane is known")
     return lane

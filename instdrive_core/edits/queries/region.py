@@ -1,4 +1,4 @@
-"""What lies in a region of the picture: splats by their centres, instances by the larger part of them."""
+"""Finding what lies in a region of the picture: splats by their centres, instances by most of their splats."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from jaxtyping import Bool, Int64, UInt32
 from numpy import ndarray
 
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.screen_region import points_in_region
+from instdrive_core.scene.screen_region import find_points_in_region
 
 NEAR = 0.1
 """Metres before the camera from which on splats are drawn."""
@@ -17,7 +17,7 @@ MIN_SHARE = 0.5
 """An instance is in a region where more than this share of it is."""
 
 
-def rows_in_region(
+def find_rows_in_region(
     document: Document,
     camera: Camera,
     time: float,
@@ -30,17 +30,17 @@ def rows_in_region(
         document: what is shown.
         camera: its size is the region's.
         time: seconds.
-        region: see `scene.screen_region.polygon_mask`.
+        region: see `scene.screen_region.rasterize_polygon`.
         winners: row + 1 of the splat that each pixel stands for, 0 = none; where given, only splats that any pixel
             stands for are found: those that are visible.
     """
-    means, drawn = shown_means(document, time)
+    means, drawn = compute_shown_means(document, time)
     if winners is not None:
-        drawn &= _winning(winners, len(means))
-    return np.flatnonzero(points_in_region(means, camera, region, NEAR) & drawn)
+        drawn &= _find_winning(winners, len(means))
+    return np.flatnonzero(find_points_in_region(means, camera, region, NEAR) & drawn)
 
 
-def instances_in_region(
+def find_instances_in_region(
     document: Document,
     camera: Camera,
     time: float,
@@ -52,18 +52,20 @@ def instances_in_region(
 
     With `winners` it is the share of the pixels that show the instance: what hides behind others does not count.
     Without, it is the share of the instance's drawn splats, seen or not, by their centres. Arguments as for
-    `rows_in_region`.
+    `find_rows_in_region`.
     """
     ids = document.scene.instance_ids
     if winners is not None:
         shown = np.append(np.uint32(0), ids)[winners]
-        return _with_share(shown[region], shown.ravel(), min_share)
-    means, drawn = shown_means(document, time)
-    inside = points_in_region(means, camera, region, NEAR) & drawn
-    return _with_share(ids[inside], ids[drawn], min_share)
+        return _keep_with_share(shown[region], shown.ravel(), min_share)
+    means, drawn = compute_shown_means(document, time)
+    inside = find_points_in_region(means, camera, region, NEAR) & drawn
+    return _keep_with_share(ids[inside], ids[drawn], min_share)
 
 
-def _with_share(inside: UInt32[ndarray, " a"], everywhere: UInt32[ndarray, " b"], min_share: float) -> tuple[int, ...]:
+def _keep_with_share(
+    inside: UInt32[ndarray, " a"], everywhere: UInt32[ndarray, " b"], min_share: float
+) -> tuple[int, ...]:
     found, counts = np.unique(inside, return_counts=True)
     # IDs may be large and sparse: places in the short list of those found are counted, not the IDs.
     places = np.searchsorted(found, everywhere).clip(max=max(len(found) - 1, 0))
@@ -73,7 +75,7 @@ def _with_share(inside: UInt32[ndarray, " a"], everywhere: UInt32[ndarray, " b"]
     return tuple(found[(counts > min_share * totals) & (found > 0)].tolist())
 
 
-def _winning(winners: UInt32[ndarray, "h w"], count: int) -> Bool[ndarray, " n"]:
+def _find_winning(winners: UInt32[ndarray, "h w"], count: int) -> Bool[ndarray, " n"]:
     wins = np.zeros(count + 1, np.bool_)
     wins[winners.ravel()] = True
     return wins[1:]

@@ -32,14 +32,14 @@ def average_precision(
     ignored = counts.ignored_areas[order] / np.maximum(size, 1)
     areas = []
     for threshold in thresholds:
-        hits = _hits(iou, threshold)
+        hits = _find_hits(iou, threshold)
         counted = hits | ((size >= min_size) & (ignored < threshold))
-        areas.append(_area(hits[counted], len(counts.truth_ids)))
+        areas.append(_compute_area(hits[counted], len(counts.truth_ids)))
     return float(np.mean(areas))
 
 
-def _hits(iou: Float64[ndarray, "t p"], threshold: float) -> Bool[ndarray, " p"]:
-    """Which predictions, in order, find an object."""
+def _find_hits(iou: Float64[ndarray, "t p"], threshold: float) -> Bool[ndarray, " p"]:
+    """Find out which predictions, in order, find an object."""
     hits = np.zeros(iou.shape[1], bool)
     free = np.ones(len(iou), bool)
     for column in np.flatnonzero((iou >= threshold).any(axis=0)):
@@ -49,7 +49,7 @@ def _hits(iou: Float64[ndarray, "t p"], threshold: float) -> Bool[ndarray, " p"]
     return hits
 
 
-def _area(hits: Bool[ndarray, " p"], objects: int) -> float:
+def _compute_area(hits: Bool[ndarray, " p"], objects: int) -> float:
     """Area under the precision–recall curve of predictions in order."""
     found = np.cumsum(hits)
     precision = found / np.arange(1, len(hits) + 1)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.evaluation.metrics.segmentation import LabelledView, confusion
+from instdrive_core.evaluation.metrics.segmentation import LabelledView, count_confusion
+from instdrive_core.maths.streams import Stream, make_generator
 
 CLICKS_PER_OBJECT = 10
 """Random pixels per visible object and view."""
@@ -25,7 +26,7 @@ class Clicks:
     """Instance under the cursor; 0 = none, nothing is selected."""
     count: int
     iou: float
-    """Of the selection, as the instance map shows it, with the object's ground-truth mask; ignored pixels left out."""
+    """Overlap of the selection in the instance map with the object's ground-truth mask, ignored pixels left out."""
 
     @property
     def hit(self) -> bool:
@@ -33,16 +34,16 @@ class Clicks:
         return self.iou > 0.5
 
 
-def clicks_on_things(views: Sequence[LabelledView], things: Collection[int], seed: int) -> list[Clicks]:
+def click_things(views: Sequence[LabelledView], things: Collection[int], seed: int) -> list[Clicks]:
     """Click on `CLICKS_PER_OBJECT` seeded random pixels of each visible thing in each view."""
     clicks: list[Clicks] = []
     for number, view in enumerate(views):
-        pixels = confusion(view.truth, view.predicted)
+        pixels = count_confusion(view.truth, view.predicted)
         columns = {int(label): column for column, label in enumerate(pixels.predicted_ids)}
         for row, truth_id in enumerate(pixels.truth_ids.tolist()):
             if truth_id not in things:
                 continue
-            rng = np.random.default_rng((seed, number, truth_id))
+            rng = make_generator(seed, Stream.CLICKS, number, truth_id)
             shown = view.predicted[view.truth == truth_id]
             chosen = rng.choice(shown, CLICKS_PER_OBJECT, replace=len(shown) < CLICKS_PER_OBJECT)
             for selected, count in zip(*(part.tolist() for part in np.unique(chosen, return_counts=True)), strict=True):
@@ -51,7 +52,7 @@ def clicks_on_things(views: Sequence[LabelledView], things: Collection[int], see
     return clicks
 
 
-def selection_scores(clicks: Sequence[Clicks]) -> dict[str, float | None]:
+def score_selections(clicks: Sequence[Clicks]) -> dict[str, float | None]:
     """`hit_rate`: share of clicks whose selection has IoU > 0.5; `iou`: its mean. None where nothing was clicked."""
     counts = np.array([each.count for each in clicks])
     if not counts.sum():

@@ -9,14 +9,14 @@ from jaxtyping import Int32, UInt32, UInt64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
-from instdrive_core.evaluation.metrics.codeword_map import codeword_map
+from instdrive_core.evaluation.metrics.box_pixels import find_moving_box_pixels
+from instdrive_core.evaluation.metrics.codeword_map import render_codeword_map
 from instdrive_core.evaluation.metrics.image_metrics import psnr, ssim
-from instdrive_core.evaluation.metrics.segmentation import LabelledView, evaluated_truth
-from instdrive_core.evaluation.metrics.world_gaussians import world_gaussians
+from instdrive_core.evaluation.metrics.segmentation import LabelledView, prepare_truth
+from instdrive_core.evaluation.metrics.world_gaussians import place_world_gaussians
 from instdrive_core.masks.ground_truth import GroundTruth
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import exposed
+from instdrive_core.scene.exposure import apply_exposure
 from instdrive_core.scene.scene import Scene
 
 
@@ -36,17 +36,17 @@ class HeldOutView:
     psnr_actors: float | None
     """None where no moving object's box is in view."""
 
-    def labelled(self, predicted: ndarray) -> LabelledView:
-        """This view with a predicted map."""
+    def with_map(self, predicted: ndarray) -> LabelledView:
+        """Pair this view with a predicted map."""
         return LabelledView(self.frame.view.name, self.frame.view.time, self.truth, predicted)
 
     def with_ids(self, instance_ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> LabelledView:
-        """This view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
+        """Pair this view with the map that the given IDs of the scene's Gaussians make, 0 where nothing is shown."""
         padded = np.append(instance_ids, np.zeros(1, instance_ids.dtype))
-        return self.labelled(padded[self.winner])  # winner -1 reads the last: 0
+        return self.with_map(padded[self.winner])  # winner -1 reads the last: 0
 
 
-def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:
+def measure_held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTruth) -> HeldOutView:
     """Draw one view and compare it with its photo. Sky and ego vehicle are ignored in maps, the latter in images.
 
     Where the scene knows exposures, the image is exposed as the camera's training photos before and after it were.
@@ -56,21 +56,21 @@ def held_out_view(scene: Scene, clip: Clip, frame: Frame, ground_truth: GroundTr
     preview = view_scene(scene, camera, time)
     image, photo = preview.color, frame.load_image().astype(np.float32) / 255
     if scene.exposures is not None:
-        image = exposed(image, scene.exposures.at(frame.view.name, time))
+        image = apply_exposure(image, scene.exposures.interpolate(frame.view.name, time))
     image = np.clip(image, 0, 1)
     valid = np.ones(image.shape[:2], bool) if frame.valid is None else frame.valid
-    ignored, sky = ~valid, ground_truth.sky(frame)
+    ignored, sky = ~valid, ground_truth.load_sky(frame)
     if sky is not None:
         ignored = ignored | sky
     codewords = None
     if scene.code_bits:
-        codewords = codeword_map(world_gaussians(scene, time), scene.gaussians.features, camera)
+        codewords = render_codeword_map(place_world_gaussians(scene, time), scene.gaussians.features, camera)
     return HeldOutView(
         frame=frame,
-        truth=evaluated_truth(ground_truth.load(frame), ignored),
+        truth=prepare_truth(ground_truth.load(frame), ignored),
         winner=preview.winner,
         codewords=codewords,
         psnr=psnr(image, photo, valid),
         ssim=ssim(image, photo, valid),
-        psnr_actors=psnr(image, photo, valid & moving_box_pixels(camera, clip.tracks, time)),
+        psnr_actors=psnr(image, photo, valid & find_moving_box_pixels(camera, clip.tracks, time)),
     )

@@ -11,21 +11,21 @@ from jaxtyping import UInt32, UInt64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.evaluation.metrics.clicks import clicks_on_things, selection_scores
-from instdrive_core.evaluation.metrics.deletion import deletion_scores
+from instdrive_core.evaluation.metrics.clicks import click_things, score_selections
+from instdrive_core.evaluation.metrics.deletion import score_deletions
 from instdrive_core.evaluation.metrics.held_out import HeldOutView
-from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS, lidar_scores
-from instdrive_core.evaluation.metrics.map_scores import per_view_scores, scene_scores
-from instdrive_core.evaluation.metrics.object_rows import ObjectRow, object_rows
-from instdrive_core.evaluation.metrics.point_ids import PointSupport, point_support
-from instdrive_core.evaluation.metrics.point_truth import LabelledSweep, labelled_sweeps
+from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS, score_points
+from instdrive_core.evaluation.metrics.map_scores import score_scene, score_views
+from instdrive_core.evaluation.metrics.object_rows import ObjectRow, list_object_rows
+from instdrive_core.evaluation.metrics.point_ids import PointSupport, compute_point_support
+from instdrive_core.evaluation.metrics.point_truth import LabelledSweep, label_sweeps
 from instdrive_core.evaluation.metrics.segmentation import LabelledView
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.track import Track
 
 SEED = 0
-"""Of clicks and samples: the same for every run, so that runs are compared on the same clicks."""
+"""Seed of clicks and samples, equal for every run, so that runs are compared on the same clicks."""
 
 PER_VIEW_KEYS = ("miou", "macc", "miou_majority")
 SCENE_KEYS = ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff")
@@ -43,51 +43,51 @@ class IdMeasure:
     views: tuple[HeldOutView, ...]
     sweeps: tuple[LabelledSweep, ...]
     supports: tuple[PointSupport, ...]
-    """Of the points of each sweep."""
+    """Support of the points of each sweep."""
     instances: dict[int, GroundTruthInstance]
     boxes: dict[int, Track]
-    """By ID of the ground truth."""
+    """Boxes by ID of the ground truth."""
 
-    def shown(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
-        """The views with the maps that the IDs make."""
+    def draw_maps(self, ids: UInt32[ndarray, " n"] | UInt64[ndarray, " n"]) -> list[LabelledView]:
+        """Pair the views with the maps that the IDs make."""
         return [view.with_ids(ids) for view in self.views]
 
-    def of_kind(self, kind: str) -> set[int]:
-        """IDs of the ground truth that are ``thing`` or ``stuff``."""
+    def select_truth_ids(self, kind: str) -> set[int]:
+        """Select IDs of the ground truth that are ``thing`` or ``stuff``."""
         return {instance.id for instance in self.instances.values() if instance.kind == kind}
 
     def scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
-        """`per_view`, `scene` and `lidar`; `codes` as in `lidar_scores`."""
-        shown = self.shown(ids)
+        """`per_view`, `scene` and `lidar`; `codes` as in `score_points`."""
+        shown = self.draw_maps(ids)
         return {
-            "per_view": per_view_scores(shown),
-            "scene": scene_scores(shown, self.of_kind("thing"), self.of_kind("stuff")),
-            "lidar": lidar_scores(self.sweeps, self.supports, ids, codes),
+            "per_view": score_views(shown),
+            "scene": score_scene(shown, self.select_truth_ids("thing"), self.select_truth_ids("stuff")),
+            "lidar": score_points(self.sweeps, self.supports, ids, codes),
         }
 
-    def click_scores(self, ids: UInt32[ndarray, " n"], progress: Callable[[int, int], None]) -> dict[str, Any]:
+    def score_clicks(self, ids: UInt32[ndarray, " n"], progress: Callable[[int, int], None]) -> dict[str, Any]:
         """`click`; progress counts views."""
-        clicks = clicks_on_things(self.shown(ids), self.of_kind("thing"), SEED)
+        clicks = click_things(self.draw_maps(ids), self.select_truth_ids("thing"), SEED)
         named = replace(self.scene, instance_ids=ids)
-        deleted = deletion_scores(
+        deleted = score_deletions(
             named, self.views, clicks, self.boxes, SEED, lambda _, done, total: progress(done, total)
         )
-        return selection_scores(clicks) | deleted
+        return score_selections(clicks) | deleted
 
     def objects(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> tuple[ObjectRow, ...]:
         """A row per object. Codes are those of the Gaussians that pixels stand for: blended features invent codes along
         borders."""
-        return object_rows(self.shown(ids), None if codes is None else self.shown(codes), self.instances)
+        return list_object_rows(self.draw_maps(ids), None if codes is None else self.draw_maps(codes), self.instances)
 
 
-def id_measure(
+def prepare_id_measure(
     scene: Scene, views: list[HeldOutView], clip: Clip, ground_truth: GroundTruth, progress: Progress
 ) -> IdMeasure:
     """Prepare to measure. Raises DataError where a sweep is damaged."""
-    sweeps = labelled_sweeps(clip, ground_truth)
+    sweeps = label_sweeps(clip, ground_truth)
     supports = []
     for sweep in sweeps:
-        supports.append(point_support(scene, sweep.points, sweep.time))
+        supports.append(compute_point_support(scene, sweep.points, sweep.time))
         progress("LiDAR points", len(supports), len(sweeps))
     tracks = {track.id: track for track in clip.tracks}
     boxes = {
@@ -98,12 +98,12 @@ def id_measure(
     return IdMeasure(scene, tuple(views), tuple(sweeps), tuple(supports), ground_truth.instances, boxes)
 
 
-def nothing_measured() -> dict[str, Any]:
-    """What `IdMeasure.scores` gives, and `click`, where they do not apply."""
+def build_empty_scores() -> dict[str, Any]:
+    """Build the scores, with `click`, of IDs that cannot be measured: all None."""
     keys = {"per_view": PER_VIEW_KEYS, "scene": SCENE_KEYS, "lidar": LIDAR_KEYS, "click": CLICK_KEYS}
     return {part: dict.fromkeys(names) for part, names in keys.items()}
 
 
-def codes_of(scene: Scene) -> UInt64[ndarray, " n"] | None:
-    """Codeword + 1 of each Gaussian, since 0 is a codeword; None where the scene has none."""
+def get_codes(scene: Scene) -> UInt64[ndarray, " n"] | None:
+    """Codeword + 1 of each Gaussian, since 0 is a codeword, too; None where the scene has no codewords."""
     return scene.codewords.astype(np.uint64) + np.uint64(1) if scene.code_bits else None

@@ -1,4 +1,4 @@
-"""How close a rendered image is to its photo, outside masked regions."""
+"""Distance of a rendered image from its photo, outside masked regions."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ def ssim(
     The mean over channels and over the pixels whose whole window is valid and inside the image, so that masked
     pixels have no influence at all. None where no window is.
     """
-    whole = _whole_windows(image.shape[:2], valid)
+    whole = _find_whole_windows(image.shape[:2], valid)
     if not whole.any():
         return None
-    return float(_ssim_map(image.astype(np.float64), truth.astype(np.float64))[whole].mean())
+    return float(_compute_ssim_map(image.astype(np.float64), truth.astype(np.float64))[whole].mean())
 
 
-def _ssim_map(first: Float[ndarray, "h w c"], second: Float[ndarray, "h w c"]) -> Float[ndarray, "h w c"]:
+def _compute_ssim_map(first: Float[ndarray, "h w c"], second: Float[ndarray, "h w c"]) -> Float[ndarray, "h w c"]:
     c1, c2 = 0.01**2, 0.03**2
-    mean1, mean2 = _blurred(first), _blurred(second)
-    variance1 = _blurred(first * first) - mean1 * mean1
-    variance2 = _blurred(second * second) - mean2 * mean2
-    covariance = _blurred(first * second) - mean1 * mean2
+    mean1, mean2 = _blur(first), _blur(second)
+    variance1 = _blur(first * first) - mean1 * mean1
+    variance2 = _blur(second * second) - mean2 * mean2
+    covariance = _blur(first * second) - mean1 * mean2
     luminance = (2 * mean1 * mean2 + c1) / (mean1 * mean1 + mean2 * mean2 + c1)
     return luminance * (2 * covariance + c2) / (variance1 + variance2 + c2)
 
 
-def _blurred(values: Float[ndarray, "h w c"]) -> Float[ndarray, "h w c"]:
+def _blur(values: Float[ndarray, "h w c"]) -> Float[ndarray, "h w c"]:
     return ndimage.gaussian_filter(values, SSIM_SIGMA, axes=(0, 1), radius=SSIM_RADIUS)
 
 
-def _whole_windows(shape: tuple[int, int], valid: Bool[ndarray, "h w"] | None) -> Bool[ndarray, "h w"]:
+def _find_whole_windows(shape: tuple[int, int], valid: Bool[ndarray, "h w"] | None) -> Bool[ndarray, "h w"]:
     """Pixels whose SSIM window holds valid pixels of the image only."""
     inside = np.ones(shape, bool) if valid is None else valid
     size = 2 * SSIM_RADIUS + 1

@@ -1,4 +1,4 @@
-"""How well a scene's IDs agree with the objects that LiDAR points of held-out sweeps lie on."""
+"""Agreement of a scene's IDs with the objects that LiDAR points of held-out sweeps lie on."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.evaluation.metrics.average_precision import AP_THRESHOLDS, average_precision
-from instdrive_core.evaluation.metrics.point_ids import PointIds, PointSupport, point_ids
+from instdrive_core.evaluation.metrics.point_ids import PointIds, PointSupport, vote_point_ids
 from instdrive_core.evaluation.metrics.point_truth import MIN_POINTS, LabelledSweep
-from instdrive_core.evaluation.metrics.segmentation import Confusion, confusion, one_to_one
-from instdrive_core.evaluation.metrics.sharing import covering_counts, holdings, mean_count, objects_by_id
+from instdrive_core.evaluation.metrics.segmentation import Confusion, count_confusion, match_one_to_one
+from instdrive_core.evaluation.metrics.sharing import (
+    compute_mean_count,
+    count_covering_ids,
+    find_holdings,
+    group_objects_by_id,
+)
 
 LIDAR_KEYS = (
     "ap",
@@ -29,10 +34,10 @@ LIDAR_KEYS = (
 )
 
 
-def lidar_scores(
+def score_points(
     sweeps: Sequence[LabelledSweep], supports: Sequence[PointSupport], ids: ndarray, codes: ndarray | None = None
 ) -> dict[str, Any]:
-    """Figures of IDs of the scene's Gaussians, over the points of all sweeps together: an object must keep its ID.
+    """Score IDs of the scene's Gaussians over the points of all sweeps together: an object must keep its ID.
 
     - `ap`, `ap50`, `ap25`: class-agnostic average precision, IoU of point sets from 0.5 to 0.95, 0.5 and 0.25. An
       instance's confidence is the mean share of support that it has at its points. Unmatched instances under
@@ -40,7 +45,7 @@ def lidar_scores(
     - `miou`: mean IoU over objects under one one-to-one match.
     - `vmeasure`: see `v_measure`.
     - `instances_per_object` (fragmentation): mean over objects of the instances that count for it: those that hold at
-      least 15 % of its points, so that a fringe is no fragment; all of them if none holds as much (`holdings`).
+      least 15 % of its points, so that a fringe is no fragment; all of them if none holds as much (`find_holdings`).
       Objects without any are left out.
     - `instances_to_cover`: stricter; mean of the fewest instances that hold 85 % of the object's points with an ID.
     - `objects_per_instance` (collisions): mean, over instances that count for any object, of how many.
@@ -48,7 +53,7 @@ def lidar_scores(
 
     Args:
         sweeps: with ground truth.
-        supports: of each sweep's points, by the scene's Gaussians.
+        supports: how the scene's Gaussians support each sweep's points.
         ids: instance of each Gaussian, 0 = none.
         codes: codeword + 1 of each Gaussian; None where the scene has none.
 
@@ -57,27 +62,27 @@ def lidar_scores(
     truth = np.concatenate([np.zeros(0, np.uint32), *(sweep.truth for sweep in sweeps)])
     if not truth.any():
         return dict.fromkeys(LIDAR_KEYS)
-    found = _joined([point_ids(support, ids) for support in supports])
-    counts = confusion(truth, found.ids)
-    confidences = mean_shares(found, counts.predicted_ids)
+    found = _join_parts([vote_point_ids(support, ids) for support in supports])
+    counts = count_confusion(truth, found.ids)
+    confidences = compute_mean_shares(found, counts.predicted_ids)
     figures: dict[str, Any] = {
         "ap": average_precision(counts, confidences, AP_THRESHOLDS, MIN_POINTS),
         "ap50": average_precision(counts, confidences, (0.5,), MIN_POINTS),
         "ap25": average_precision(counts, confidences, (0.25,), MIN_POINTS),
-        "miou": one_to_one(counts).mean_iou(),
+        "miou": match_one_to_one(counts).mean_iou(),
         "vmeasure": v_measure(counts),
-        **_sharing(counts, "instance"),
-        "instances_to_cover": _mean(covering_counts(counts)),
+        **_score_sharing(counts, "instance"),
+        "instances_to_cover": _mean(count_covering_ids(counts)),
         "codes_per_object": None,
         "objects_per_code": None,
     }
     if codes is not None:
-        coded = _joined([point_ids(support, codes) for support in supports])
-        figures |= _sharing(confusion(truth, coded.ids), "code")
+        coded = _join_parts([vote_point_ids(support, codes) for support in supports])
+        figures |= _score_sharing(count_confusion(truth, coded.ids), "code")
     return figures
 
 
-def mean_shares(found: PointIds, ids: ndarray) -> Float64[ndarray, " p"]:
+def compute_mean_shares(found: PointIds, ids: ndarray) -> Float64[ndarray, " p"]:
     """Mean share of support over the points of each of `ids`, which are in order."""
     place = np.searchsorted(ids, found.ids)
     place[found.ids == 0] = len(ids)
@@ -93,25 +98,25 @@ def v_measure(counts: Confusion) -> float:
     nameless = counts.truth_areas - counts.shared.sum(axis=1)
     table = np.column_stack([counts.shared, nameless]).astype(np.float64)
     table /= table.sum()
-    truth, predicted = _entropy(table.sum(axis=1)), _entropy(table.sum(axis=0))
-    mutual = truth + predicted - _entropy(table.ravel())
+    truth, predicted = _compute_entropy(table.sum(axis=1)), _compute_entropy(table.sum(axis=0))
+    mutual = truth + predicted - _compute_entropy(table.ravel())
     homogeneity = mutual / truth if truth > 0 else 1.0
     completeness = mutual / predicted if predicted > 0 else 1.0
     both = homogeneity + completeness
     return 2 * homogeneity * completeness / both if both > 0 else 0.0
 
 
-def _entropy(shares: Float64[ndarray, " n"]) -> float:
+def _compute_entropy(shares: Float64[ndarray, " n"]) -> float:
     """Natural units."""
     some = shares[shares > 0]
     return float(-(some * np.log(some)).sum())
 
 
-def _sharing(counts: Confusion, what: str) -> dict[str, float | None]:
-    held = holdings(counts)
+def _score_sharing(counts: Confusion, what: str) -> dict[str, float | None]:
+    held = find_holdings(counts)
     return {
-        f"{what}s_per_object": mean_count(list(held.values())),
-        f"objects_per_{what}": mean_count(list(objects_by_id(held).values())),
+        f"{what}s_per_object": compute_mean_count(list(held.values())),
+        f"objects_per_{what}": compute_mean_count(list(group_objects_by_id(held).values())),
     }
 
 
@@ -119,5 +124,5 @@ def _mean(values: Sequence[int]) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 
-def _joined(parts: Sequence[PointIds]) -> PointIds:
+def _join_parts(parts: Sequence[PointIds]) -> PointIds:
     return PointIds(np.concatenate([part.ids for part in parts]), np.concatenate([part.shares for part in parts]))

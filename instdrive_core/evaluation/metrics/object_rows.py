@@ -1,4 +1,4 @@
-"""What became of each object of the ground truth, one row per object."""
+"""Objects of the ground truth, one row each: what became of them in the scene."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from instdrive_core.evaluation.metrics.segmentation import Confusion, LabelledView, confusion
-from instdrive_core.evaluation.metrics.sharing import Holding, holdings
+from instdrive_core.evaluation.metrics.segmentation import Confusion, LabelledView, count_confusion
+from instdrive_core.evaluation.metrics.sharing import Holding, find_holdings
 from instdrive_core.masks.ground_truth import GroundTruthInstance
 
 
@@ -18,7 +18,7 @@ class ObjectRow:
     """One object over all held-out views."""
 
     id: int
-    """In the ground truth."""
+    """ID in the ground truth."""
     name: str
     class_name: str
     kind: str
@@ -26,37 +26,32 @@ class ObjectRow:
     moving: bool
     pixels: int
     predicted_id: int | None
-    """What the scene's one-to-one match gives it; None = nothing that touches it."""
+    """ID that the scene's one-to-one match gives it; None = nothing that touches it."""
     iou: float
-    """With `predicted_id`; 0 where there is none."""
+    """Intersection over union with `predicted_id`; 0 where there is none."""
     recall: float
     instances: tuple[Holding, ...]
-    """Instances that count for it, see `sharing.holdings`: those that hold at least 15 % of its pixels, the largest
-    first."""
+    """Instances that count for it, see `sharing.find_holdings`: those that hold at least 15 % of its pixels,
+    the largest first."""
     codes: tuple[Holding, ...] | None
-    """The same for codewords + 1; None where the scene has none."""
-
-    @property
-    def fragmented(self) -> bool:
-        """Whether more than one instance counts for it."""
-        return len(self.instances) > 1
+    """Codewords + 1 that count for it; None where the scene has none."""
 
 
-def object_rows(
+def list_object_rows(
     shown: Sequence[LabelledView],
     coded: Sequence[LabelledView] | None,
     instances: Mapping[int, GroundTruthInstance],
 ) -> tuple[ObjectRow, ...]:
-    """The rows of all objects that the views show, in order of their IDs.
+    """List the rows of all objects that the views show, in order of their IDs.
 
     Args:
         shown: every view with its instance map.
         coded: every view with the codeword + 1 of the Gaussian that each pixel stands for.
         instances: facts of the ground truth's IDs.
     """
-    pixels = over_all_views(shown)
-    held = holdings(pixels)
-    codes = None if coded is None else holdings(over_all_views(coded))
+    pixels = count_over_views(shown)
+    held = find_holdings(pixels)
+    codes = None if coded is None else find_holdings(count_over_views(coded))
     iou = pixels.iou
     matched = dict(zip(*linear_sum_assignment(iou, maximize=True), strict=True))
     rows = []
@@ -82,9 +77,9 @@ def object_rows(
     return tuple(rows)
 
 
-def over_all_views(views: Sequence[LabelledView]) -> Confusion:
-    """Pixel counts of all views together."""
-    return confusion(
+def count_over_views(views: Sequence[LabelledView]) -> Confusion:
+    """Count the pixels of all views together."""
+    return count_confusion(
         np.concatenate([view.truth.ravel() for view in views]),
         np.concatenate([view.predicted.ravel() for view in views]),
     )

@@ -14,8 +14,8 @@ from instdrive_core.masks.annotated.labelled_cloud import (
     NOTHING,
     UNKNOWN,
     assign_boxes,
-    classes_that_fit,
-    ids_of_classes,
+    assign_class_ids,
+    find_fitting_classes,
 )
 from instdrive_core.masks.ground_truth import GroundTruth, GroundTruthInstance
 
@@ -37,8 +37,8 @@ class LabelledSweep:
     """IDs of the ground truth; 0 = ignored."""
 
 
-def labelled_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
-    """Every held-out sweep with the IDs that the label maps use; none where the clip has no held-out sweep or no
+def label_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep]:
+    """Label every held-out sweep with the IDs that the label maps use; none where the clip has no held-out sweep or no
     labels for points.
 
     Exact where the clip stores an instance per point. Else a point inside a box takes the box's object if its
@@ -52,19 +52,19 @@ def labelled_sweeps(clip: Clip, ground_truth: GroundTruth) -> list[LabelledSweep
     """
     sweeps = []
     for sweep in clip.sweeps:
-        frames = [frame for frame in clip.held_out_frames() if frame.view.index == sweep.index]
+        frames = [frame for frame in clip.held_out_frames if frame.view.index == sweep.index]
         if not is_held_out(sweep.index) or not frames:
             continue
         found = sweep.load()
-        labels = _labels(clip, sweep, found, ground_truth)
+        labels = _label_points(clip, sweep, found, ground_truth)
         if labels is not None:
-            seen = in_view(found.points, frames)
+            seen = is_in_view(found.points, frames)
             sweeps.append(LabelledSweep(sweep.time, found.points[seen], labels[seen]))
-    return _without_tiny(sweeps)
+    return _drop_tiny_objects(sweeps)
 
 
-def in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
-    """Points that project into a valid pixel of any photo; occluders are not considered."""
+def is_in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[ndarray, " n"]:
+    """Whether points project into a valid pixel of any photo; occluders are not considered."""
     seen = np.zeros(len(points), bool)
     for frame in frames:
         camera = frame.view.camera
@@ -77,31 +77,33 @@ def in_view(points: Float32[ndarray, "n 3"], frames: Iterable[Frame]) -> Bool[nd
     return seen
 
 
-def _labels(clip: Clip, sweep: Sweep, found: SweepPoints, ground_truth: GroundTruth) -> UInt32[ndarray, " n"] | None:
+def _label_points(
+    clip: Clip, sweep: Sweep, found: SweepPoints, ground_truth: GroundTruth
+) -> UInt32[ndarray, " n"] | None:
     if ground_truth.source == "exact":
         return found.instance_labels
     if found.classes is None:
         return None
-    return _annotated(clip, sweep.time, replace(found, classes=found.classes), ground_truth.instances)
+    return _label_by_annotations(clip, sweep.time, replace(found, classes=found.classes), ground_truth.instances)
 
 
-def _annotated(
+def _label_by_annotations(
     clip: Clip, time: float, found: SweepPoints, instances: Mapping[int, GroundTruthInstance]
 ) -> UInt32[ndarray, " n"]:
-    """IDs by box and class."""
+    """Label points by box and class."""
     assert found.classes is not None
     stuff_ids = {instance.class_name: instance.id for instance in instances.values() if instance.kind == "stuff"}
     thing_ids = {instance.track_id: instance.id for instance in instances.values() if instance.track_id is not None}
-    ids = ids_of_classes(clip.class_names, stuff_ids)[found.classes]
+    ids = assign_class_ids(clip.class_names, stuff_ids)[found.classes]
     boxes = [track for track in clip.tracks if track.covers(time) and track.id in thing_ids]
     box, _ = assign_boxes(
         found.points,
         found.classes,
         found.sensor,
-        np.array([track.pose_at(time) for track in boxes]).reshape(-1, 4, 4),
+        np.array([track.interpolate_pose(time) for track in boxes]).reshape(-1, 4, 4),
         np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3),
         np.array([track.moving for track in boxes], bool),
-        np.array([classes_that_fit(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
+        np.array([find_fitting_classes(clip.class_names, track.label) for track in boxes]).reshape(-1, 256),
     )
     ids[(ids == NOTHING) | (box == INSIDE_OF_MOVING)] = UNKNOWN
     inside = box >= 0
@@ -109,8 +111,8 @@ def _annotated(
     return ids.astype(np.uint32)
 
 
-def _without_tiny(sweeps: list[LabelledSweep]) -> list[LabelledSweep]:
-    """Objects under `MIN_POINTS` in all sweeps together set to 0."""
+def _drop_tiny_objects(sweeps: list[LabelledSweep]) -> list[LabelledSweep]:
+    """Set objects under `MIN_POINTS` in all sweeps together to 0."""
     if not sweeps:
         return []
     ids, counts = np.unique(np.concatenate([sweep.truth for sweep in sweeps]), return_counts=True)

@@ -1,4 +1,4 @@
-"""How well predicted instance maps agree with ground-truth maps.
+"""Agreement of predicted instance maps with ground-truth maps.
 
 Label maps hold integer IDs. Ground truth 0 is *ignored* (unlabelled, sky, ego vehicle, tiny instances): such pixels
 count for nothing. Prediction 0 is *none*: such pixels match nothing and lower the recall of what lies there.
@@ -41,8 +41,8 @@ class Confusion:
 
 
 @dataclass(frozen=True)
-class Matched:
-    """What one matching gives each ground-truth instance; an unmatched one has 0 and 0."""
+class Matching:
+    """IoU and recall that a matching gives each ground-truth instance; an unmatched one has 0 and 0."""
 
     truth_ids: Int[ndarray, " t"]
     iou: Float64[ndarray, " t"]
@@ -62,12 +62,12 @@ class Matched:
         return float((self.iou > threshold).mean()) if len(self.iou) else None
 
 
-def evaluated_truth(
+def prepare_truth(
     labels: UInt32[ndarray, "h w"],
     ignored: Bool[ndarray, "h w"] | None = None,
     min_pixels: int = MIN_VISIBLE_PIXELS,
 ) -> UInt32[ndarray, "h w"]:
-    """One view's ground truth with ignored pixels, and instances under `min_pixels` of what is left, set to 0."""
+    """Set ignored pixels of one view's ground truth, and instances under `min_pixels` of what is left, to 0."""
     kept = labels.copy()
     if ignored is not None:
         kept[ignored] = 0
@@ -76,7 +76,7 @@ def evaluated_truth(
     return ids[inverse].reshape(labels.shape)
 
 
-def confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confusion:
+def count_confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confusion:
     """Count shared pixels of two label arrays of one shape; several views are compared by concatenating them."""
     truth_ids, truth_index = np.unique(truth, return_inverse=True)
     predicted_ids, predicted_index = np.unique(predicted, return_inverse=True)
@@ -95,18 +95,20 @@ def confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confu
     )
 
 
-def one_to_one(pixels: Confusion) -> Matched:
-    """The Hungarian matching that maximises the summed IoU: each predicted ID serves one ground-truth instance."""
+def match_one_to_one(pixels: Confusion) -> Matching:
+    """Match one to one so that the summed IoU is largest (Hungarian method): each predicted ID serves one ground-truth
+    instance."""
     iou = pixels.iou
     rows, columns = linear_sum_assignment(iou, maximize=True)
     matched, recall = np.zeros(len(iou)), np.zeros(len(iou))
     matched[rows] = iou[rows, columns]
     recall[rows] = pixels.shared[rows, columns] / pixels.truth_areas[rows]
-    return Matched(pixels.truth_ids, matched, recall)
+    return Matching(pixels.truth_ids, matched, recall)
 
 
-def by_majority(pixels: Confusion) -> Matched:
-    """Every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions are compared.
+def match_by_majority(pixels: Confusion) -> Matching:
+    """Match by majority: every predicted ID joins the ground-truth instance it covers most (ties: the lower ID); unions
+    are compared.
 
     A map in pieces wins this matching, which is why it is never the headline.
     """
@@ -117,7 +119,7 @@ def by_majority(pixels: Confusion) -> Matched:
     shared = (pixels.shared * joined).sum(axis=1)
     areas = (pixels.predicted_areas * joined).sum(axis=1)
     union = pixels.truth_areas + areas - shared
-    return Matched(pixels.truth_ids, shared / np.maximum(union, 1), shared / np.maximum(pixels.truth_areas, 1))
+    return Matching(pixels.truth_ids, shared / np.maximum(union, 1), shared / np.maximum(pixels.truth_areas, 1))
 
 
 def panoptic_quality(pixels: Confusion) -> float | None:
@@ -147,8 +149,8 @@ class LabelledView:
     predicted: Int[ndarray, "h w"]
 
 
-def id_switches(views: Sequence[LabelledView]) -> int:
-    """How often a ground-truth instance changes its predicted ID along a camera's views, summed over all.
+def count_id_switches(views: Sequence[LabelledView]) -> int:
+    """Count how often ground-truth instances change their predicted ID along a camera's views.
 
     Its ID in a view is the predicted instance of highest IoU there (ties: the lower ID). The views of each camera
     in which the instance is labelled are taken in order of time; each change between consecutive ones counts.
@@ -157,7 +159,7 @@ def id_switches(views: Sequence[LabelledView]) -> int:
     last: dict[tuple[str, int], int] = {}
     switches = 0
     for view in sorted(views, key=lambda view: view.time):
-        pixels = confusion(view.truth, view.predicted)
+        pixels = count_confusion(view.truth, view.predicted)
         if not len(pixels.predicted_ids):
             continue
         iou = pixels.iou

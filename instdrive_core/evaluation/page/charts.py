@@ -1,4 +1,4 @@
-"""Line charts as inline SVG."""
+"""Line charts: what their template draws as inline SVG."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
-
-from instdrive_core.evaluation.page.elements import Markup, element
 
 WIDTH, HEIGHT = 520, 260
 _LEFT, _RIGHT, _TOP, _BOTTOM = 54, 12, 28, 34
@@ -28,36 +26,79 @@ class Curve:
     y: Float64[ndarray, " n"]
 
 
-def line_chart(title: str, unit: str, curves: Sequence[Curve], logarithmic: bool = False) -> Markup | None:
-    """A chart of noisy curves: thin as they are, bold as running means; None where there is nothing to draw.
+@dataclass(frozen=True)
+class Tick:
+    """A labelled place on an axis, in pixels of the chart."""
+
+    position: float
+    label: str
+
+
+@dataclass(frozen=True)
+class DrawnCurve:
+    """A curve as SVG path data."""
+
+    name: str
+    color: str
+    raw: str
+    """Path through all points."""
+    mean: str
+    """Path of the running mean."""
+
+
+@dataclass(frozen=True)
+class LineChart:
+    """Noisy curves in one frame, thin as they are and bold as running means; the template draws them as SVG."""
+
+    title: str
+    unit: str
+    """Unit of the horizontal axis."""
+    x_ticks: Sequence[Tick]
+    y_ticks: Sequence[Tick]
+    lines: Sequence[DrawnCurve]
+    width: int = WIDTH
+    height: int = HEIGHT
+    left: int = _LEFT
+    right: int = WIDTH - _RIGHT
+    bottom: int = HEIGHT - _BOTTOM
+
+
+def build_line_chart(title: str, unit: str, curves: Sequence[Curve], logarithmic: bool = False) -> LineChart | None:
+    """Lay out a chart; None where there is nothing to draw.
 
     Args:
-        unit: of the horizontal axis.
-        logarithmic: values that are not positive are left out.
+        title: heading of the chart.
+        unit: unit of the horizontal axis.
+        curves: lines to draw; those with less than two drawable points are left out.
+        logarithmic: whether the vertical axis is; values that are not positive are left out.
     """
-    curves = [kept for curve in curves if len((kept := _drawable(curve, logarithmic)).x) > 1]
+    curves = [kept for curve in curves if len((kept := _select_drawable(curve, logarithmic)).x) > 1]
     if not curves:
         return None
     y = [np.log10(curve.y) if logarithmic else curve.y for curve in curves]
-    x_ticks, y_ticks = _ticks(_range([curve.x for curve in curves])), _ticks(_value_range(y), whole=logarithmic)
-    across = _scale((x_ticks[0], x_ticks[-1]), (_LEFT, WIDTH - _RIGHT))
-    up = _scale((y_ticks[0], y_ticks[-1]), (HEIGHT - _BOTTOM, _TOP))
-    parts = [element("text", title, x=_LEFT, y=14, class_="title")]
-    parts += [_horizontal(up(tick), _number(10**tick if logarithmic else tick)) for tick in y_ticks]
-    parts += [
-        element("text", _number(tick), x=_round(across(tick)), y=HEIGHT - _BOTTOM + 15, text_anchor="middle")
-        for tick in x_ticks
+    x_ticks = _choose_ticks(_find_range([curve.x for curve in curves]))
+    y_ticks = _choose_ticks(_find_value_range(y), whole=logarithmic)
+    across = _build_scale((x_ticks[0], x_ticks[-1]), (_LEFT, WIDTH - _RIGHT))
+    up = _build_scale((y_ticks[0], y_ticks[-1]), (HEIGHT - _BOTTOM, _TOP))
+    lines = [
+        DrawnCurve(
+            curve.name,
+            f"var(--s{number % _COLORS})",
+            _build_path(across(curve.x), up(values)),
+            _build_path(across(curve.x), up(_compute_running_mean(values))),
+        )
+        for number, (curve, values) in enumerate(zip(curves, y, strict=True))
     ]
-    parts.append(element("text", unit, x=WIDTH - _RIGHT, y=HEIGHT - 4, text_anchor="end"))
-    for number, (curve, values) in enumerate(zip(curves, y, strict=True)):
-        color = f"stroke:var(--s{number % _COLORS})"
-        parts.append(element("path", d=_path(across(curve.x), up(values)), style=color, class_="raw"))
-        parts.append(element("path", d=_path(across(curve.x), up(_running_mean(values))), style=color))
-    chart = element("svg", *parts, viewBox=f"0 0 {WIDTH} {HEIGHT}", role="img", aria_label=title)
-    return element("figure", chart, _legend([curve.name for curve in curves]))
+    return LineChart(
+        title,
+        unit,
+        [Tick(_round(across(tick)), _format_number(tick)) for tick in x_ticks],
+        [Tick(_round(up(tick)), _format_number(10**tick if logarithmic else tick)) for tick in y_ticks],
+        lines,
+    )
 
 
-def _drawable(curve: Curve, logarithmic: bool) -> Curve:
+def _select_drawable(curve: Curve, logarithmic: bool) -> Curve:
     kept = np.isfinite(curve.x) & np.isfinite(curve.y)
     if logarithmic:
         kept &= curve.y > 0
@@ -69,8 +110,8 @@ def _drawable(curve: Curve, logarithmic: bool) -> Curve:
     return Curve(curve.name, x, y)
 
 
-def _running_mean(values: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
-    """Centred; the window shrinks at the ends."""
+def _compute_running_mean(values: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
+    """Centred running mean; the window shrinks at the ends."""
     half = max(1, round(len(values) * _SMOOTHED / 2))
     sums = np.concatenate([[0.0], np.cumsum(values)])
     place = np.arange(len(values))
@@ -78,18 +119,18 @@ def _running_mean(values: Float64[ndarray, " n"]) -> Float64[ndarray, " n"]:
     return (sums[last] - sums[first]) / (last - first)
 
 
-def _range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float]:
+def _find_range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float]:
     low, high = min(float(each.min()) for each in arrays), max(float(each.max()) for each in arrays)
     return (low, high) if high > low else (low - 0.5, high + 0.5)
 
 
-def _value_range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float]:
-    """Without the outermost percent at either end: one bad step would flatten the rest."""
+def _find_value_range(arrays: Sequence[Float64[ndarray, " n"]]) -> tuple[float, float]:
+    """Find the range of all but the outermost values: one bad step would flatten the rest."""
     pooled = np.concatenate(arrays)
-    return _range([np.quantile(pooled, [0.005, 0.995])])
+    return _find_range([np.quantile(pooled, [0.005, 0.995])])
 
 
-def _ticks(bounds: tuple[float, float], whole: bool = False) -> Float64[ndarray, " t"]:
+def _choose_ticks(bounds: tuple[float, float], whole: bool = False) -> Float64[ndarray, " t"]:
     """About five round numbers that enclose the bounds; `whole` ones for exponents."""
     rough = (bounds[1] - bounds[0]) / 5
     power = 10.0 ** np.floor(np.log10(rough))
@@ -98,30 +139,17 @@ def _ticks(bounds: tuple[float, float], whole: bool = False) -> Float64[ndarray,
     return np.arange(np.floor(bounds[0] / step), np.ceil(bounds[1] / step) + 1) * step
 
 
-def _scale(values: tuple[float, float], pixels: tuple[float, float]):
+def _build_scale(values: tuple[float, float], pixels: tuple[float, float]):
     low, high = min(pixels), max(pixels)
     factor = (pixels[1] - pixels[0]) / (values[1] - values[0])
     return lambda value: np.clip(pixels[0] + (value - values[0]) * factor, low, high)
 
 
-def _horizontal(y: float, label: str) -> Markup:
-    line = element("line", x1=_LEFT, x2=WIDTH - _RIGHT, y1=_round(y), y2=_round(y))
-    return element("g", line, element("text", label, x=_LEFT - 6, y=_round(y + 4), text_anchor="end"))
-
-
-def _legend(names: Sequence[str]) -> Markup:
-    entries = []
-    for number, name in enumerate(names):
-        swatch = element("span", class_="swatch", style=f"background:var(--s{number % _COLORS})")
-        entries.append(element("span", swatch, name))
-    return element("figcaption", element("span", *entries, class_="legend"))
-
-
-def _path(x: Float64[ndarray, " n"], y: Float64[ndarray, " n"]) -> str:
+def _build_path(x: Float64[ndarray, " n"], y: Float64[ndarray, " n"]) -> str:
     return "M" + " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 10000 else f"{value:,.0f}"
 
 

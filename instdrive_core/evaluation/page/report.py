@@ -10,23 +10,24 @@ import numpy as np
 
 from instdrive_core.evaluation.metrics.object_rows import ObjectRow
 from instdrive_core.evaluation.metrics.sharing import MIN_SHARE, Holding
-from instdrive_core.evaluation.page.cutouts import cutouts
-from instdrive_core.evaluation.page.elements import Content, Markup, element, joined
-from instdrive_core.evaluation.page.page import card, color_switch, number_cell, section, table, write_page
-from instdrive_core.evaluation.page.training import training_charts
-from instdrive_core.evaluation.page.views import PICTURE_BUDGET, error_legend, view_rows
+from instdrive_core.evaluation.page.cells import Cell, PageTable, build_fact_table, build_number_cell
+from instdrive_core.evaluation.page.cutouts import cut_out_objects
+from instdrive_core.evaluation.page.pictures import Picture
+from instdrive_core.evaluation.page.rendering import write_page
+from instdrive_core.evaluation.page.training import build_training_charts
+from instdrive_core.evaluation.page.views import PICTURE_BUDGET, build_view_rows, format_color, list_error_colors
 from instdrive_core.evaluation.protocol import Evaluation
-from instdrive_core.evaluation.report import (
+from instdrive_core.evaluation.run_facts import read_run_facts
+from instdrive_core.evaluation.tables import (
     IMAGES_ONLY,
     MAP_COLUMNS,
     POINT_COLUMNS,
-    figure_text,
-    map_rows,
-    point_rows,
-    split_text,
-    summary_rows,
+    describe_split,
+    format_figure,
+    list_map_rows,
+    list_point_rows,
+    list_summary_rows,
 )
-from instdrive_core.evaluation.run_facts import read_run_facts
 from instdrive_core.evaluation.training_log import read_log
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.instances.table import InstanceTable
@@ -37,134 +38,100 @@ CUTOUT_BUDGET = 900_000
 
 def write_report(path: Path, run: Path, evaluation: Evaluation) -> None:
     """Write the page of a run. Raises DataError where the run's facts cannot be read or the page not be written."""
-    name = run.resolve().name
+    name, has_truth = run.resolve().name, evaluation.has_truth
+    truth_of = {row.predicted_id: row.id for row in evaluation.objects if row.predicted_id is not None}
+    views = build_view_rows(evaluation.scene, evaluation.views, truth_of if has_truth else None, PICTURE_BUDGET)
     write_page(
         path,
+        "report.html.j2",
         f"{name}: evaluation",
-        element("h1", name),
-        element("p", split_text(evaluation), class_="dim"),
-        _note(evaluation),
-        _headline(evaluation),
-        section("Predicted maps, oracle and controls", _map_table(evaluation)) if evaluation.has_truth else None,
-        _points(evaluation),
-        section("Images, clicks, cost" if evaluation.has_truth else "Images, cost", _pairs(summary_rows(evaluation))),
-        _views(evaluation),
-        _objects(evaluation) if evaluation.has_truth else None,
-        _confusions(evaluation) if evaluation.has_truth else None,
-        section("Training", training_charts(read_log(run)) or element("p", "This run kept no log.", class_="dim")),
-        section("Run", _pairs({key: _fact_text(value) for key, value in read_run_facts(run).items()})),
+        name=name,
+        split=describe_split(evaluation),
+        warning=_find_warning(evaluation),
+        cards=_list_cards(evaluation),
+        maps=_build_figure_table("predicted map", MAP_COLUMNS, list_map_rows(evaluation)) if has_truth else None,
+        points=_build_figure_table("IDs", POINT_COLUMNS, list_point_rows(evaluation)),
+        summary=build_fact_table(list_summary_rows(evaluation)),
+        views=views,
+        left_out=len(evaluation.views) - len(views),
+        error_colors=list_error_colors(),
+        objects=_build_object_table(evaluation) if has_truth else None,
+        min_share=f"{MIN_SHARE:.0%}",
+        confusions=_build_confusion_tables(evaluation) if has_truth else None,
+        training=build_training_charts(read_log(run)),
+        facts=build_fact_table({key: _format_fact(value) for key, value in read_run_facts(run).items()}),
     )
 
 
-def _note(evaluation: Evaluation) -> Markup | None:
-    """What a reader must know before the figures."""
+def _find_warning(evaluation: Evaluation) -> str:
+    """Find what a reader must know before the figures; empty where there is nothing."""
     if not evaluation.has_truth:
-        return element("p", f"RGB only: {IMAGES_ONLY}.", class_="warning")
-    if not evaluation.privileged:
-        return None
-    text = "Privileged: this run was trained with the annotations that it is measured with."
-    return element("p", text, class_="warning")
+        return f"RGB only: {IMAGES_ONLY}."
+    if evaluation.privileged:
+        return "Privileged: this run was trained with the annotations that it is measured with."
+    return ""
 
 
-def _headline(evaluation: Evaluation) -> Markup:
+def _list_cards(evaluation: Evaluation) -> dict[str, str]:
+    """Headline figures by name."""
     figures = evaluation.figures
-    cards = _instance_cards(figures) if evaluation.has_truth else {"SSIM": figure_text(figures["ssim"])}
-    cards |= {"PSNR (dB)": figure_text(figures["psnr"], 2), "training (s)": f"{figures['train_seconds']:.0f}"}
-    return element("div", *(card(value, name) for name, value in cards.items()), class_="cards")
+    cards = _list_instance_cards(figures) if evaluation.has_truth else {"SSIM": format_figure(figures["ssim"])}
+    return cards | {"PSNR (dB)": format_figure(figures["psnr"], 2), "training (s)": f"{figures['train_seconds']:.0f}"}
 
 
-def _instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
+def _list_instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
     scene, click = figures["scene"], figures["click"]
     return {
-        "scene mIoU": figure_text(scene["miou"]),
-        "of the oracle's": _ratio(scene["miou"], scene["oracle_miou"]),
-        "PQ": figure_text(scene["pq"]),
-        "of the oracle's PQ": _ratio(scene["pq"], scene["oracle_pq"]),
-        "clicks that hit": _percent(click["hit_rate"]),
+        "scene mIoU": format_figure(scene["miou"]),
+        "of the reference's": _format_ratio(scene["miou"], scene["oracle_miou"]),
+        "PQ": format_figure(scene["pq"]),
+        "of the reference's PQ": _format_ratio(scene["pq"], scene["oracle_pq"]),
+        "clicks that hit": _format_percent(click["hit_rate"]),
     }
 
 
-def _map_table(evaluation: Evaluation) -> Markup:
-    rows = [
-        [name, *(number_cell(figure_text(value)) for value in values)] for name, values in map_rows(evaluation).items()
+def _build_figure_table(
+    first: str, columns: Sequence[str] | Mapping[str, str], rows: Mapping[str, Sequence[float | int | None]]
+) -> PageTable:
+    """Rows of figures by name, under a first column called `first`."""
+    lines = [
+        [Cell(name), *(build_number_cell(format_figure(value)) for value in values)] for name, values in rows.items()
     ]
-    note = (
-        "Oracle: the true ID of every Gaussian, the bound on this geometry. Instance: what a click selects. Codeword: "
-        "the nearest code of the rendered feature. Below them what trivial IDs reach on the same geometry."
-    )
-    return joined(table(("predicted map", *MAP_COLUMNS), rows), element("p", note, class_="dim small"))
+    return PageTable((first, *columns), lines)
 
 
-def _points(evaluation: Evaluation) -> Markup | None:
-    rows = [
-        [name, *(number_cell(figure_text(value)) for value in values)]
-        for name, values in point_rows(evaluation).items()
-    ]
-    return section("LiDAR points of held-out sweeps", table(("IDs", *POINT_COLUMNS), rows)) if rows else None
-
-
-def _views(evaluation: Evaluation) -> Markup:
-    truth_of = {row.predicted_id: row.id for row in evaluation.objects if row.predicted_id is not None}
-    rows = view_rows(evaluation.scene, evaluation.views, truth_of if evaluation.has_truth else None, PICTURE_BUDGET)
-    note = (
-        "An object and the instance matched to it (one match for the whole scene) share a colour in both maps; grey "
-        "with stripes are instances that match no object, and objects that no instance matches."
-    )
-    left_out = len(evaluation.views) - len(rows)
-    legend = (element("p", note, class_="dim small"), color_switch(), error_legend()) if evaluation.has_truth else ()
-    return section(
-        "Held-out views",
-        *legend,
-        element("p", f"{left_out} further views are left out to keep this page small.", class_="dim")
-        if left_out
-        else None,
-        *rows,
-    )
-
-
-def _objects(evaluation: Evaluation) -> Markup:
-    if not evaluation.objects:
-        return section("Objects", element("p", "This scene has no instances.", class_="dim"))
-    pictures = cutouts(evaluation.scene, evaluation.views, evaluation.objects, CUTOUT_BUDGET)
+def _build_object_table(evaluation: Evaluation) -> PageTable:
+    pictures = cut_out_objects(evaluation.scene, evaluation.views, evaluation.objects, CUTOUT_BUDGET)
     columns = ("", "object", "class", "kind", "pixels", "IoU", "recall", "in instances", "instance", "codes")
-    lines = [_object_line(row, pictures.get(row.id), evaluation.scene.table) for row in evaluation.objects]
-    note = (
-        "Cut-outs: bright is what object and matched instance share, blue is missed, vermilion is too much. An "
-        f"instance counts for an object if it holds {MIN_SHARE:.0%} of its pixels. Click a heading to sort."
-    )
-    field = element(
-        "input", class_="filter", type="search", placeholder="filter", data_table="objects", aria_label="Filter objects"
-    )
-    shown = table(columns, lines, class_="sortable", id="objects")
-    return section("Objects", element("p", note, class_="dim small"), field, shown)
+    lines = [_build_object_line(row, pictures.get(row.id), evaluation.scene.table) for row in evaluation.objects]
+    return PageTable(columns, lines, "sortable", "objects")
 
 
-def _object_line(row: ObjectRow, picture: Markup | None, instances: InstanceTable) -> list[Content]:
-    kind = f"moving {row.kind}" if row.moving else row.kind
-    matched = "none" if row.predicted_id is None else _instance_name(row.predicted_id, instances)
+def _build_object_line(row: ObjectRow, picture: Picture | None, instances: InstanceTable) -> list[Cell]:
     codes = None if row.codes is None else len(row.codes)
     return [
-        picture or element("td", ""),
-        joined(_swatch(row.id), row.name),
-        row.class_name,
-        kind,
-        number_cell(f"{row.pixels:,}", row.pixels),
-        number_cell(figure_text(row.iou), row.iou),
-        number_cell(figure_text(row.recall), row.recall),
-        number_cell(str(len(row.instances)), len(row.instances)),
-        matched,
-        number_cell(figure_text(codes), codes),
+        Cell("", picture=picture),
+        Cell(row.name, color=format_color(colors_from_ids(np.array(row.id, np.uint32)))),
+        Cell(row.class_name),
+        Cell(f"moving {row.kind}" if row.moving else row.kind),
+        build_number_cell(f"{row.pixels:,}", row.pixels),
+        build_number_cell(format_figure(row.iou), row.iou),
+        build_number_cell(format_figure(row.recall), row.recall),
+        build_number_cell(str(len(row.instances)), len(row.instances)),
+        Cell("none" if row.predicted_id is None else _name_instance(row.predicted_id, instances)),
+        build_number_cell(format_figure(codes), codes),
     ]
 
 
-def _confusions(evaluation: Evaluation) -> Markup:
-    names = {row.id: row for row in evaluation.objects}
+def _build_confusion_tables(evaluation: Evaluation) -> dict[str, PageTable]:
+    """Tables of what shares an ID and of what is in several, by title."""
+    objects = {row.id: row for row in evaluation.objects}
     instances = evaluation.scene.table
 
-    def instance(number: int) -> str:
-        return _instance_name(number, instances)
+    def name_instance(number: int) -> str:
+        return _name_instance(number, instances)
 
-    def code(number: int) -> str:
+    def name_code(number: int) -> str:
         return f"code {number}"
 
     in_instances = {row.id: row.instances for row in evaluation.objects}
@@ -173,69 +140,57 @@ def _confusions(evaluation: Evaluation) -> Markup:
         for row in evaluation.objects
         if row.codes is not None
     }
-    parts = [
-        element("h3", "Objects that share an instance"),
-        _shared("instance", evaluation.shared_instances, in_instances, names, instance),
-        element("h3", "Objects in several instances"),
-        _spread(in_instances, names, instance),
-        element("h3", "Objects that share a codeword"),
-        _shared("codeword", evaluation.shared_codes, in_codes, names, code),
-        element("h3", "Objects in several codewords"),
-        _spread(in_codes, names, code),
-    ]
-    return section("Confusion of codes", *parts)
+    shared_instances, shared_codes = evaluation.shared_instances, evaluation.shared_codes
+    return {
+        "Objects that share an instance": _list_shared(
+            "instance", shared_instances, in_instances, objects, name_instance
+        ),
+        "Objects in several instances": _list_divided(in_instances, objects, name_instance),
+        "Objects that share a codeword": _list_shared("codeword", shared_codes, in_codes, objects, name_code),
+        "Objects in several codewords": _list_divided(in_codes, objects, name_code),
+    }
 
 
-def _shared(
+def _list_shared(
     kind: str,
     shared: Mapping[int, Sequence[int]],
     held: Mapping[int, Sequence[Holding]],
-    names: Mapping[int, ObjectRow],
-    title: Callable[[int], str],
-) -> Markup:
+    objects: Mapping[int, ObjectRow],
+    name_id: Callable[[int], str],
+) -> PageTable:
+    """IDs that count for several objects, most objects first."""
     lines = []
-    for number, objects in sorted(shared.items(), key=lambda entry: -len(entry[1])):
-        share = {key: next(each.share for each in held[key] if each.predicted_id == number) for key in objects}
-        texts = [f"{names[key].name} ({share[key]:.0%} of it)" for key in objects]
-        lines.append([title(number), number_cell(str(len(objects)), len(objects)), ", ".join(texts)])
-    return _table_or_none((kind, "shared by", "objects"), lines)
+    for number, keys in sorted(shared.items(), key=lambda entry: -len(entry[1])):
+        share = {key: next(each.share for each in held[key] if each.predicted_id == number) for key in keys}
+        texts = [f"{objects[key].name} ({share[key]:.0%} of it)" for key in keys]
+        lines.append([Cell(name_id(number)), build_number_cell(str(len(keys)), len(keys)), Cell(", ".join(texts))])
+    return PageTable((kind, "shared by", "objects"), lines, "sortable")
 
 
-def _spread(
-    held: Mapping[int, Sequence[Holding]], names: Mapping[int, ObjectRow], title: Callable[[int], str]
-) -> Markup:
+def _list_divided(
+    held: Mapping[int, Sequence[Holding]], objects: Mapping[int, ObjectRow], name_id: Callable[[int], str]
+) -> PageTable:
+    """Objects for which several IDs count, most IDs first."""
     lines = []
     for key, holdings in sorted(held.items(), key=lambda entry: -len(entry[1])):
         if len(holdings) > 1:
-            texts = [f"{title(each.predicted_id)} ({each.share:.0%})" for each in holdings]
-            lines.append([names[key].name, number_cell(str(len(holdings)), len(holdings)), ", ".join(texts)])
-    return _table_or_none(("object", "in", "share of its pixels"), lines)
+            texts = [f"{name_id(each.predicted_id)} ({each.share:.0%})" for each in holdings]
+            count = build_number_cell(str(len(holdings)), len(holdings))
+            lines.append([Cell(objects[key].name), count, Cell(", ".join(texts))])
+    return PageTable(("object", "in", "share of its pixels"), lines, "sortable")
 
 
-def _table_or_none(columns: Sequence[str], lines: Sequence[Sequence[Content]]) -> Markup:
-    return table(columns, lines, class_="sortable") if lines else element("p", "None.", class_="dim")
-
-
-def _pairs(rows: Mapping[str, str]) -> Markup:
-    return table((), [[name, value] for name, value in rows.items()], class_="facts")
-
-
-def _instance_name(number: int, instances: InstanceTable) -> str:
+def _name_instance(number: int, instances: InstanceTable) -> str:
     return instances[number].name if number in instances else f"instance {number}"
 
 
-def _swatch(number: int) -> Markup:
-    red, green, blue = colors_from_ids(np.array(number, np.uint32)).tolist()
-    return element("span", class_="swatch", style=f"background:rgb({red},{green},{blue})")
-
-
-def _fact_text(value: Any) -> str:
+def _format_fact(value: Any) -> str:
     return "–" if value is None else str(value)
 
 
-def _ratio(value: float | None, bound: float | None) -> str:
-    return "–" if value is None or not bound else _percent(value / bound)
+def _format_ratio(value: float | None, bound: float | None) -> str:
+    return "–" if value is None or not bound else _format_percent(value / bound)
 
 
-def _percent(value: float | None) -> str:
+def _format_percent(value: float | None) -> str:
     return "–" if value is None else f"{value:.1%}"

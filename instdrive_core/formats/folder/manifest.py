@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from instdrive_core.files.json_value import whole_text
+from instdrive_core.files.json_value import require_whole_text
 from instdrive_core.formats.folder.arrays import EXTRA
 from instdrive_core.formats.ply.columns import check_extra_column
-from instdrive_core.instances.table import Instance, InstanceTable, main_nodes, middle_bounds
+from instdrive_core.instances.table import Instance, InstanceTable, compute_middle_bounds, find_main_nodes
 from instdrive_core.scene.camera import Camera, CameraView
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
@@ -21,20 +21,20 @@ from instdrive_core.scene.sky import Sky
 from instdrive_core.scene.track import Track
 
 
-def manifest_of(scene: Scene) -> dict[str, Any]:
+def build_manifest(scene: Scene) -> dict[str, Any]:
     """Table, tracks, views, exposed photos, origin, code bits, how it is drawn; poses and other arrays stand apart."""
     return {
         "origin": scene.origin.tolist(),
         "code_bits": scene.code_bits,
         "antialiased": scene.antialiased,
-        "instances": [_instance_entry(instance) for instance in scene.table],
-        "actors": [_track_entry(actor) for actor in scene.actors],
-        "views": [_view_entry(view) for view in scene.views],
+        "instances": [_describe_instance(instance) for instance in scene.table],
+        "actors": [_describe_track(actor) for actor in scene.actors],
+        "views": [_describe_view(view) for view in scene.views],
         "exposures": None if scene.exposures is None else list(scene.exposures.keys),
     }
 
 
-def _instance_entry(instance: Instance) -> dict[str, Any]:
+def _describe_instance(instance: Instance) -> dict[str, Any]:
     return {
         "id": instance.id,
         "name": instance.name,
@@ -46,7 +46,7 @@ def _instance_entry(instance: Instance) -> dict[str, Any]:
     }
 
 
-def _track_entry(actor: Track) -> dict[str, Any]:
+def _describe_track(actor: Track) -> dict[str, Any]:
     return {
         "id": actor.id,
         "label": actor.label,
@@ -56,7 +56,7 @@ def _track_entry(actor: Track) -> dict[str, Any]:
     }
 
 
-def _view_entry(view: CameraView) -> dict[str, Any]:
+def _describe_view(view: CameraView) -> dict[str, Any]:
     camera = view.camera
     return {
         "name": view.name,
@@ -70,77 +70,77 @@ def _view_entry(view: CameraView) -> dict[str, Any]:
     }
 
 
-def scene_from_parts(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scene:
+def assemble_scene(manifest: dict[str, Any], arrays: dict[str, ndarray]) -> Scene:
     """Put a scene together. Raises KeyError, TypeError or ValueError where manifest and arrays do not fit."""
-    gaussians = Gaussians(**{name: _floats(arrays, name) for name in Gaussians.__dataclass_fields__})
-    instance_ids = _integers(arrays, "instance_ids", np.uint32)
-    nodes = _integers(arrays, "nodes", np.uint16)
-    table = _table(manifest["instances"], instance_ids, gaussians.means, nodes)
+    gaussians = Gaussians(**{name: _get_floats(arrays, name) for name in Gaussians.__dataclass_fields__})
+    instance_ids = _get_integers(arrays, "instance_ids", np.uint32)
+    nodes = _get_integers(arrays, "nodes", np.uint16)
+    table = _parse_table(manifest["instances"], instance_ids, gaussians.means, nodes)
     unlisted = set(np.unique(instance_ids).tolist()) - {0} - set(table.instances)
     if unlisted:
         raise ValueError(f"instance {min(unlisted)} is carried by Gaussians but missing from 'instances'")
     return Scene(
         gaussians=gaussians,
         instance_ids=instance_ids,
-        codewords=_integers(arrays, "codewords", np.uint32),
+        codewords=_get_integers(arrays, "codewords", np.uint32),
         nodes=nodes,
         table=table,
-        actors=_tracks(manifest["actors"], arrays),
-        sky=_sky(arrays["sky"]) if "sky" in arrays else None,
-        views=_views(manifest["views"], arrays),
-        origin=_shaped(np.array(manifest["origin"], np.float64), (3,), "origin"),
+        actors=_parse_tracks(manifest["actors"], arrays),
+        sky=_parse_sky(arrays["sky"]) if "sky" in arrays else None,
+        views=_parse_views(manifest["views"], arrays),
+        origin=_check_shape(np.array(manifest["origin"], np.float64), (3,), "origin"),
         code_bits=int(manifest["code_bits"]),
         antialiased=_is_antialiased(manifest.get("antialiased", False)),
-        extra=_extra(arrays),
-        exposures=_exposures(manifest.get("exposures"), arrays),
+        extra=_parse_extra_columns(arrays),
+        exposures=_parse_exposures(manifest.get("exposures"), arrays),
     )
 
 
-def _table(entries: list[dict[str, Any]], ids: ndarray, means: ndarray, nodes: ndarray) -> InstanceTable:
+def _parse_table(entries: list[dict[str, Any]], ids: ndarray, means: ndarray, nodes: ndarray) -> InstanceTable:
     """The instances listed, each of the node that most of its Gaussians belong to, whatever the list says."""
     table = InstanceTable()
     for entry in entries:
-        table.set(_instance(entry))
+        table.set(_parse_instance(entry))
     if len(ids) != len(nodes) or len(ids) != len(means):
         return table  # the scene says what is wrong
     rows = np.flatnonzero(np.isin(ids, np.unique(ids[nodes > 0])))
-    main = main_nodes(ids[rows], nodes[rows])
+    main = find_main_nodes(ids[rows], nodes[rows])
     for listed in [listed for listed in table if main.get(listed.id, 0) != listed.node]:
         node = main.get(listed.id, 0)
         own = means[(ids == listed.id) & (nodes == node)]
-        table.set(replace(listed, node=node, bounds=middle_bounds(own) if len(own) else listed.bounds))
+        table.set(replace(listed, node=node, bounds=compute_middle_bounds(own) if len(own) else listed.bounds))
     return table
 
 
-def _instance(entry: dict[str, Any]) -> Instance:
+def _parse_instance(entry: dict[str, Any]) -> Instance:
     low, high = (tuple(float(value) for value in corner) for corner in entry["bounds"])
     if len(low) != 3 or len(high) != 3 or int(entry["id"]) < 1:
         raise ValueError(f"instance {entry['id']} has an ID below 1 or bounds that are not two corners")
     return Instance(
         id=int(entry["id"]),
-        name=whole_text(entry["name"]),
+        name=require_whole_text(entry["name"]),
         node=int(entry["node"]),
         codeword=int(entry["codeword"]),
         count=int(entry["count"]),
-        class_name=whole_text(entry["class"]),
+        class_name=require_whole_text(entry["class"]),
         bounds=(low, high),
     )
 
 
-def _tracks(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[Track, ...]:
+def _parse_tracks(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[Track, ...]:
     if not entries:
         return ()
     steps = [int(entry["steps"]) for entry in entries]
     if min(steps) < 1:
         raise ValueError("an actor has no poses")
-    times = _shaped(arrays["track_times"].astype(np.float64), (sum(steps),), "track_times")
-    poses = _shaped(arrays["track_poses"].astype(np.float64), (sum(steps), 4, 4), "track_poses")
+    times = _check_shape(arrays["track_times"].astype(np.float64), (sum(steps),), "track_times")
+    poses = _check_shape(arrays["track_poses"].astype(np.float64), (sum(steps), 4, 4), "track_poses")
     ends = np.cumsum(steps)
     return tuple(
         Track(
-            id=whole_text(entry["id"]),
-            label=whole_text(entry["label"]),
-            dimensions=_shaped(np.array(entry["dimensions"], np.float64), (3,), "dimensions"),
+            id=require_whole_text(entry["id"]),
+            label=require_whole_text(entry["label"]),
+            dimensions=_check_shape(np.array(entry["dimensions"], np.float64), (3,), "dimensions"),
             times=times[end - count : end],
             world_from_box=poses[end - count : end],
             moving=bool(entry["moving"]),
@@ -149,10 +149,10 @@ def _tracks(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[
     )
 
 
-def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[CameraView, ...]:
+def _parse_views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[CameraView, ...]:
     if not entries:
         return ()
-    poses = _shaped(arrays["view_poses"].astype(np.float64), (len(entries), 4, 4), "view_poses")
+    poses = _check_shape(arrays["view_poses"].astype(np.float64), (len(entries), 4, 4), "view_poses")
     views = []
     for entry, pose in zip(entries, poses, strict=True):
         fx, fy, cx, cy = (float(value) for value in entry["intrinsics"])
@@ -165,7 +165,7 @@ def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[C
         views.append(
             CameraView(
                 camera=Camera(fx, fy, cx, cy, width, height, pose),
-                name=whole_text(entry["name"]),
+                name=require_whole_text(entry["name"]),
                 index=int(entry["index"]),
                 time=float(entry["time"]),
                 photo=str(entry["photo"]),
@@ -175,18 +175,18 @@ def _views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> tuple[C
     return tuple(views)
 
 
-def _exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures | None:
+def _parse_exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures | None:
     """None too where the manifest is older than exposures."""
     if keys is None:
         return None
     if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
         raise ValueError("'exposures' is not a list of photo keys")
-    times = _shaped(arrays["exposure_times"].astype(np.float64), (len(keys),), "exposure_times")
-    matrices = _shaped(_floats(arrays, "exposure_matrices"), (len(keys), 3, 4), "exposure_matrices")
+    times = _check_shape(arrays["exposure_times"].astype(np.float64), (len(keys),), "exposure_times")
+    matrices = _check_shape(_get_floats(arrays, "exposure_matrices"), (len(keys), 3, 4), "exposure_matrices")
     return Exposures(tuple(keys), times, matrices)
 
 
-def _extra(arrays: dict[str, ndarray]) -> dict[str, ndarray]:
+def _parse_extra_columns(arrays: dict[str, ndarray]) -> dict[str, ndarray]:
     """Columns that are not known. Raises ValueError where one could not stand in a .ply."""
     extra = {name.removeprefix(EXTRA): array for name, array in arrays.items() if name.startswith(EXTRA)}
     for name, column in extra.items():
@@ -202,7 +202,7 @@ def _is_antialiased(value: object) -> bool:
     return value
 
 
-def _sky(faces: ndarray) -> Sky:
+def _parse_sky(faces: ndarray) -> Sky:
     if faces.ndim != 4 or faces.shape != (6, faces.shape[1], faces.shape[1], 3):
         raise ValueError(f"sky has shape {faces.shape}, expected (6, r, r, 3)")
     if not np.isfinite(faces).all():
@@ -211,20 +211,20 @@ def _sky(faces: ndarray) -> Sky:
     return Sky(faces.astype(np.float32) / np.float32(scale))
 
 
-def _floats(arrays: dict[str, ndarray], name: str) -> ndarray:
+def _get_floats(arrays: dict[str, ndarray], name: str) -> ndarray:
     array = arrays[name]
     if array.dtype not in (np.float16, np.float32):
         raise ValueError(f"array {name} holds {array.dtype}, expected float16 or float32")
     return array.astype(np.float32, copy=False)
 
 
-def _integers(arrays: dict[str, ndarray], name: str, dtype: type) -> ndarray:
+def _get_integers(arrays: dict[str, ndarray], name: str, dtype: type) -> ndarray:
     if arrays[name].dtype != dtype:
         raise ValueError(f"array {name} holds {arrays[name].dtype}, expected {np.dtype(dtype)}")
     return arrays[name]
 
 
-def _shaped(array: ndarray, shape: tuple[int, ...], name: str) -> ndarray:
+def _check_shape(array: ndarray, shape: tuple[int, ...], name: str) -> ndarray:
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
     if not np.isfinite(array).all():

@@ -20,12 +20,13 @@ from safetensors import SafetensorError
 from safetensors.numpy import save_file
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_path, write_bytes
-from instdrive_core.files.json_value import json_value
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.atomic import replace_atomically, write_bytes
+from instdrive_core.files.json_value import parse_json
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.formats.allocation import WHOLE, ReadOptions
-from instdrive_core.formats.folder.arrays import EXTRA, digest_of, read_arrays
-from instdrive_core.formats.folder.manifest import manifest_of, scene_from_parts
+from instdrive_core.formats.folder.arrays import EXTRA, digest_arrays, read_arrays
+from instdrive_core.formats.folder.manifest import assemble_scene, build_manifest
+from instdrive_core.formats.scene_format import Fidelity, FolderLayout, Format
 from instdrive_core.scene.scene import Scene
 
 MANIFEST = "scene.json"
@@ -45,20 +46,20 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
         half: store all but positions and IDs as float16, the sky as 8 bits: for a small sample scene.
     """
     folder = Path(folder)
-    arrays = {name: np.ascontiguousarray(array) for name, array in _arrays_of(scene).items()}
+    arrays = {name: np.ascontiguousarray(array) for name, array in _collect_arrays(scene).items()}
     if half:
-        arrays = {name: _halved(name, array) for name, array in arrays.items()}
-    name = f"scene.{digest_of(arrays)}.safetensors"
+        arrays = {name: _halve_precision(name, array) for name, array in arrays.items()}
+    name = f"scene.{digest_arrays(arrays)}.safetensors"
     is_new = not (folder / name).exists()
     try:
-        with atomic_path(folder / name, temporary_for="scene.safetensors") as temporary:
+        with replace_atomically(folder / name, temporary_for="scene.safetensors") as temporary:
             save_file(arrays, temporary)
     except SafetensorError as error:
         problem = f"the file cannot be written ({error})"
         raise DataError(folder / name, problem, "Free some space or choose another place") from error
-    manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **manifest_of(scene)}
+    manifest = {"format": FORMAT_NAME, "version": FORMAT_VERSION, "arrays": name, **build_manifest(scene)}
     for view in manifest["views"]:
-        view["photo"] = _stored_photo(view["photo"], folder)
+        view["photo"] = _relativize_photo(view["photo"], folder)
     try:
         write_bytes(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
     except DataError:
@@ -70,12 +71,15 @@ def write_scene_folder(folder: str | Path, scene: Scene, half: bool = False) -> 
             old.unlink(missing_ok=True)
 
 
-def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options: ReadOptions = WHOLE) -> Scene:
+def read_scene_folder(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Read what `write_scene_folder` wrote. Raises DataError where a part is missing or damaged.
 
-    A manifest that is about to become the folder's can be read under the name that it has until then.
+    Args:
+        path: the folder, or its manifest, which may still have the temporary name that it is written under.
+        options: which rows are kept.
     """
-    folder = Path(folder)
+    path = Path(path)
+    folder, manifest_name = (path, MANIFEST) if path.is_dir() or not path.is_file() else (path.parent, path.name)
     manifest, arrays, digest = _read_parts(folder, manifest_name, options)
     if f"scene.{digest}.safetensors" != manifest["arrays"]:
         problem = "the arrays are not those that were saved: their SHA-256 is not the one in the file's name"
@@ -83,9 +87,9 @@ def read_scene_folder(folder: str | Path, manifest_name: str = MANIFEST, options
     try:
         for view in manifest["views"]:
             view["photo"] = os.path.normpath(folder.absolute() / view["photo"]) if view["photo"] else ""
-        scene = scene_from_parts(manifest, arrays)
+        scene = assemble_scene(manifest, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
-        raise _damaged(folder / manifest_name, error) from error
+        raise _create_damage_error(folder / manifest_name, error) from error
     if options.keep_every > 1:
         _count_again(scene)
     return scene
@@ -98,12 +102,17 @@ def _count_again(scene: Scene) -> None:
         scene.table.set(replace(instance, count=found.get(instance.id, 0)))
 
 
-def files_of_scene_folder(folder: Path) -> tuple[Path, ...]:
+def _holds_scene(path: Path) -> bool:
+    return (path / MANIFEST).is_file() if path.is_dir() else path.name == MANIFEST
+
+
+def _list_files(path: Path) -> tuple[Path, ...]:
     """The files that `read_scene_folder` reads. Raises DataError where the folder holds no scene."""
+    folder = path if path.is_dir() else path.parent
     return folder / MANIFEST, folder / _read_manifest(folder / MANIFEST)["arrays"]
 
 
-def _arrays_of(scene: Scene) -> dict[str, ndarray]:
+def _collect_arrays(scene: Scene) -> dict[str, ndarray]:
     arrays = scene.gaussians.arrays()
     arrays |= {"instance_ids": scene.instance_ids, "codewords": scene.codewords, "nodes": scene.nodes}
     arrays |= {f"{EXTRA}{name}": column for name, column in scene.extra.items()}
@@ -119,7 +128,7 @@ def _arrays_of(scene: Scene) -> dict[str, ndarray]:
     return arrays
 
 
-def _halved(name: str, array: ndarray) -> ndarray:
+def _halve_precision(name: str, array: ndarray) -> ndarray:
     if name == "sky":
         return np.round(np.clip(array, 0, 1) * 255).astype(np.uint8)
     if array.dtype == np.float64:
@@ -127,7 +136,7 @@ def _halved(name: str, array: ndarray) -> ndarray:
     return array.astype(np.float16) if array.dtype == np.float32 and name not in _EXACT else array
 
 
-def _stored_photo(photo: str, folder: Path) -> str:
+def _relativize_photo(photo: str, folder: Path) -> str:
     """Relative where folder and photo have an ancestor in common, so that both can be moved together."""
     if not photo:
         return ""
@@ -138,9 +147,9 @@ def _stored_photo(photo: str, folder: Path) -> str:
 
 def _read_manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json_value(plain_file(path).read_bytes())
+        manifest = parse_json(require_plain_file(path).read_bytes())
     except (OSError, ValueError, RecursionError) as error:
-        raise _damaged(path, error) from error
+        raise _create_damage_error(path, error) from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT_NAME:
         raise DataError(path, f"'format' is not {FORMAT_NAME!r}", "Check that the folder was written by InstDrive")
     if manifest.get("version") != FORMAT_VERSION:
@@ -160,16 +169,26 @@ def _read_parts(
         manifest = _read_manifest(folder / manifest_name)
         path = folder / manifest["arrays"]
         try:
-            return manifest, *read_arrays(plain_file(path), folder, options)
+            return manifest, *read_arrays(require_plain_file(path), folder, options)
         except FileNotFoundError as error:
             if attempt == _ATTEMPTS - 1:
-                raise _damaged(path, error) from error
+                raise _create_damage_error(path, error) from error
         except (SafetensorError, OSError) as error:
-            raise _damaged(path, error) from error
+            raise _create_damage_error(path, error) from error
     raise AssertionError("the last attempt returns or raises")
 
 
-def _damaged(path: Path, error: Exception) -> DataError:
+def _create_damage_error(path: Path, error: Exception) -> DataError:
     return DataError(
         path, f"the file is damaged ({type(error).__name__}: {error})", "Restore it or save the scene again"
     )
+
+
+SCENE_FOLDER = Format(
+    "InstDrive scene folder",
+    "",
+    read_scene_folder,
+    write_scene_folder,
+    Fidelity(is_exact=True),
+    folder=FolderLayout(_holds_scene, _list_files, last_file=MANIFEST),
+)

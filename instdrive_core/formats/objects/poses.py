@@ -11,10 +11,10 @@ from numpy import ndarray
 
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
-from instdrive_core.files.json_value import json_value
-from instdrive_core.files.plain_file import plain_file
-from instdrive_core.formats.objects.json_file import CONVENTIONS, track_fields
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
+from instdrive_core.files.json_value import parse_json
+from instdrive_core.files.plain_file import require_plain_file
+from instdrive_core.formats.objects.json_file import CONVENTIONS, describe_track
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
 from instdrive_core.scene.track import Track
 
 FORMAT_NAME, FORMAT_VERSION = "instdrive poses", 1
@@ -36,7 +36,7 @@ def write_poses(path: str | Path, track: Track, origin: Float64[ndarray, "3"], s
         "conventions": _SAID,
         "origin": origin.tolist(),
         "splats": splats,
-        "track": track_fields(track),
+        "track": describe_track(track),
     }
     write_bytes(path, (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
@@ -45,7 +45,7 @@ def read_poses(path: str | Path) -> tuple[Track, Float64[ndarray, "3"], Path]:
     """Track, origin and splats' file of what `write_poses` wrote. Raises DataError where it is something else."""
     path = Path(path)
     try:
-        content = json_value(plain_file(path).read_bytes())
+        content = parse_json(require_plain_file(path).read_bytes())
         if content["format"] != FORMAT_NAME or content["version"] != FORMAT_VERSION:
             raise ValueError(f"'format' is {content['format']!r}, version {content['version']!r}")
         fields = content["track"]
@@ -54,7 +54,7 @@ def read_poses(path: str | Path) -> tuple[Track, Float64[ndarray, "3"], Path]:
         if positions.shape != (len(times), 3) or quats.shape != (len(times), 4) or origin.shape != (3,):
             raise ValueError(f"{len(times)} times do not fit positions {positions.shape}, rotations {quats.shape}")
         poses = np.tile(np.eye(4), (len(times), 1, 1))
-        poses[:, :3, :3], poses[:, :3, 3] = matrix_from_quaternion(normalized(quats)), positions
+        poses[:, :3, :3], poses[:, :3, 3] = matrix_from_quaternion(normalize_quaternions(quats)), positions
         size = np.array([fields["size"][name] for name in ("width", "length", "height")], float)
         track = Track(str(fields["id"]), str(fields["label"]), size, times, poses, bool(fields["moving"]))
         return track, origin, path.parent / Path(str(content["splats"])).name

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from numpy import ndarray
 
-from instdrive_core.instances.oriented_box import OrientedBox, convex_hull, main_parts, upright_box
+from instdrive_core.instances.oriented_box import OrientedBox, compute_convex_hull, find_main_parts, fit_upright_box
 from instdrive_core.instances.table import Instance
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized
-from instdrive_core.scene.scene import Scene, placed
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions
+from instdrive_core.scene.scene import Scene, place_in_world
 from instdrive_core.scene.track import Track
 
 SOLID = 0.1
@@ -49,15 +49,15 @@ class SceneObject:
     """None where none was asked for, or the splats span no volume."""
 
 
-def scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[SceneObject, ...]:
+def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[SceneObject, ...]:
     """The objects of all instances that have a splat with finite values, in the order of their IDs.
 
     Floaters, faint splats and the farthest 2 % at each face do not count (`instances.oriented_box`).
     """
-    poses, present = scene.at(time)
+    poses, present = scene.find_node_poses(time)
     found = []
-    for instance, rows in _rows_of_instances(scene):
-        kept = _shaping(scene, rows)
+    for instance, rows in _group_rows(scene):
+        kept = _select_shaping(scene, rows)
         if not len(kept):
             continue
         node = int(np.bincount(scene.nodes[rows]).argmax())
@@ -65,9 +65,9 @@ def scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[Scene
         if not len(kept):
             continue
         track = scene.actors[node - 1] if node else None
-        means, covariances = _in_world(scene, kept, poses)
-        yaw = None if track is None else _heading(poses[node])
-        box = upright_box(means, covariances, yaw)
+        means, covariances = _collect_in_world(scene, kept, poses)
+        yaw = None if track is None else _compute_heading(poses[node])
+        box = fit_upright_box(means, covariances, yaw)
         inside = box.holds(means, HULL_SLACK * float(box.size.max()))
         found.append(
             SceneObject(
@@ -76,15 +76,15 @@ def scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[Scene
                 track=track,
                 present=bool(present[node]),
                 box=box,
-                bounds=upright_box(means, covariances, 0.0),
-                box_in_track=upright_box(*_in_node(scene, kept), FORWARD) if track is not None else None,
-                hull=convex_hull(means[inside]) if hulls else None,
+                bounds=fit_upright_box(means, covariances, 0.0),
+                box_in_track=fit_upright_box(*_collect_in_node(scene, kept), FORWARD) if track is not None else None,
+                hull=compute_convex_hull(means[inside]) if hulls else None,
             )
         )
     return tuple(found)
 
 
-def _rows_of_instances(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
+def _group_rows(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]:
     order = np.argsort(scene.instance_ids, kind="stable")
     ids, starts = np.unique(scene.instance_ids[order], return_index=True)
     for instance_id, rows in zip(ids.tolist(), np.split(order, starts)[1:], strict=True):
@@ -92,7 +92,7 @@ def _rows_of_instances(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, 
             yield scene.table[instance_id], rows
 
 
-def _shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
+def _select_shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
     """Rows that say where the object is."""
     gaussians = scene.gaussians
     numbers = (gaussians.means[rows], gaussians.quats[rows], gaussians.log_scales[rows])
@@ -102,27 +102,34 @@ def _shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
     rows = rows[finite]
     solid = rows[sigmoid(gaussians.opacity_logits[rows]) >= SOLID]
     rows = solid if len(solid) >= 4 else rows
-    return rows[main_parts(gaussians.means[rows].astype(np.float64))] if len(rows) else rows
+    return rows[find_main_parts(gaussians.means[rows].astype(np.float64))] if len(rows) else rows
 
 
-def _in_node(scene: Scene, rows: Int64[ndarray, " k"]) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
+def _collect_in_node(
+    scene: Scene, rows: Int64[ndarray, " k"]
+) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
     gaussians = scene.gaussians
-    return gaussians.means[rows].astype(np.float64), _covariances(gaussians.quats[rows], gaussians.log_scales[rows])
+    return gaussians.means[rows].astype(np.float64), _compute_covariances(
+        gaussians.quats[rows], gaussians.log_scales[rows]
+    )
 
 
-def _in_world(
+def _collect_in_world(
     scene: Scene, rows: Int64[ndarray, " k"], poses: Float64[ndarray, "m 4 4"]
 ) -> tuple[Float64[ndarray, "k 3"], Float64[ndarray, "k 3 3"]]:
     gaussians = scene.gaussians
-    means, quats = placed(gaussians.means[rows], gaussians.quats[rows], scene.nodes[rows], poses)
-    return means.astype(np.float64), _covariances(quats, gaussians.log_scales[rows])
+    means, quats = place_in_world(gaussians.means[rows], gaussians.quats[rows], scene.nodes[rows], poses)
+    return means.astype(np.float64), _compute_covariances(quats, gaussians.log_scales[rows])
 
 
-def _covariances(quats: ndarray, log_scales: ndarray) -> Float64[ndarray, "k 3 3"]:
-    axes = matrix_from_quaternion(normalized(quats.astype(np.float64))) * np.exp(log_scales.astype(np.float64))[:, None]
+def _compute_covariances(quats: ndarray, log_scales: ndarray) -> Float64[ndarray, "k 3 3"]:
+    axes = (
+        matrix_from_quaternion(normalize_quaternions(quats.astype(np.float64)))
+        * np.exp(log_scales.astype(np.float64))[:, None]
+    )
     return axes @ axes.swapaxes(1, 2)
 
 
-def _heading(world_from_box: Float64[ndarray, "4 4"]) -> float:
+def _compute_heading(world_from_box: Float64[ndarray, "4 4"]) -> float:
     """Yaw of a track's forward axis."""
     return math.atan2(world_from_box[1, 1], world_from_box[0, 1])

@@ -8,7 +8,7 @@ from typing import Literal
 
 from instdrive_core.errors import DataError
 from instdrive_core.formats.objects.json_file import write_objects_json
-from instdrive_core.formats.objects.scene_objects import SceneObject, scene_objects
+from instdrive_core.formats.objects.scene_objects import SceneObject, find_scene_objects
 from instdrive_core.scene.scene import Scene
 
 Shape = Literal["box", "hull"]
@@ -33,7 +33,7 @@ def write_objects(path: str | Path, scene: Scene, time: float, shape: Shape = "b
     check_suffix(path)
     if not math.isfinite(time):
         raise DataError(path, f"the time is {time}", "Give seconds, e.g. 1.5")
-    objects = scene_objects(scene, time, shape == "hull")
+    objects = find_scene_objects(scene, time, shape == "hull")
     if not objects:
         raise DataError(path, "the scene has no instances to write", "Train it with masks first")
     if path.suffix.lower() == ".json":

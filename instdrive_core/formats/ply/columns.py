@@ -43,14 +43,14 @@ def check_columns(names: tuple[str, ...], path: Path) -> tuple[int, int]:
     if missing:
         problem = f"the columns {', '.join(missing)} are missing"
         raise DataError(path, problem, "Only .ply files of 3D Gaussians can be opened, not point clouds or meshes")
-    rest, features = _numbered("f_rest_", names, path), _numbered("feature_", names, path)
+    rest, features = _count_numbered("f_rest_", names, path), _count_numbered("feature_", names, path)
     if rest % 3 or rest // 3 not in REST_COUNTS:
         counts = ", ".join(str(3 * count) for count in REST_COUNTS)
         raise DataError(path, f"{rest} f_rest columns fit no SH degree", f"There must be one of {counts}")
     return rest // 3, features
 
 
-def column_views(gaussians: Gaussians) -> dict[str, ndarray]:
+def view_columns(gaussians: Gaussians) -> dict[str, ndarray]:
     """Each INRIA property as a view (n,) of the Gaussians' arrays, in the order INRIA writes them (without normals)."""
     views = {name: gaussians.means[:, axis] for axis, name in enumerate("xyz")}
     views |= {f"f_dc_{channel}": gaussians.sh_dc[:, channel] for channel in range(3)}
@@ -62,7 +62,7 @@ def column_views(gaussians: Gaussians) -> dict[str, ndarray]:
     return views
 
 
-def feature_views(gaussians: Gaussians) -> dict[str, ndarray]:
+def view_features(gaussians: Gaussians) -> dict[str, ndarray]:
     """``feature_0 …`` as views (n,)."""
     return {f"feature_{index}": gaussians.features[:, index] for index in range(gaussians.features.shape[1])}
 
@@ -87,7 +87,7 @@ def check_extra_column(name: str, column: ndarray) -> None:
         raise ValueError(f"the column {name!r} holds {column.dtype}, none of {', '.join(TYPE_NAMES.values())}")
 
 
-def _numbered(prefix: str, names: tuple[str, ...], path: Path) -> int:
+def _count_numbered(prefix: str, names: tuple[str, ...], path: Path) -> int:
     numbers = {int(match[1]) for name in names if (match := re.fullmatch(re.escape(prefix) + r"(\d{1,6})", name))}
     if numbers != set(range(len(numbers))):
         gap = min(set(range(len(numbers))) - numbers)

@@ -9,15 +9,16 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.json_value import json_value, whole_text
+from instdrive_core.files.json_value import parse_json, require_whole_text
 from instdrive_core.instances.codebook import MAX_BITS
-from instdrive_core.instances.table import default_name
+from instdrive_core.instances.table import make_default_name
 from instdrive_core.scene.scene import Scene
 
 _ANTIALIASED = "SplatRenderMode: mip"
@@ -37,49 +38,49 @@ class Annotations:
     classes: dict[int, str] = field(default_factory=dict)
 
 
-def comments_for(scene: Scene) -> list[str]:
+def build_comments(scene: Scene) -> list[str]:
     """Comment lines; none for a plain scene without instances, codewords or origin, so that it stays a plain .ply."""
     lines = [_ANTIALIASED] if scene.antialiased else []
     if scene.code_bits or len(scene.table) or scene.origin.any():
-        lines.append(_SCENE + _line({"code_bits": scene.code_bits, "origin": scene.origin.tolist()}))
+        lines.append(_SCENE + _encode_line({"code_bits": scene.code_bits, "origin": scene.origin.tolist()}))
     for instance in scene.table:
         entry = {"id": instance.id, "name": instance.name, "class": instance.class_name}
-        if instance.name != default_name(instance.id) or instance.class_name:
-            lines.append(_INSTANCE + _line(entry))
+        if instance.name != make_default_name(instance.id) or instance.class_name:
+            lines.append(_INSTANCE + _encode_line(entry))
     return lines
 
 
-def parsed_comments(comments: tuple[str, ...], path: Path) -> Annotations:
-    """Read the lines written by `comments_for`; others are passed over. Raises DataError where one is damaged."""
+def parse_comments(comments: tuple[str, ...], path: Path) -> Annotations:
+    """Read the lines written by `build_comments`; others are passed over. Raises DataError where one is damaged."""
     annotations = Annotations()
-    known = {_normal(text): antialiased for text, antialiased in _DRAWN_AS.items()}
+    known = {_normalize_comment(text): antialiased for text, antialiased in _DRAWN_AS.items()}
     for comment in comments:
-        annotations.antialiased = known.get(_normal(comment), annotations.antialiased)
+        annotations.antialiased = known.get(_normalize_comment(comment), annotations.antialiased)
         try:
             if comment.startswith(_SCENE):
-                _read_scene(json_value(comment.removeprefix(_SCENE)), annotations)
+                _parse_scene(parse_json(comment.removeprefix(_SCENE)), annotations)
             elif comment.startswith(_INSTANCE):
-                entry = json_value(comment.removeprefix(_INSTANCE))
+                entry = parse_json(comment.removeprefix(_INSTANCE))
                 instance_id = int(entry["id"])
-                annotations.names[instance_id] = whole_text(entry["name"])
-                annotations.classes[instance_id] = whole_text(entry.get("class", ""))
+                annotations.names[instance_id] = require_whole_text(entry["name"])
+                annotations.classes[instance_id] = require_whole_text(entry.get("class", ""))
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
             problem = f"the header comment {comment[:80]!r} is damaged ({type(error).__name__}: {error})"
             raise DataError(path, problem, "Remove that line from the header or export the file again") from error
     return annotations
 
 
-def _read_scene(entry: dict, annotations: Annotations) -> None:
+def _parse_scene(entry: dict[str, Any], annotations: Annotations) -> None:
     bits, origin = int(entry["code_bits"]), np.array(entry["origin"], np.float64)
     if not 0 <= bits <= MAX_BITS or origin.shape != (3,) or not np.isfinite(origin).all():
         raise ValueError(f"code_bits {bits} or origin {entry['origin']} out of range")
     annotations.code_bits, annotations.origin = bits, origin
 
 
-def _normal(comment: str) -> str:
+def _normalize_comment(comment: str) -> str:
     """Without differences in case, spaces and the colon, which programs do not agree in."""
     return " ".join(comment.replace(":", " ").lower().split())
 
 
-def _line(entry: dict) -> str:
+def _encode_line(entry: dict[str, Any]) -> str:
     return json.dumps(entry, ensure_ascii=True, separators=(",", ":"))

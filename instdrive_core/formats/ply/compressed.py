@@ -29,9 +29,10 @@ import numpy as np
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
-from instdrive_core.formats.ply.comments import comments_for, parsed_comments
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
+from instdrive_core.formats.export_checks import check_numbers, check_static
+from instdrive_core.formats.ply.comments import build_comments, parse_comments
 from instdrive_core.formats.ply.compressed_layout import (
     BOUNDS,
     CHUNK,
@@ -44,15 +45,14 @@ from instdrive_core.formats.ply.compressed_layout import (
 from instdrive_core.formats.ply.packed_words import (
     COLOR_BITS,
     VECTOR_BITS,
-    packed_rotations,
-    packed_units,
-    sh_bytes,
-    sh_values,
-    unpacked_rotations,
-    unpacked_units,
+    decode_sh_bytes,
+    encode_sh_bytes,
+    pack_rotations,
+    pack_units,
+    unpack_rotations,
+    unpack_units,
 )
-from instdrive_core.formats.spatial_order import spatial_order
-from instdrive_core.formats.writable import check_numbers, check_static
+from instdrive_core.formats.spatial_order import sort_spatially
 from instdrive_core.instances.table import InstanceTable
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import color_from_dc, dc_from_color
@@ -72,20 +72,20 @@ def read_compressed_ply(path: str | Path, options: ReadOptions = WHOLE) -> Scene
         # Bounds that are no numbers give splats that are none, as a .ply of such values does.
         layout = read_compressed_layout(file, path, path.stat().st_size)
         count, rest = layout.vertices.count, layout.sh_count
-        gaussians = unfilled(path, count, rest, 0, options)
-        bounds = _bounds_in(file, layout, path)
-        for rows, vertices in _blocks(file, layout.vertices, path):
-            source, target = options.places(rows.start, rows.stop)
+        gaussians = allocate_gaussians(path, count, rest, 0, options)
+        bounds = _read_bounds(file, layout, path)
+        for rows, vertices in _read_blocks(file, layout.vertices, path):
+            source, target = options.locate_rows(rows.start, rows.stop)
             chunks = np.arange(rows.start, rows.stop)[source] // CHUNK
             _decode(vertices[source], bounds[chunks], target, gaussians)
         if layout.sh is not None:
-            for rows, stored in _blocks(file, layout.sh, path):
-                source, target = options.places(rows.start, rows.stop)
+            for rows, stored in _read_blocks(file, layout.sh, path):
+                source, target = options.locate_rows(rows.start, rows.stop)
                 for index in range(3 * rest):
-                    gaussians.sh_rest[target, index % rest, index // rest] = sh_values(
+                    gaussians.sh_rest[target, index % rest, index // rest] = decode_sh_bytes(
                         stored[f"f_rest_{index}"][source]
                     )
-    notes = parsed_comments(layout.comments, path)
+    notes = parse_comments(layout.comments, path)
     return replace(scene_from_gaussians(gaussians), origin=notes.origin, antialiased=notes.antialiased)
 
 
@@ -98,35 +98,35 @@ def write_compressed_ply(path: str | Path, scene: Scene) -> None:
     gaussians = scene.gaussians
     for start in range(0, len(scene), BLOCK_ROWS):
         _check(path, gaussians.select(slice(start, start + BLOCK_ROWS)), start)
-    order = spatial_order(gaussians.means, CHUNK)
+    order = sort_spatially(gaussians.means, CHUNK)
     blocks = [order[start : start + BLOCK_ROWS] for start in range(0, len(order), BLOCK_ROWS)]
     none = np.empty((0, len(BOUNDS)), np.float32)
-    bounds = np.concatenate([none, *(_bounds_of(_quantities(gaussians, rows)) for rows in blocks)])
-    with atomic_file(path) as file:
-        file.write(_header(scene))
+    bounds = np.concatenate([none, *(_compute_bounds(_collect_quantities(gaussians, rows)) for rows in blocks)])
+    with open_atomically(path) as file:
+        file.write(_build_header(scene))
         file.write(bounds.astype("<f4").tobytes())
         for number, rows in enumerate(blocks):
             first = number * BLOCK_ROWS // CHUNK
-            file.write(_encoded(gaussians, rows, bounds[first : first + BLOCK_ROWS // CHUNK]).data)
+            file.write(_encode(gaussians, rows, bounds[first : first + BLOCK_ROWS // CHUNK]).data)
             report(number / len(blocks))
         if gaussians.sh_degree:
             for rows in blocks:
                 # Channel by channel, as f_rest stands in a plain .ply.
-                file.write(sh_bytes(gaussians.sh_rest[rows].transpose(0, 2, 1).astype(np.float64)).tobytes())
+                file.write(encode_sh_bytes(gaussians.sh_rest[rows].transpose(0, 2, 1).astype(np.float64)).tobytes())
 
 
-def _bounds_in(file: BinaryIO, layout: CompressedLayout, path: Path) -> ndarray:
+def _read_bounds(file: BinaryIO, layout: CompressedLayout, path: Path) -> ndarray:
     """(chunks, 18) float64 in the order of BOUNDS."""
     bounds = np.empty((layout.chunks.count, len(BOUNDS)))
     bounds[:, BOUNDS.index(COLOR_BOUNDS[0]) :] = (0, 0, 0, 1, 1, 1)
-    for rows, chunks in _blocks(file, layout.chunks, path):
+    for rows, chunks in _read_blocks(file, layout.chunks, path):
         for column, name in enumerate(BOUNDS):
             if name in (chunks.dtype.names or ()):
                 bounds[rows, column] = chunks[name]
     return bounds
 
 
-def _blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, ndarray]]:
+def _read_blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, ndarray]]:
     file.seek(table.offset)
     for start in range(0, table.count, BLOCK_ROWS):
         wanted = min(BLOCK_ROWS, table.count - start)
@@ -141,10 +141,10 @@ def _blocks(file: BinaryIO, table: Table, path: Path) -> Iterator[tuple[slice, n
 def _decode(vertices: ndarray, bounds: ndarray, rows: slice, gaussians: Gaussians) -> None:
     """Fill `rows` from words and the bounds of each one's chunk."""
     native = {name: vertices[name].astype(np.uint32) for name in PACKED}
-    colors = unpacked_units(native["packed_color"], COLOR_BITS)
+    colors = unpack_units(native["packed_color"], COLOR_BITS)
     units = [
-        unpacked_units(native["packed_position"], VECTOR_BITS),
-        unpacked_units(native["packed_scale"], VECTOR_BITS),
+        unpack_units(native["packed_position"], VECTOR_BITS),
+        unpack_units(native["packed_scale"], VECTOR_BITS),
         colors[:, :3],
     ]
     mine = bounds.reshape(-1, 3, 2, 3)
@@ -154,7 +154,7 @@ def _decode(vertices: ndarray, bounds: ndarray, rows: slice, gaussians: Gaussian
     gaussians.means[rows], gaussians.log_scales[rows] = means, log_scales
     gaussians.sh_dc[rows] = dc_from_color(shown)
     gaussians.opacity_logits[rows] = logit(colors[:, 3])
-    gaussians.quats[rows] = unpacked_rotations(native["packed_rotation"])
+    gaussians.quats[rows] = unpack_rotations(native["packed_rotation"])
 
 
 def _check(path: str | Path, part: Gaussians, start: int) -> None:
@@ -167,38 +167,38 @@ def _check(path: str | Path, part: Gaussians, start: int) -> None:
     check_numbers(path, "an SH coefficient", part.sh_rest, rows, allow_infinite=True)
 
 
-def _quantities(gaussians: Gaussians, rows: ndarray) -> ndarray:
+def _collect_quantities(gaussians: Gaussians, rows: ndarray) -> ndarray:
     """(m, 3, 3) float64: position, log scale and colour of `rows`, what the chunks' bounds are for."""
     parts = (gaussians.means, gaussians.log_scales, gaussians.sh_dc)
     means, log_scales, sh_dc = (part[rows].astype(np.float64) for part in parts)
     return np.stack([means, np.clip(log_scales, -LOG_SCALE_LIMIT, LOG_SCALE_LIMIT), color_from_dc(sh_dc)], axis=1)
 
 
-def _bounds_of(quantities: ndarray) -> ndarray:
+def _compute_bounds(quantities: ndarray) -> ndarray:
     """(chunks, 18) float32 in the order of BOUNDS."""
     starts = np.arange(0, len(quantities), CHUNK)
     ends = [ufunc.reduceat(quantities, starts) for ufunc in (np.minimum, np.maximum)]
     return np.stack(ends, axis=2).reshape(len(starts), len(BOUNDS)).astype(np.float32)
 
 
-def _encoded(gaussians: Gaussians, rows: ndarray, bounds: ndarray) -> ndarray:
+def _encode(gaussians: Gaussians, rows: ndarray, bounds: ndarray) -> ndarray:
     """(m, 4) uint32: the words of `rows`, which begin a chunk."""
     mine = bounds[np.arange(len(rows)) // CHUNK].reshape(-1, 3, 2, 3).astype(np.float64)
     low, extent = mine[:, :, 0], mine[:, :, 1] - mine[:, :, 0]
-    units = (_quantities(gaussians, rows) - low) / np.where(extent > 0, extent, 1)
+    units = (_collect_quantities(gaussians, rows) - low) / np.where(extent > 0, extent, 1)
     opacity = sigmoid(gaussians.opacity_logits[rows].astype(np.float64))
     words = np.empty((len(rows), len(PACKED)), "<u4")
-    words[:, 0] = packed_units(units[:, 0], VECTOR_BITS)
-    words[:, 1] = packed_rotations(gaussians.quats[rows].astype(np.float64))
-    words[:, 2] = packed_units(units[:, 1], VECTOR_BITS)
-    words[:, 3] = packed_units(np.column_stack([units[:, 2], opacity]), COLOR_BITS)
+    words[:, 0] = pack_units(units[:, 0], VECTOR_BITS)
+    words[:, 1] = pack_rotations(gaussians.quats[rows].astype(np.float64))
+    words[:, 2] = pack_units(units[:, 1], VECTOR_BITS)
+    words[:, 3] = pack_units(np.column_stack([units[:, 2], opacity]), COLOR_BITS)
     return words
 
 
-def _header(scene: Scene) -> bytes:
+def _build_header(scene: Scene) -> bytes:
     lines = ["ply", "format binary_little_endian 1.0"]
     without_instances = replace(scene, table=InstanceTable(), code_bits=0)
-    lines += [f"comment {comment}" for comment in comments_for(without_instances)]
+    lines += [f"comment {comment}" for comment in build_comments(without_instances)]
     lines += [f"element chunk {-(-len(scene) // CHUNK)}", *(f"property float {name}" for name in BOUNDS)]
     lines += [f"element vertex {len(scene)}", *(f"property uint {name}" for name in PACKED)]
     rest = 3 * scene.gaussians.sh_rest.shape[1]

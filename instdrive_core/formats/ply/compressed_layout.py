@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.ply_header import REMEDY, PlyElement, PlyLayout, read_layout
+from instdrive_core.files.ply_header import REMEDY, PlyElement, PlyLayout, read_ply_layout
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 
 CHUNK = 256
@@ -47,10 +47,10 @@ class CompressedLayout:
 
 def read_compressed_layout(file: BinaryIO, path: Path, file_size: int) -> CompressedLayout:
     """Parse and check the header. Elements and properties that are not known are passed over. Raises DataError."""
-    layout = read_layout(file, path)
+    layout = read_ply_layout(file, path)
     if layout.order == "=":
         raise DataError(path, "a compressed .ply cannot be ASCII", REMEDY)
-    tables = _tables(layout, path, file_size)
+    tables = _locate_tables(layout, path, file_size)
     for name, wanted in (("chunk", BOUNDS[:12]), ("vertex", PACKED)):
         if name not in tables:
             raise DataError(path, f"the header names no {name} element", "Rename a plain .ply file to end in .ply only")
@@ -64,11 +64,11 @@ def read_compressed_layout(file: BinaryIO, path: Path, file_size: int) -> Compre
     if chunks.count != -(-vertices.count // CHUNK):
         problem = f"{chunks.count} chunks do not fit {vertices.count} splats, {CHUNK} to a chunk"
         raise DataError(path, problem, REMEDY)
-    sh_count = _sh_count(sh, vertices.count, path)
+    sh_count = _count_sh(sh, vertices.count, path)
     return CompressedLayout(chunks, vertices, sh if sh_count else None, sh_count, layout.comments)
 
 
-def _tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
+def _locate_tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
     """Every element before the first with lists, whose rows cannot be counted in bytes."""
     tables: dict[str, Table] = {}
     offset = layout.body_offset
@@ -79,14 +79,14 @@ def _tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
             problem = f"the element {element.name!r} stands twice in the header, or after or among list properties"
             raise DataError(path, problem, REMEDY)
         if fixed:
-            tables[element.name] = _table(element, layout.order, offset)
+            tables[element.name] = _build_table(element, layout.order, offset)
             offset += tables[element.name].count * tables[element.name].dtype.itemsize
     _check_length(offset, fixed, path, file_size)
     return tables
 
 
-def _table(element: PlyElement, order: str, offset: int) -> Table:
-    return Table(offset, element.count, element.dtype(order))
+def _build_table(element: PlyElement, order: str, offset: int) -> Table:
+    return Table(offset, element.count, element.build_dtype(order))
 
 
 def _check_length(end: int, is_all: bool, path: Path, file_size: int) -> None:
@@ -105,7 +105,7 @@ def _check_kinds(table: Table, names: tuple[str, ...], kind: str, word: str, pat
             raise DataError(path, f"the property {name!r} is of the wrong type, not {word}", REMEDY)
 
 
-def _sh_count(sh: Table | None, splats: int, path: Path) -> int:
+def _count_sh(sh: Table | None, splats: int, path: Path) -> int:
     if sh is None:
         return 0
     names = sh.dtype.names or ()

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8, UInt32
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 
 VECTOR_BITS = (11, 10, 11)
 COLOR_BITS = (8, 8, 8, 8)
@@ -21,7 +21,7 @@ SH_LIMIT = 4.0
 """SH coefficients are stored from -4 to 4."""
 
 
-def packed_units(units: Float64[ndarray, "n k"], bits: tuple[int, ...]) -> UInt32[ndarray, " n"]:
+def pack_units(units: Float64[ndarray, "n k"], bits: tuple[int, ...]) -> UInt32[ndarray, " n"]:
     """Values of 0 to 1 as whole numbers of so many bits each; those outside are cut off."""
     words = np.zeros(len(units), np.uint32)
     for column, width in enumerate(bits):
@@ -31,8 +31,8 @@ def packed_units(units: Float64[ndarray, "n k"], bits: tuple[int, ...]) -> UInt3
     return words
 
 
-def unpacked_units(words: UInt32[ndarray, " n"], bits: tuple[int, ...]) -> Float64[ndarray, "n k"]:
-    """Inverse of `packed_units`."""
+def unpack_units(words: UInt32[ndarray, " n"], bits: tuple[int, ...]) -> Float64[ndarray, "n k"]:
+    """Inverse of `pack_units`."""
     units = np.empty((len(words), len(bits)))
     shift = sum(bits)
     for column, width in enumerate(bits):
@@ -42,33 +42,33 @@ def unpacked_units(words: UInt32[ndarray, " n"], bits: tuple[int, ...]) -> Float
     return units
 
 
-def packed_rotations(quats: Float64[ndarray, "n 4"]) -> UInt32[ndarray, " n"]:
+def pack_rotations(quats: Float64[ndarray, "n 4"]) -> UInt32[ndarray, " n"]:
     """Quaternions wxyz of any length: the place of the largest component and the other three from -√½ to √½."""
-    unit = normalized(quats)
+    unit = normalize_quaternions(quats)
     largest = np.argmax(np.abs(unit), axis=1)
     sign = np.where(np.take_along_axis(unit, largest[:, None], axis=1) < 0, -1, 1)
     others = np.take_along_axis(sign * unit, _OTHERS[largest], axis=1)
-    return largest.astype(np.uint32) << np.uint32(30) | packed_units(others * np.sqrt(0.5) + 0.5, _ROTATION_BITS)
+    return largest.astype(np.uint32) << np.uint32(30) | pack_units(others * np.sqrt(0.5) + 0.5, _ROTATION_BITS)
 
 
-def unpacked_rotations(words: UInt32[ndarray, " n"]) -> Float64[ndarray, "n 4"]:
+def unpack_rotations(words: UInt32[ndarray, " n"]) -> Float64[ndarray, "n 4"]:
     """Unit quaternions wxyz; the largest component, which is not stored, is positive."""
-    others = (unpacked_units(words, _ROTATION_BITS) - 0.5) * np.sqrt(2)
+    others = (unpack_units(words, _ROTATION_BITS) - 0.5) * np.sqrt(2)
     missing = np.sqrt(np.maximum(1 - (others**2).sum(axis=1), 0))
     largest = (words >> np.uint32(30)).astype(np.intp)
     quats = np.empty((len(words), 4))
     np.put_along_axis(quats, _OTHERS[largest], others, axis=1)
     np.put_along_axis(quats, largest[:, None], missing[:, None], axis=1)
     # Three stored values of a damaged word can be longer than 1 together.
-    return normalized(quats)
+    return normalize_quaternions(quats)
 
 
-def sh_bytes(values: Float64[ndarray, "n k"]) -> UInt8[ndarray, "n k"]:
+def encode_sh_bytes(values: Float64[ndarray, "*n"]) -> UInt8[ndarray, "*n"]:
     """SH coefficients as bytes: steps of 1/32 from -4 to 4, cut off beyond."""
     return np.clip(np.floor((values / (2 * SH_LIMIT) + 0.5) * 256), 0, 255).astype(np.uint8)
 
 
-def sh_values(stored: UInt8[ndarray, "n k"]) -> Float64[ndarray, "n k"]:
+def decode_sh_bytes(stored: UInt8[ndarray, "*n"]) -> Float64[ndarray, "*n"]:
     """The middle of each byte's step; 0 and 255 stand for the limits themselves."""
     units = np.where(stored == 0, 0, np.where(stored == 255, 1, (stored + 0.5) / 256))
     return (units - 0.5) * (2 * SH_LIMIT)

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.files.atomic import atomic_file
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.formats.export_checks import check_static
 from instdrive_core.formats.ply.columns import NORMALS
-from instdrive_core.formats.writable import check_static
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
@@ -40,13 +40,13 @@ def write_sibr_ply(path: str | Path, scene: Scene) -> None:
     check_static(path, scene, ".ply")
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(scene)}"]
     lines += [f"property float {name}" for name in COLUMNS]
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         file.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
         for start in range(0, len(scene), CHUNK_ROWS):
-            file.write(_records(scene.gaussians, slice(start, start + CHUNK_ROWS)).data)
+            file.write(_build_records(scene.gaussians, slice(start, start + CHUNK_ROWS)).data)
 
 
-def _records(gaussians: Gaussians, rows: slice) -> Float32[ndarray, "m 62"]:
+def _build_records(gaussians: Gaussians, rows: slice) -> Float32[ndarray, "m 62"]:
     means = gaussians.means[rows]
     coefficients = gaussians.sh_rest.shape[1]
     records = np.zeros((len(means), len(COLUMNS)), "<f4")

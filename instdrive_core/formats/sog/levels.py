@@ -16,12 +16,19 @@ from typing import Any
 import numpy as np
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.allocation import BESIDE_BYTES, TO_READ, WHOLE, ReadOptions, check_room, row_bytes
+from instdrive_core.formats.allocation import (
+    BESIDE_BYTES,
+    MEMORY_TO_READ,
+    WHOLE,
+    ReadOptions,
+    check_memory,
+    count_row_bytes,
+)
 from instdrive_core.formats.plausible_count import check_plausible_count
-from instdrive_core.formats.sog.meta import SogMeta, parsed_meta
-from instdrive_core.formats.sog.scenes import META, PASSING, read_gaussians, read_meta
-from instdrive_core.formats.sog.store import REMEDY, FolderStore, checked_name
-from instdrive_core.scene.gaussians import Gaussians, concatenated
+from instdrive_core.formats.sog.meta import SogMeta, parse_sog_meta
+from instdrive_core.formats.sog.scenes import META, PASSING, read_sog_gaussians, read_sog_meta_scene
+from instdrive_core.formats.sog.store import REMEDY, FolderStore, check_member_name
+from instdrive_core.scene.gaussians import Gaussians, concatenate_gaussians
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
 LOD_META = "lod-meta.json"
@@ -38,7 +45,7 @@ class _Part:
 
 def is_sog_folder(folder: Path) -> bool:
     """Whether `read_sog_folder` knows what to do with it."""
-    return (folder / META).is_file() or (folder / LOD_META).is_file() or bool(_chunk_folders(folder))
+    return (folder / META).is_file() or (folder / LOD_META).is_file() or bool(_find_chunk_folders(folder))
 
 
 def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHOLE) -> Scene:
@@ -56,32 +63,32 @@ def read_sog_folder(path: str | Path, level: int = 0, options: ReadOptions = WHO
     if path.name == LOD_META or (path.is_dir() and (folder / LOD_META).is_file()):
         return _read_streamed(folder, level, options)
     if path.is_file() or (folder / META).is_file():
-        return read_meta(FolderStore(folder), META if path.is_dir() else path.name, options)
-    chunks = _chunk_folders(folder)
+        return read_sog_meta_scene(FolderStore(folder), META if path.is_dir() else path.name, options)
+    chunks = _find_chunk_folders(folder)
     if not chunks:
         problem = f"the folder holds no {META}, {LOD_META} or folders called LEVEL_CHUNK"
         raise DataError(folder, problem, REMEDY)
-    chosen = _level_at_least(level, {number for number, _ in chunks})
+    chosen = _choose_level(level, {number for number, _ in chunks})
     sources = [(chunks[key], META) for key in sorted(chunks) if key[0] == chosen]
     if len(sources) == 1:
-        return read_meta(FolderStore(sources[0][0]), META, options)
-    metas = _metas_of(sources, folder)
-    return _joined([_thinned(chunk, options) for chunk in _opened(sources, metas, folder, options)], metas)
+        return read_sog_meta_scene(FolderStore(sources[0][0]), META, options)
+    metas = _read_metas(sources, folder)
+    return _join([_keep_every(chunk, options) for chunk in _open_chunks(sources, metas, folder, options)], metas)
 
 
-def _chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
+def _find_chunk_folders(folder: Path) -> dict[tuple[int, int], Path]:
     entries = ((_CHUNK.fullmatch(entry.name), entry) for entry in folder.iterdir())
     found = {(int(match[1]), int(match[2])): entry for match, entry in entries if match}
     return {key: entry for key, entry in found.items() if (entry / META).is_file()}
 
 
-def _level_at_least(level: int, levels: set[int]) -> int:
+def _choose_level(level: int, levels: set[int]) -> int:
     """The finest level that is no finer than asked for, else the coarsest."""
     return min((number for number in levels if number >= level), default=max(levels))
 
 
 def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
-    content = FolderStore(folder).json(LOD_META)
+    content = FolderStore(folder).read_json(LOD_META)
     version = content.get("version", 1)  # older files have none
     if version != 1:
         raise DataError(folder, f"{LOD_META} has 'version' {version!r}, not 1", "Export it as version 1")
@@ -89,7 +96,7 @@ def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
     if not isinstance(names, list):
         raise DataError(folder, f"{LOD_META} has as 'filenames' {names!r}, not a list", REMEDY)
     parts: dict[int, list[_Part]] = {}
-    for part in sorted(_tree_parts(content.get("tree"), level, folder)):
+    for part in sorted(_collect_parts(content.get("tree"), level, folder)):
         parts.setdefault(part.file, []).append(part)
     if not parts:
         raise DataError(folder, f"the tree of {LOD_META} names no splats", REMEDY)
@@ -99,31 +106,31 @@ def _read_streamed(folder: Path, level: int, options: ReadOptions) -> Scene:
     if content.get("environment") is not None:
         used.append(content["environment"])
     shown = [sum(part.count for part in rows) for rows in parts.values()]
-    sources = [_source(folder, name) for name in used]
-    metas = _metas_of(sources, folder)
-    chunks = _opened(sources, metas, folder, options, shown)
-    kept = [_thinned(_rows_of(chunk, rows, folder), options) for rows, chunk in zip(parts.values(), chunks)]  # noqa: B905
-    return _joined([*kept, *(_thinned(chunk, options) for chunk in chunks)], metas)
+    sources = [_find_source(folder, name) for name in used]
+    metas = _read_metas(sources, folder)
+    chunks = _open_chunks(sources, metas, folder, options, shown)
+    kept = [_keep_every(_select_parts(chunk, rows, folder), options) for rows, chunk in zip(parts.values(), chunks)]  # noqa: B905
+    return _join([*kept, *(_keep_every(chunk, options) for chunk in chunks)], metas)
 
 
-def _thinned(chunk: Gaussians, options: ReadOptions) -> Gaussians:
+def _keep_every(chunk: Gaussians, options: ReadOptions) -> Gaussians:
     return chunk.select(slice(None, None, options.keep_every)) if options.keep_every > 1 else chunk
 
 
-def _source(folder: Path, name: Any) -> tuple[Path, str]:
-    parts = PurePosixPath(checked_name(name, folder))
+def _find_source(folder: Path, name: Any) -> tuple[Path, str]:
+    parts = PurePosixPath(check_member_name(name, folder))
     if not (folder / parts).is_file():
         raise DataError(folder, f"the file {name!r} is missing", REMEDY)
     return folder / parts.parent, parts.name
 
 
-def _metas_of(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
+def _read_metas(sources: list[tuple[Path, str]], folder: Path) -> list[SogMeta]:
     if len(set(sources)) < len(sources):
         raise DataError(folder, "two chunks of the scene are the same file", REMEDY)
-    return [parsed_meta(FolderStore(place).json(name), place) for place, name in sources]
+    return [parse_sog_meta(FolderStore(place).read_json(name), place) for place, name in sources]
 
 
-def _opened(
+def _open_chunks(
     sources: list[tuple[Path, str]],
     metas: list[SogMeta],
     folder: Path,
@@ -137,19 +144,19 @@ def _opened(
     rest = max((meta.palette.rest or 0 for meta in metas if meta.palette is not None), default=0)
     largest = max((meta.count for meta in metas), default=0)
     # Chunks are read whole, and joined by a copy.
-    passing = largest * (TO_READ * row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
+    passing = largest * (MEMORY_TO_READ * count_row_bytes(rest, 0) + BESIDE_BYTES + PASSING)
     count = sum(shown) + sum(meta.count for meta in metas[len(shown) :])
-    check_room(folder, count, 2 * row_bytes(rest, 0), options, passing)
+    check_memory(folder, count, 2 * count_row_bytes(rest, 0), options, passing)
     count = size = 0
     for (place, _), meta in zip(sources, metas, strict=True):
         store = FolderStore(place)
-        chunk = read_gaussians(store, meta)
+        chunk = read_sog_gaussians(store, meta)
         count, size = count + len(chunk), size + store.size
         check_plausible_count(folder, count, size)
         yield chunk
 
 
-def _tree_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
+def _collect_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
     """What the leaves show at a level. Not recursive: a hostile tree is as deep as it likes."""
     pending, parts, visited = [tree], [], 0
     while pending:
@@ -163,11 +170,11 @@ def _tree_parts(tree: Any, level: int, folder: Path) -> list[_Part]:
         pending += children
         numbers = {int(key) for key in levels if key.isascii() and key.isdigit() and len(key) < 7}
         if numbers:
-            parts.append(_part(levels.get(str(_level_at_least(level, numbers))), folder))
+            parts.append(_parse_part(levels.get(str(_choose_level(level, numbers))), folder))
     return [part for part in parts if part.count]
 
 
-def _part(entry: Any, folder: Path) -> _Part:
+def _parse_part(entry: Any, folder: Path) -> _Part:
     values: list[Any] = [entry.get(key) for key in ("file", "offset", "count")] if isinstance(entry, dict) else []
     if len(values) != 3 or not all(isinstance(value, int) and 0 <= value < 1 << 31 for value in values):
         problem = f"a leaf of {LOD_META} is {str(entry)[:80]!r}, not whole numbers 'file', 'offset', 'count'"
@@ -175,7 +182,7 @@ def _part(entry: Any, folder: Path) -> _Part:
     return _Part(*values)
 
 
-def _rows_of(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussians:
+def _select_parts(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussians:
     """The rows of all parts; each row can be shown once only."""
     end = 0
     for part in parts:
@@ -188,11 +195,11 @@ def _rows_of(chunk: Gaussians, parts: list[_Part], folder: Path) -> Gaussians:
     return chunk.select(np.concatenate([np.arange(part.start, part.start + part.count) for part in parts]))
 
 
-def _joined(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
+def _join(parts: list[Gaussians], metas: list[SogMeta]) -> Scene:
     """One after the other; SH degrees are raised to the highest, as chunks without colours by view have none."""
     rest = max(part.sh_rest.shape[1] for part in parts)
     for part in parts:
         missing = rest - part.sh_rest.shape[1]
         part.sh_rest = np.pad(part.sh_rest, ((0, 0), (0, missing), (0, 0)))
-    joined = concatenated(parts) if len(parts) > 1 else parts[0]
+    joined = concatenate_gaussians(parts) if len(parts) > 1 else parts[0]
     return replace(scene_from_gaussians(joined), antialiased=all(meta.antialiased for meta in metas))

@@ -22,11 +22,11 @@ from jaxtyping import Float32, Int64, UInt8
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
 from instdrive_core.formats.plausible_count import check_plausible_count
-from instdrive_core.formats.sog.meta import PALETTE_LIMIT, Palette, SogMeta, parsed_meta
-from instdrive_core.formats.sog.store import REMEDY, Store, opened_archive
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.formats.sog.meta import PALETTE_LIMIT, SogMeta, SogPalette, parse_sog_meta
+from instdrive_core.formats.sog.store import REMEDY, Store, open_sog_archive
+from instdrive_core.maths.rotations import normalize_quaternions
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.progress import report
 from instdrive_core.scene.gaussians import Gaussians
@@ -45,34 +45,34 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
     """Open a .sog archive. Raises DataError where anything about it is wrong, also where names lead out of it."""
-    with opened_archive(Path(path)) as store:
-        return read_meta(store, META, options)
+    with open_sog_archive(Path(path)) as store:
+        return read_sog_meta_scene(store, META, options)
 
 
-def read_meta(store: Store, name: str, options: ReadOptions = WHOLE) -> Scene:
+def read_sog_meta_scene(store: Store, name: str, options: ReadOptions = WHOLE) -> Scene:
     """The scene of one meta.json, whose images lie where it does. Raises DataError."""
-    meta = parsed_meta(store.json(name), store.path)
-    return replace(scene_from_gaussians(read_gaussians(store, meta, options)), antialiased=meta.antialiased)
+    meta = parse_sog_meta(store.read_json(name), store.path)
+    return replace(scene_from_gaussians(read_sog_gaussians(store, meta, options)), antialiased=meta.antialiased)
 
 
-def read_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) -> Gaussians:
+def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) -> Gaussians:
     """The Gaussians that a meta.json describes. Raises DataError."""
     check_plausible_count(store.path, meta.count, store.size)
-    entries = None if meta.palette is None else _palette_entries(meta.palette, store)
+    entries = None if meta.palette is None else _read_palette(meta.palette, store)
     rest = 0 if entries is None else entries.shape[1]
-    gaussians = unfilled(store.path, meta.count, rest, 0, options, passing=PASSING)
+    gaussians = allocate_gaussians(store.path, meta.count, rest, 0, options, passing=PASSING)
     if meta.palette is not None and entries is not None:
-        labels = _labels(meta, meta.palette, store, len(entries), options)
+        labels = _read_labels(meta, meta.palette, store, len(entries), options)
         np.take(entries, labels, axis=0, out=gaussians.sh_rest)
     report(0.2)
     _fill_means(meta, store, gaussians, options)
     report(0.5)
-    tags = _splat_pixels(store, meta.quats_file, meta.count, options)
-    for rows in _row_blocks(len(gaussians)):
-        gaussians.quats[rows] = _decoded_rotations(tags[rows], rows.start, store.path)
+    tags = _read_splat_pixels(store, meta.quats_file, meta.count, options)
+    for rows in _list_row_blocks(len(gaussians)):
+        gaussians.quats[rows] = _decode_rotations(tags[rows], rows.start, store.path)
     report(0.7)
-    scales = _splat_pixels(store, meta.scales_file, meta.count, options)
-    colors = _splat_pixels(store, meta.sh0_file, meta.count, options)
+    scales = _read_splat_pixels(store, meta.scales_file, meta.count, options)
+    colors = _read_splat_pixels(store, meta.sh0_file, meta.count, options)
     for channel in range(3):
         gaussians.log_scales[:, channel] = meta.log_scales[channel][scales[:, channel]]
         gaussians.sh_dc[:, channel] = meta.sh_dc[channel][colors[:, channel]]
@@ -80,21 +80,21 @@ def read_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) ->
     return gaussians
 
 
-def _splat_pixels(store: Store, name: object, count: int, options: ReadOptions) -> UInt8[ndarray, "m 4"]:
+def _read_splat_pixels(store: Store, name: object, count: int, options: ReadOptions) -> UInt8[ndarray, "m 4"]:
     """The kept ones of the first `count` pixels; images are rounded up to rows, or even to powers of two."""
-    pixels = store.pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
+    pixels = store.read_pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
     return pixels[:: options.keep_every].copy() if options.keep_every > 1 else pixels
 
 
 def _fill_means(meta: SogMeta, store: Store, gaussians: Gaussians, options: ReadOptions) -> None:
-    low, high = (_splat_pixels(store, name, meta.count, options) for name in meta.means_files)
-    for rows in _row_blocks(len(gaussians)):
+    low, high = (_read_splat_pixels(store, name, meta.count, options) for name in meta.means_files)
+    for rows in _list_row_blocks(len(gaussians)):
         steps = low[rows, :3] + high[rows, :3] * 256.0
         logarithms = meta.lowest + (meta.highest - meta.lowest) * (steps / 65535)
         gaussians.means[rows] = np.sign(logarithms) * np.expm1(np.abs(logarithms))
 
 
-def _decoded_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) -> Float32[ndarray, "n 4"]:
+def _decode_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) -> Float32[ndarray, "n 4"]:
     wrong = np.flatnonzero(pixels[:, 3] < _FIRST_TAG)
     if len(wrong):
         problem = f"the rotation of splat {start + wrong[0]} has tag {pixels[wrong[0], 3]}, not {_FIRST_TAG} to 255"
@@ -105,12 +105,14 @@ def _decoded_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) ->
     np.put_along_axis(units, _OTHERS[largest[:, 0]], stored, axis=1)
     rest = np.sqrt(np.maximum(0.0, 1.0 - np.sum(stored**2, axis=1, keepdims=True)))
     np.put_along_axis(units, largest, rest, axis=1)
-    return normalized(units).astype(np.float32)
+    return normalize_quaternions(units).astype(np.float32)
 
 
-def _labels(meta: SogMeta, palette: Palette, store: Store, entries: int, options: ReadOptions) -> Int64[ndarray, " m"]:
+def _read_labels(
+    meta: SogMeta, palette: SogPalette, store: Store, entries: int, options: ReadOptions
+) -> Int64[ndarray, " m"]:
     """Which entry of the palette each splat has."""
-    pixels = _splat_pixels(store, palette.labels, meta.count, options)
+    pixels = _read_splat_pixels(store, palette.labels, meta.count, options)
     labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
     wrong = np.flatnonzero(labels >= entries)
     if len(wrong):
@@ -119,8 +121,8 @@ def _labels(meta: SogMeta, palette: Palette, store: Store, entries: int, options
     return labels
 
 
-def _palette_entries(palette: Palette, store: Store) -> Float32[ndarray, "p k 3"]:
-    image = store.pixels(palette.centroids, 1, PALETTE_LIMIT * REST_COUNTS[-1])
+def _read_palette(palette: SogPalette, store: Store) -> Float32[ndarray, "p k 3"]:
+    image = store.read_pixels(palette.centroids, 1, PALETTE_LIMIT * REST_COUNTS[-1])
     height, width = image.shape[:2]
     rest, count = palette.rest or width // PALETTE_COLUMNS, palette.count or height * PALETTE_COLUMNS
     if rest not in REST_COUNTS[1:] or width != PALETTE_COLUMNS * rest or height * PALETTE_COLUMNS < count:
@@ -129,5 +131,5 @@ def _palette_entries(palette: Palette, store: Store) -> Float32[ndarray, "p k 3"
     return palette.values[image[:, :, :3]].reshape(-1, rest, 3)[:count]
 
 
-def _row_blocks(count: int) -> list[slice]:
+def _list_row_blocks(count: int) -> list[slice]:
     return [slice(start, min(start + BLOCK_ROWS, count)) for start in range(0, count, BLOCK_ROWS)]

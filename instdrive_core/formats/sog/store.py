@@ -18,8 +18,8 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.errors import DataError, UntrustedDataError
-from instdrive_core.files.json_value import json_value
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.json_value import parse_json
+from instdrive_core.files.plain_file import require_plain_file
 
 REMEDY = "Copy the scene again with all its files, or export it again"
 _MAX_JSON_BYTES = 16 << 20
@@ -47,26 +47,26 @@ class Store(ABC):
 
         Raises DataError where it is absent or larger, UntrustedDataError where the name leads elsewhere.
         """
-        data = self._read(checked_name(name, self.path), limit)
+        data = self._read(check_member_name(name, self.path), limit)
         if len(data) > limit:
             raise DataError(self.path, f"{name!r} holds more than {limit} bytes, too many for its content", REMEDY)
         return data
 
-    def json(self, name: str) -> dict[str, Any]:
+    def read_json(self, name: str) -> dict[str, Any]:
         """A JSON object. Raises DataError where it is none."""
         try:
-            content = json_value(self.read(name, _MAX_JSON_BYTES))
+            content = parse_json(self.read(name, _MAX_JSON_BYTES))
         except (ValueError, RecursionError) as error:
             raise DataError(self.path, f"{name!r} is no JSON ({error})", REMEDY) from error
         if not isinstance(content, dict):
             raise DataError(self.path, f"{name!r} holds a {type(content).__name__}, not an object", REMEDY)
         return content
 
-    def pixels(self, name: Any, least: int, most: int) -> UInt8[ndarray, "h w 4"]:
+    def read_pixels(self, name: Any, least: int, most: int) -> UInt8[ndarray, "h w 4"]:
         """A lossless image as RGBA. Raises DataError where it has fewer than `least` or more than `most` pixels."""
         data = self.read(name, 5 * most + 4096)
         try:
-            _check_pixels(_webp_size(data), least, most)
+            _check_pixels(_read_webp_size(data), least, most)
             with Image.open(BytesIO(data), formats=("WEBP", "PNG")) as image:
                 _check_pixels(image.size, least, most)
                 return np.asarray(image.convert("RGBA"))
@@ -121,17 +121,17 @@ class ZipStore(Store):
 
 
 @contextmanager
-def opened_archive(path: Path) -> Iterator[ZipStore]:
+def open_sog_archive(path: Path) -> Iterator[ZipStore]:
     """The members of a .sog. Raises DataError where it is no zip archive."""
     try:
-        archive = zipfile.ZipFile(plain_file(path))
+        archive = zipfile.ZipFile(require_plain_file(path))
     except _BAD_MEMBER as error:
         raise DataError(path, f"the file is no whole zip archive ({error})", REMEDY) from error
     with archive:
         yield ZipStore(path, archive)
 
 
-def checked_name(name: Any, path: Path) -> str:
+def check_member_name(name: Any, path: Path) -> str:
     """A name relative to the scene's folder. Raises UntrustedDataError where it leads out of it."""
     if not isinstance(name, str) or not name:
         raise DataError(path, f"{name!r} stands where a file's name should", REMEDY)
@@ -147,7 +147,7 @@ def _check_pixels(size: tuple[int, int] | None, least: int, most: int) -> None:
         raise ValueError(f"it has {size[0]} × {size[1]} pixels, expected {least} to {most} in all")
 
 
-def _webp_size(data: bytes) -> tuple[int, int] | None:
+def _read_webp_size(data: bytes) -> tuple[int, int] | None:
     """Width and height that a WebP header promises, before the decoder takes memory by it; None for other files.
 
     Raises ValueError where the image is compressed with losses, which would change every value.

@@ -10,7 +10,7 @@ from jaxtyping import Float32
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.maths.spherical_harmonics import rest_basis
+from instdrive_core.maths.spherical_harmonics import evaluate_rest_basis
 from instdrive_core.scene.gaussians import Gaussians
 
 COORDINATE_SYSTEM = 0xADBE0003
@@ -35,17 +35,17 @@ class AxisFlips:
         gaussians.sh_rest *= self.sh_rest[: gaussians.sh_rest.shape[1]]
 
 
-def flips_from(system: int) -> AxisFlips:
+def find_flips(system: int) -> AxisFlips:
     """From a system 1 … 8 (bits of `system` - 1: x right, y up, z forward) to the .ply's right, down, forward."""
     bits = system - 1
     signs = np.array([1 if bits & 1 else -1, -1 if bits & 2 else 1, 1 if bits & 4 else -1], np.float32)
     x, y, z = signs
     direction = np.array([[0.3, 0.5, 0.8]], np.float32)
-    parity = np.sign(rest_basis(direction * signs, 15) * rest_basis(direction, 15)).astype(np.float32)
+    parity = np.sign(evaluate_rest_basis(direction * signs, 15) * evaluate_rest_basis(direction, 15)).astype(np.float32)
     return AxisFlips(signs, np.array([1, y * z, x * z, x * y], np.float32), parity.T)
 
 
-def axes_named_by(records: bytes, path: Path) -> int:
+def parse_axes(records: bytes, path: Path) -> int:
     """The system that the extension records name, RUB where none does. Raises DataError."""
     start, system = 0, RUB
     while start < len(records):

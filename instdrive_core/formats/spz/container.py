@@ -107,29 +107,29 @@ def write_container(file: BinaryIO, header: SpzHeader, parts: Callable[[str], It
 
 def _read_gzip(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks]:
     packed = gzip.GzipFile(fileobj=file)
-    magic, *fields, _ = _LEGACY_HEADER.unpack(_unpacked(packed, _LEGACY_HEADER.size, "header", path))
+    magic, *fields, _ = _LEGACY_HEADER.unpack(_unpack(packed, _LEGACY_HEADER.size, "header", path))
     if magic != MAGIC:
         raise DataError(path, f"the gzip content begins with {magic!r}, not {MAGIC!r}", "Check that it is a .spz file")
-    header = _checked(SpzHeader(*fields), path, size, VERSIONS[:3])
-    return header, _gzip_blocks(packed, header, path)
+    header = _check_header(SpzHeader(*fields), path, size, VERSIONS[:3])
+    return header, _read_gzip_blocks(packed, header, path)
 
 
-def _gzip_blocks(packed: gzip.GzipFile, header: SpzHeader, path: Path) -> Blocks:
+def _read_gzip_blocks(packed: gzip.GzipFile, header: SpzHeader, path: Path) -> Blocks:
     for name, width in header.widths.items():
         yield (
             name,
-            np.frombuffer(_unpacked(packed, header.count * width, name, path), np.uint8).reshape(header.count, width),
+            np.frombuffer(_unpack(packed, header.count * width, name, path), np.uint8).reshape(header.count, width),
         )
     limit = _MAX_EXTENSION_BYTES if header.flags & _HAS_EXTENSIONS else 0
     # One byte more than allowed: reaching the end also makes gzip compare its checksum.
-    rest = _unpacked(packed, limit + 1, EXTENSIONS, path, short=True)
+    rest = _unpack(packed, limit + 1, EXTENSIONS, path, short=True)
     if len(rest) > limit:
         problem = f"more than {limit} bytes follow the {header.count} splats that the header promises"
         raise DataError(path, problem, REMEDY)
     yield EXTENSIONS, np.frombuffer(rest, np.uint8)
 
 
-def _unpacked(packed: gzip.GzipFile, wanted: int, name: str, path: Path, short: bool = False) -> bytearray:
+def _unpack(packed: gzip.GzipFile, wanted: int, name: str, path: Path, short: bool = False) -> bytearray:
     """The next `wanted` bytes (or, where `short`, up to that many)."""
     data, start = bytearray(wanted), 0
     with memoryview(data) as view:
@@ -152,7 +152,7 @@ def _read_streams(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blo
     if size < _HEADER.size:
         raise DataError(path, f"the file ends after {size} of the header's {_HEADER.size} bytes", REMEDY)
     _, *fields, stream_count, toc_start = _HEADER.unpack(file.read(_HEADER.size))
-    header = _checked(SpzHeader(*fields), path, size, VERSIONS[3:])
+    header = _check_header(SpzHeader(*fields), path, size, VERSIONS[3:])
     sizes = {name: width * header.count for name, width in header.widths.items() if width * header.count}
     if stream_count != len(sizes):
         raise DataError(path, f"the header's numStreams is {stream_count}, {len(sizes)} attributes need one", REMEDY)
@@ -169,19 +169,19 @@ def _read_streams(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blo
     if toc_end + sum(packed for packed, _ in entries) != size:
         problem = f"the streams end at byte {toc_end + sum(packed for packed, _ in entries)}, the file at {size}"
         raise DataError(path, problem, REMEDY)
-    return header, _zstd_blocks(file, header, [packed for packed, _ in entries], records, path)
+    return header, _read_zstd_blocks(file, header, [packed for packed, _ in entries], records, path)
 
 
-def _zstd_blocks(file: BinaryIO, header: SpzHeader, lengths: Iterable[int], records: bytes, path: Path) -> Blocks:
+def _read_zstd_blocks(file: BinaryIO, header: SpzHeader, lengths: Iterable[int], records: bytes, path: Path) -> Blocks:
     remaining = iter(lengths)
     for name, width in header.widths.items():
         expected = width * header.count
-        data = _decompressed(file.read(next(remaining)), expected, name, path) if expected else b""
+        data = _decompress(file.read(next(remaining)), expected, name, path) if expected else b""
         yield name, np.frombuffer(data, np.uint8).reshape(header.count, width)
     yield EXTENSIONS, np.frombuffer(records, np.uint8)
 
 
-def _decompressed(packed: bytes, expected: int, name: str, path: Path) -> bytes:
+def _decompress(packed: bytes, expected: int, name: str, path: Path) -> bytes:
     try:
         # A frame's own size is believed by the decoder: compare it before it can allocate by it.
         promised = zstandard.get_frame_parameters(packed).content_size
@@ -195,7 +195,7 @@ def _decompressed(packed: bytes, expected: int, name: str, path: Path) -> bytes:
     return data
 
 
-def _checked(header: SpzHeader, path: Path, size: int, versions: tuple[int, ...]) -> SpzHeader:
+def _check_header(header: SpzHeader, path: Path, size: int, versions: tuple[int, ...]) -> SpzHeader:
     if header.version not in versions:
         known = " or ".join(map(str, versions))
         raise DataError(

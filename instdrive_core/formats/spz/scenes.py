@@ -26,13 +26,14 @@ from jaxtyping import UInt8
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file
-from instdrive_core.formats.allocation import WHOLE, ReadOptions, unfilled
+from instdrive_core.files.atomic import open_atomically
+from instdrive_core.formats.allocation import WHOLE, ReadOptions, allocate_gaussians
+from instdrive_core.formats.export_checks import check_numbers, check_static
 from instdrive_core.formats.plausible_count import check_plausible_count
+from instdrive_core.formats.scene_format import Fidelity, Format
 from instdrive_core.formats.spz import values
-from instdrive_core.formats.spz.axes import RUB, axes_named_by, flips_from
+from instdrive_core.formats.spz.axes import RUB, find_flips, parse_axes
 from instdrive_core.formats.spz.container import ANTIALIASED, EXTENSIONS, SpzHeader, read_container, write_container
-from instdrive_core.formats.writable import check_numbers, check_static
 from instdrive_core.maths.activations import logit, sigmoid
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
 from instdrive_core.progress import report
@@ -64,17 +65,19 @@ def read_spz(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
             logger.warning("%s: SH of degree %d is read as degree 3", path, header.sh_degree)
         # One attribute at a time is unpacked whole.
         widest = max(header.widths.values())
-        gaussians = unfilled(path, header.count, REST_COUNTS[min(header.sh_degree, 3)], 0, options, passing=widest)
+        gaussians = allocate_gaussians(
+            path, header.count, REST_COUNTS[min(header.sh_degree, 3)], 0, options, passing=widest
+        )
         system = RUB
         for number, (name, data) in enumerate(blocks):
             report(number / len(header.widths))
             if name == EXTENSIONS:
-                system = axes_named_by(data.tobytes(), path)
+                system = parse_axes(data.tobytes(), path)
                 continue
-            for rows in _row_blocks(header.count):
-                source, target = options.places(rows.start, rows.stop)
+            for rows in _list_row_blocks(header.count):
+                source, target = options.locate_rows(rows.start, rows.stop)
                 _decode(name, np.ascontiguousarray(data[rows][source]), gaussians, target, header)
-    flips_from(system).apply(gaussians)
+    find_flips(system).apply(gaussians)
     return replace(scene_from_gaussians(gaussians), antialiased=bool(header.flags & ANTIALIASED))
 
 
@@ -94,29 +97,33 @@ def write_spz(
     check_static(path, scene, ".spz")
     gaussians = scene.gaussians
     for attribute, (field, allow_infinite) in _CHECKED.items():
-        for rows in _row_blocks(len(scene)):
+        for rows in _list_row_blocks(len(scene)):
             part, numbers = getattr(gaussians, field)[rows], np.arange(rows.start, rows.stop)
             check_numbers(path, attribute, part, numbers, allow_infinite)
     flags = ANTIALIASED if scene.antialiased else 0
-    header = SpzHeader(version, len(scene), gaussians.sh_degree, _fractional_bits(path, gaussians, version), flags)
-    with atomic_file(path) as file:
+    header = SpzHeader(
+        version, len(scene), gaussians.sh_degree, _choose_fractional_bits(path, gaussians, version), flags
+    )
+    with open_atomically(path) as file:
         write_container(
             file,
             header,
-            lambda name: (_encoded(name, gaussians, rows, header, harmonics_bits) for rows in _row_blocks(len(scene))),
+            lambda name: (
+                _encode(name, gaussians, rows, header, harmonics_bits) for rows in _list_row_blocks(len(scene))
+            ),
         )
         file.seek(0, 2)
         # What this reader would not believe is not written either.
         check_plausible_count(path, len(scene), file.tell())
 
 
-def _row_blocks(count: int) -> Iterator[slice]:
+def _list_row_blocks(count: int) -> Iterator[slice]:
     return (slice(start, min(start + BLOCK_ROWS, count)) for start in range(0, count, BLOCK_ROWS))
 
 
-def _fractional_bits(path: str | Path, gaussians: Gaussians, version: int) -> int:
+def _choose_fractional_bits(path: str | Path, gaussians: Gaussians, version: int) -> int:
     extent = float(np.abs(gaussians.means).max(initial=0))
-    bits = values.fractional_bits_for(extent)
+    bits = values.choose_fractional_bits(extent)
     if bits is None or (version == 1 and extent > 65504):
         limit = 65504 if version == 1 else 2**23 - 1
         problem = f"a splat lies {extent:.6g} m from the scene's origin; version {version} reaches {limit} m"
@@ -142,12 +149,14 @@ def _decode(name: str, data: UInt8[ndarray, "n w"], gaussians: Gaussians, rows: 
             gaussians.quats[rows] = values.decode_smallest_three(data)
         case "harmonics":
             values.decode_harmonics(data, gaussians.sh_rest[rows])
+        case _:
+            raise ValueError(f"no stream of SPZ is called {name!r}")
 
 
-def _encoded(
+def _encode(
     name: str, gaussians: Gaussians, rows: slice, header: SpzHeader, bits: tuple[int, int]
 ) -> UInt8[ndarray, "m w"]:
-    flips = flips_from(RUB)
+    flips = find_flips(RUB)
     match name:
         case "positions" if header.version == 1:
             data = values.encode_halves(gaussians.means[rows] * flips.means)
@@ -166,3 +175,13 @@ def _encoded(
             rest = gaussians.sh_rest[rows]
             data = values.encode_harmonics(rest * flips.sh_rest[: rest.shape[1]], bits)
     return np.ascontiguousarray(data)
+
+
+def _compute_position_error(means: ndarray) -> float:
+    """Half a step of the fixed-point positions, metres."""
+    bits = values.choose_fractional_bits(float(np.abs(means).max(initial=0)))
+    return 0.5 ** ((bits or 0) + 1) * (1 + 1e-6)
+
+
+SPZ = Format("Niantic, versions 1 to 4", ".spz", read_spz, write_spz, Fidelity(_compute_position_error), up="-y")
+"""Files are right, up, back, and are opened as right, down, forward."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 from numpy import ndarray
 
-from instdrive_core.maths.rotations import normalized
+from instdrive_core.maths.rotations import normalize_quaternions
 
 MAX_FRACTIONAL_BITS = 12
 """A step of 0.24 mm, which leaves ±2048 m."""
@@ -23,7 +23,7 @@ _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Quaternion components (xyzw) that are stored, by the one that is not."""
 
 
-def fractional_bits_for(extent: float) -> int | None:
+def choose_fractional_bits(extent: float) -> int | None:
     """The most fractional bits that hold coordinates up to `extent` (metres) in 24 bits; None where none do."""
     fitting = (bits for bits in range(MAX_FRACTIONAL_BITS, -1, -1) if extent * 2**bits <= 2**23 - 1)
     return next(fitting, None)
@@ -56,13 +56,13 @@ def decode_first_three(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 4"]:
     """Unit quaternions wxyz of versions 1 and 2: x, y, z in 8 bits, w ≥ 0 follows."""
     vector = data / 127.5 - 1.0
     w = np.sqrt(np.maximum(0.0, 1.0 - np.sum(vector**2, axis=1, keepdims=True)))
-    return normalized(np.concatenate([w, vector], axis=1))
+    return normalize_quaternions(np.concatenate([w, vector], axis=1))
 
 
 def encode_first_three(quats: Float[ndarray, "n 4"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_first_three` for quaternions wxyz of any length above 0."""
-    units = normalized(quats.astype(np.float64))
-    return _bytes(127.5 * np.where(units[:, :1] < 0, -1, 1) * units[:, 1:] + 127.5)
+    units = normalize_quaternions(quats.astype(np.float64))
+    return _round_to_bytes(127.5 * np.where(units[:, :1] < 0, -1, 1) * units[:, 1:] + 127.5)
 
 
 def decode_smallest_three(data: UInt8[ndarray, "n 4"]) -> Float[ndarray, "n 4"]:
@@ -75,12 +75,12 @@ def decode_smallest_three(data: UInt8[ndarray, "n 4"]) -> Float[ndarray, "n 4"]:
     np.put_along_axis(units, _OTHERS[largest[:, 0]], stored, axis=1)
     rest = np.sqrt(np.maximum(0.0, 1.0 - np.sum(stored**2, axis=1, keepdims=True)))
     np.put_along_axis(units, largest, rest, axis=1)
-    return normalized(units[:, [3, 0, 1, 2]])
+    return normalize_quaternions(units[:, [3, 0, 1, 2]])
 
 
 def encode_smallest_three(quats: Float[ndarray, "n 4"]) -> UInt8[ndarray, "n 4"]:
     """Inverse of `decode_smallest_three` for quaternions wxyz of any length above 0."""
-    units = normalized(quats.astype(np.float64))[:, [1, 2, 3, 0]]
+    units = normalize_quaternions(quats.astype(np.float64))[:, [1, 2, 3, 0]]
     largest = np.argmax(np.abs(units), axis=1)[:, None]
     stored = np.take_along_axis(units, _OTHERS[largest[:, 0]], axis=1)
     negative = (stored < 0) ^ (np.take_along_axis(units, largest, axis=1) < 0)
@@ -97,7 +97,7 @@ def decode_log_scales(data: UInt8[ndarray, "n 3"]) -> Float32[ndarray, "n 3"]:
 
 def encode_log_scales(log_scales: Float[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_log_scales`, cut off at `LOG_SCALE_LIMITS`."""
-    return _bytes((log_scales + 10.0) * 16.0)
+    return _round_to_bytes((log_scales + 10.0) * 16.0)
 
 
 def decode_colors(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
@@ -107,12 +107,12 @@ def decode_colors(data: UInt8[ndarray, "n 3"]) -> Float[ndarray, "n 3"]:
 
 def encode_colors(sh_dc: Float[ndarray, "n 3"]) -> UInt8[ndarray, "n 3"]:
     """Inverse of `decode_colors`, cut off at ±`COLOR_LIMIT`."""
-    return _bytes(255.0 * (COLOR_SCALE * sh_dc + 0.5))
+    return _round_to_bytes(255.0 * (COLOR_SCALE * sh_dc + 0.5))
 
 
 def encode_opacities(opacities: Float[ndarray, " n"]) -> UInt8[ndarray, "n 1"]:
     """Opacity of 0 … 1 in steps of 1/255."""
-    return _bytes(255.0 * opacities)[:, None]
+    return _round_to_bytes(255.0 * opacities)[:, None]
 
 
 def encode_harmonics(sh_rest: Float[ndarray, "n k 3"], bits: tuple[int, int]) -> UInt8[ndarray, "n w"]:
@@ -120,7 +120,7 @@ def encode_harmonics(sh_rest: Float[ndarray, "n k 3"], bits: tuple[int, int]) ->
     steps = np.array([1 << 8 - bits[0]] * 3 + [1 << 8 - bits[1]] * max(sh_rest.shape[1] - 3, 0))
     buckets = steps[: sh_rest.shape[1], None]
     values = np.rint(128.0 * np.clip(sh_rest, -1, 1))
-    return _bytes(np.floor((values + 128 + buckets // 2) / buckets) * buckets).reshape(len(sh_rest), -1)
+    return _round_to_bytes(np.floor((values + 128 + buckets // 2) / buckets) * buckets).reshape(len(sh_rest), -1)
 
 
 def decode_harmonics(data: UInt8[ndarray, "n w"], sh_rest: Float32[ndarray, "n k 3"]) -> None:
@@ -130,5 +130,5 @@ def decode_harmonics(data: UInt8[ndarray, "n w"], sh_rest: Float32[ndarray, "n k
     sh_rest *= np.float32(1 / 128)
 
 
-def _bytes(values: ndarray) -> UInt8[ndarray, "..."]:
+def _round_to_bytes(values: ndarray) -> UInt8[ndarray, "..."]:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)

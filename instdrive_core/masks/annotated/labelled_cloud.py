@@ -69,7 +69,7 @@ class LabelledCloud:
     """All annotated points that may be used."""
 
     points: Float32[ndarray, "n 3"]
-    """What stands still, in the world."""
+    """Points of what stands still, in the world."""
     ids: UInt32[ndarray, " n"]
     models: dict[int, Float32[ndarray, "k 3"]]
     """Points of each tracked object, in its box frame, by ID."""
@@ -82,28 +82,28 @@ def build_cloud(clip: Clip, held_out: bool) -> LabelledCloud:
     stuff = sorted({ONE_SURFACE.get(name, name) for name in clip.class_names.values()} - MOVABLE - NO_SURFACE)
     stuff_ids = {name: number + 1 for number, name in enumerate(stuff)}
     tracks = {len(stuff) + 1 + number: track for number, track in enumerate(clip.tracks)}
-    id_of_class = ids_of_classes(clip.class_names, stuff_ids)
-    fits = np.array([classes_that_fit(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
+    id_of_class = assign_class_ids(clip.class_names, stuff_ids)
+    fits = np.array([find_fitting_classes(clip.class_names, track.label) for track in clip.tracks]).reshape(-1, 256)
     static: list[tuple[ndarray, ndarray]] = []
     models: dict[int, list[ndarray]] = {number: [] for number in tracks}
-    for sweep in clip.sweeps if held_out else clip.training_sweeps():
+    for sweep in clip.sweeps if held_out else clip.training_sweeps:
         points, ids, on_objects = _split_sweep(sweep, tracks, id_of_class, fits)
-        static.append(_thinned(points, ids, STATIC_VOXEL))
+        static.append(_thin_points(points, ids, STATIC_VOXEL))
         for number, local in on_objects.items():
             models[number].append(local)
     points = np.concatenate([np.zeros((0, 3), np.float32), *(part for part, _ in static)])
     ids = np.concatenate([np.zeros(0, np.uint32), *(part for _, part in static)])
-    points, ids = _thinned(points, ids, STATIC_VOXEL)
+    points, ids = _thin_points(points, ids, STATIC_VOXEL)
     return LabelledCloud(
         points,
         ids,
-        {number: _model(tracks[number], parts) for number, parts in models.items()},
+        {number: _build_model(tracks[number], parts) for number, parts in models.items()},
         tracks,
-        _instances(stuff_ids, tracks),
+        _list_instances(stuff_ids, tracks),
     )
 
 
-def _instances(stuff_ids: dict[str, int], tracks: dict[int, Track]) -> dict[int, GroundTruthInstance]:
+def _list_instances(stuff_ids: dict[str, int], tracks: dict[int, Track]) -> dict[int, GroundTruthInstance]:
     instances = {number: GroundTruthInstance(number, name, name, "stuff") for name, number in stuff_ids.items()}
     for number, track in tracks.items():
         name = f"{track.label} {track.id[:8]}"
@@ -115,8 +115,8 @@ NOTHING = np.iinfo(np.int64).max
 """Stands for points to be left out: they are no surface, or nothing is known about them."""
 
 
-def ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
-    """What a point of each semantic class is outside of all boxes: an ID, `UNKNOWN`, or `NOTHING`."""
+def assign_class_ids(class_names: dict[int, str], stuff_ids: dict[str, int]) -> Int64[ndarray, "256"]:
+    """Give each semantic class what its points are outside of all boxes: an ID, `UNKNOWN` or `NOTHING`."""
     ids = np.full(256, NOTHING, np.int64)
     for number, name in class_names.items():
         if name in MOVABLE:
@@ -126,8 +126,9 @@ def ids_of_classes(class_names: dict[int, str], stuff_ids: dict[str, int]) -> In
     return ids
 
 
-def classes_that_fit(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
-    """Semantic classes that points of an object with this label have; 0 is given to points that were left out."""
+def find_fitting_classes(class_names: dict[int, str], label: str) -> Bool[ndarray, "256"]:
+    """Find the semantic classes that points of an object with this label have; 0 is given to points that were left
+    out."""
     fits = np.zeros(256, bool)
     fits[0] = True
     for number, name in class_names.items():
@@ -143,7 +144,7 @@ def _split_sweep(
     classes = found.classes if found.classes is not None else np.zeros(len(found.points), np.uint8)
     numbers = np.array(sorted(number for number, track in tracks.items() if track.covers(sweep.time)), np.int64)
     boxes = [tracks[int(number)] for number in numbers]
-    poses = np.array([track.pose_at(sweep.time) for track in boxes]).reshape(-1, 4, 4)
+    poses = np.array([track.interpolate_pose(sweep.time) for track in boxes]).reshape(-1, 4, 4)
     halves = np.array([track.dimensions / 2 for track in boxes]).reshape(-1, 3)
     moving = np.array([track.moving for track in boxes], bool)
     fitting = fits[numbers - min(tracks, default=0)].reshape(-1, 256)
@@ -169,7 +170,7 @@ def assign_boxes(
     moving: Bool[ndarray, " t"],
     fits: Bool[ndarray, "t 256"],
 ) -> tuple[Int32[ndarray, " n"], Bool[ndarray, " n"]]:
-    """The box that each point belongs to and whether a moving box is near.
+    """Assign each point to a box, and say where a moving box is near.
 
     A point belongs to the box in whose middle it lies the deepest, among those it is inside of and that its class
     fits; -1 = none, -2 = inside of a moving box without belonging to it. The second LiDAR's points never belong to a
@@ -207,10 +208,10 @@ def assign_boxes(
     return box, near_moving
 
 
-def _thinned(
+def _thin_points(
     points: Float32[ndarray, "n 3"], ids: UInt32[ndarray, " n"], cell: float
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"]]:
-    """One point per cell, with the cell's most frequent ID."""
+    """Thin points to one per cell, with the cell's most frequent ID."""
     if not len(points):
         return points, ids
     cells = np.floor(points / cell).astype(np.int64)
@@ -224,17 +225,17 @@ def _thinned(
     return points[first[best]], ids[first[best]]
 
 
-def _model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
+def _build_model(track: Track, parts: list[Float32[ndarray, "k 3"]]) -> Float32[ndarray, "m 3"]:
     """An object's points, vehicles completed by their mirror image, around a core that any such object fills."""
-    points = _without_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
+    points = _drop_strays(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
     if track.label in VEHICLES:
         points = np.concatenate([points, points * np.array([-1, 1, 1], np.float32)])
-    points, _ = _thinned(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
-    return np.concatenate([points, _core(track)])
+    points, _ = _thin_points(points, np.zeros(len(points), np.uint32), MODEL_VOXEL)
+    return np.concatenate([points, _build_core(track)])
 
 
-def _without_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
-    """The points without small clusters apart from the rest, such as twigs above a roof."""
+def _drop_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
+    """Drop small clusters of points apart from the rest, such as twigs above a roof."""
     if not len(points):
         return points
     cells = np.floor(points / STRAY_CELL).astype(int)
@@ -247,7 +248,7 @@ def _without_strays(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
     return points[np.bincount(cluster)[cluster] >= STRAY_SHARE * len(points)]
 
 
-def _core(track: Track) -> Float32[ndarray, "m 3"]:
+def _build_core(track: Track) -> Float32[ndarray, "m 3"]:
     """Points inside the box where the object surely is: LiDAR misses dark paint and windows.
 
     Shares of the box: a vehicle's body and the part of its cabin that all kinds of vehicles have, else a trunk.

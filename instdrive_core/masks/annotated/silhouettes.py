@@ -10,7 +10,7 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.masks.annotated.labelled_cloud import LabelledCloud
-from instdrive_core.masks.image.splatting import NEAR, splat
+from instdrive_core.masks.image.point_drawing import NEAR, draw_points
 from instdrive_core.scene.camera import Camera, CameraView
 
 POINT_SIZE = 0.07
@@ -47,7 +47,9 @@ def draw_objects(
     for number, track in cloud.tracks.items():
         if not track.covers(view.time):
             continue
-        found = _silhouette(number, cloud.models[number], track.pose_at(view.time), track.dimensions, view.camera)
+        found = _draw_silhouette(
+            number, cloud.models[number], track.interpolate_pose(view.time), track.dimensions, view.camera
+        )
         if found is None:
             continue
         height, width = found.inside.shape
@@ -58,27 +60,29 @@ def draw_objects(
     np.minimum(depths, objects, out=depths)
 
 
-def _silhouette(
+def _draw_silhouette(
     number: int, model: Float32[ndarray, "k 3"], pose: ndarray, dimensions: Float64[ndarray, "3"], camera: Camera
 ) -> _Silhouette | None:
-    bounds = _bounds(pose, dimensions, camera)
+    bounds = _compute_bounds(pose, dimensions, camera)
     if bounds is None:
         return None
     left, top, right, bottom = bounds
     crop = replace(camera, cx=camera.cx - left, cy=camera.cy - top, width=right - left, height=bottom - top)
     points = (model @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32)
-    _, depths = splat(points, np.full(len(points), number, np.uint32), crop, POINT_SIZE)
+    _, depths = draw_points(points, np.full(len(points), number, np.uint32), crop, POINT_SIZE)
     drawn = np.isfinite(depths)
     if not drawn.any():
         return None
     radius = int(np.clip(round(CLOSING * max(drawn.shape)), 1, MAX_CLOSING))
-    inside = ndimage.binary_closing(np.pad(drawn, radius), _disc(radius))[radius:-radius, radius:-radius]
+    inside = ndimage.binary_closing(np.pad(drawn, radius), _build_disc(radius))[radius:-radius, radius:-radius]
     inside = np.asarray(ndimage.binary_fill_holes(inside | drawn))
-    rows, columns = _nearest(drawn)
+    rows, columns = _find_nearest(drawn)
     return _Silhouette(number, top, left, inside, depths[rows, columns])
 
 
-def _bounds(pose: ndarray, dimensions: Float64[ndarray, "3"], camera: Camera) -> tuple[int, int, int, int] | None:
+def _compute_bounds(
+    pose: ndarray, dimensions: Float64[ndarray, "3"], camera: Camera
+) -> tuple[int, int, int, int] | None:
     """Pixels (left, top, right, bottom) around the projected box; None where it is out of sight."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * (dimensions + 0.3)
     pixels, depths = camera.project(corners @ pose[:3, :3].T + pose[:3, 3])
@@ -91,13 +95,13 @@ def _bounds(pose: ndarray, dimensions: Float64[ndarray, "3"], camera: Camera) ->
     return (left, top, right, bottom) if right > left and bottom > top else None
 
 
-def _nearest(mask: Bool[ndarray, "h w"]) -> Int32[ndarray, "2 h w"]:
+def _find_nearest(mask: Bool[ndarray, "h w"]) -> Int32[ndarray, "2 h w"]:
     """Row and column of the nearest set pixel of each pixel."""
     found = np.empty((2, *mask.shape), np.int32)
     ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True, indices=found)
     return found
 
 
-def _disc(radius: int) -> Bool[ndarray, "d d"]:
+def _build_disc(radius: int) -> Bool[ndarray, "d d"]:
     offsets = np.arange(-radius, radius + 1)
     return offsets[:, None] ** 2 + offsets[None, :] ** 2 <= (radius + 0.5) ** 2

@@ -23,7 +23,7 @@ from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.annotated.labelled_cloud import NO_SURFACE, ONE_SURFACE
 from instdrive_core.masks.annotated.labels import WIDE_SURFACES
 from instdrive_core.masks.export.id_maps import IdMap
-from instdrive_core.masks.export.id_pictures import packed_ids, remove_listing, save_png
+from instdrive_core.masks.export.id_pictures import pack_ids, remove_listing, save_png
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -49,11 +49,11 @@ def write_coco_panoptic(
     for found in maps:
         number = len(images) + 1
         picture = f"{found.view.name}_{found.view.index:02d}.png"
-        save_png(folder / PICTURES / picture, packed_ids(found.ids))
-        images.append(_image(number, found))
+        save_png(folder / PICTURES / picture, pack_ids(found.ids))
+        images.append(_describe_image(number, found))
         segments = [
             {**segment, "category_id": category[class_of.get(segment["id"], UNNAMED)], "iscrowd": 0}
-            for segment in segments_of(found.ids)
+            for segment in measure_segments(found.ids)
         ]
         annotations.append({"image_id": number, "file_name": picture, "segments_info": segments})
         on_view(number)
@@ -62,14 +62,15 @@ def write_coco_panoptic(
         "licenses": [],
         "images": images,
         "annotations": annotations,
-        "categories": [_category(number, name) for name, number in category.items()],
+        "categories": [_describe_category(number, name) for name, number in category.items()],
     }
     write_bytes(folder / LISTING, (json.dumps(content, ensure_ascii=False) + "\n").encode())
     return len(images)
 
 
-def segments_of(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
-    """ID, area (pixels) and bounding box (x, y, width, height) of every instance of a map, in the order of IDs."""
+def measure_segments(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
+    """Measure ID, area (pixels) and bounding box (x, y, width, height) of every instance of a map, in the order of
+    IDs."""
     present, positions = np.unique(ids, return_inverse=True)
     positions = positions.reshape(ids.shape)
     areas = np.bincount(positions.ravel(), minlength=len(present))
@@ -86,12 +87,12 @@ def segments_of(ids: UInt32[ndarray, "h w"]) -> list[dict[str, Any]]:
     ]
 
 
-def _image(number: int, found: IdMap) -> dict[str, Any]:
+def _describe_image(number: int, found: IdMap) -> dict[str, Any]:
     view = found.view
     height, width = found.ids.shape
     return {
         "id": number,
-        "file_name": _photo_name(view),
+        "file_name": _name_photo(view),
         "width": width,
         "height": height,
         "camera": view.name,
@@ -101,13 +102,13 @@ def _image(number: int, found: IdMap) -> dict[str, Any]:
     }
 
 
-def _photo_name(view: CameraView) -> str:
+def _name_photo(view: CameraView) -> str:
     """Below the folder of all photos: with the camera's own folder, where it has one."""
     photo = Path(view.photo) if view.photo else Path(view.name) / f"{view.index:02d}.png"
     return f"{view.name}/{photo.name}" if photo.parent.name == view.name else photo.name
 
 
-def _category(number: int, name: str) -> dict[str, Any]:
+def _describe_category(number: int, name: str) -> dict[str, Any]:
     is_thing = name not in STUFF
     return {
         "id": number,

@@ -1,4 +1,4 @@
-"""Which instance each pixel of a photo's camera shows, drawn from a scene: the maps that exports write."""
+"""Maps of the instance that each pixel of a photo's camera shows, drawn from a scene, for exports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import UInt32
 from numpy import ndarray
 
 from instdrive_core.errors import OptionError
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 from instdrive_core.scene.camera import CameraView
 from instdrive_core.scene.scene import Scene
 
@@ -22,13 +22,13 @@ class IdMap:
     """One view's instances."""
 
     view: CameraView
-    """As the scene keeps it; its camera has the scale of training."""
+    """View as the scene keeps it; its camera has the scale of training."""
     ids: UInt32[ndarray, "h w"]
     """0 = none."""
 
 
-def chosen_views(scene: Scene, camera: str | None = None, every: int = 1) -> tuple[CameraView, ...]:
-    """The scene's views of one camera or of all, of every so many time steps, the first included.
+def choose_views(scene: Scene, camera: str | None = None, every: int = 1) -> tuple[CameraView, ...]:
+    """Choose the scene's views of one camera or of all, of every so many time steps, the first included.
 
     Raises OptionError where that leaves nothing, or names cannot be used as files.
     """
@@ -46,8 +46,8 @@ def chosen_views(scene: Scene, camera: str | None = None, every: int = 1) -> tup
     return tuple(view for view in scene.views if camera in (None, view.name) and view.index in steps)
 
 
-def id_maps(scene: Scene, views: Sequence[CameraView], scale: float = 1.0) -> Iterator[IdMap]:
-    """The map of each view at its own time, at `scale` times its size.
+def render_id_maps(scene: Scene, views: Sequence[CameraView], scale: float = 1.0) -> Iterator[IdMap]:
+    """Render the map of each view at its own time, at `scale` times its size.
 
     Raises OptionError for a scale that makes pictures of no, or too many, pixels.
     """
@@ -57,4 +57,4 @@ def id_maps(scene: Scene, views: Sequence[CameraView], scale: float = 1.0) -> It
             f"the scale is {scale:g}; pictures of {largest} pixels can be scaled by up to {MAX_SIDE / largest:g}"
         )
     for view in views:
-        yield IdMap(view, instance_map(scene, view_scene(scene, view.camera.scaled(scale), view.time)))
+        yield IdMap(view, build_instance_map(scene, view_scene(scene, view.camera.scale(scale), view.time)))

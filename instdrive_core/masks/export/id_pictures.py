@@ -20,14 +20,14 @@ from numpy import ndarray
 from PIL import Image
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.atomic import atomic_file, write_bytes
+from instdrive_core.files.atomic import open_atomically, write_bytes
 from instdrive_core.instances.colormap import colors_from_ids
 from instdrive_core.masks.export.id_maps import IdMap
 from instdrive_core.scene.scene import Scene
 
 LISTING = "instances.json"
 GREY, PACKED = "16-bit grey: the value is the ID", "8-bit RGB: R + 256 G + 65536 B is the ID"
-"""How labels may be stored."""
+"""Forms in which labels may be stored."""
 
 
 def write_id_pictures(
@@ -44,7 +44,7 @@ def write_id_pictures(
         view = found.view
         key = f"{view.name}/{view.index:02d}"
         save_png(folder / "colors" / f"{key}.png", colors_from_ids(found.ids))
-        save_png(folder / "labels" / f"{key}.png", packed_ids(found.ids) if packed else found.ids.astype(np.uint16))
+        save_png(folder / "labels" / f"{key}.png", pack_ids(found.ids) if packed else found.ids.astype(np.uint16))
         frames.append({"key": key, "time": view.time, "held_out": view.held_out, "photo": Path(view.photo).name})
         on_view(len(frames))
     listing = {
@@ -67,7 +67,8 @@ def write_id_pictures(
 
 
 def remove_listing(path: Path) -> None:
-    """A folder without its listing is unfinished, as long as pictures are written. Raises DataError where it stays."""
+    """Remove a folder's listing: without it, the folder is unfinished while pictures are written. Raises DataError
+    where it stays."""
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
@@ -75,12 +76,12 @@ def remove_listing(path: Path) -> None:
         raise DataError(path, problem, "Choose a folder that can be written") from error
 
 
-def packed_ids(ids: UInt32[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
-    """IDs below 2^24 as R + 256 G + 65536 B, COCO's panoptic convention."""
+def pack_ids(ids: UInt32[ndarray, "h w"]) -> UInt8[ndarray, "h w 3"]:
+    """Pack IDs below 2^24 as R + 256 G + 65536 B, COCO's panoptic convention."""
     return np.stack([ids >> shift & 0xFF for shift in (0, 8, 16)], axis=-1).astype(np.uint8)
 
 
 def save_png(path: Path, pixels: ndarray) -> None:
     """Write a PNG atomically; folders are made. Raises DataError where it cannot be written."""
-    with atomic_file(path) as file:
+    with open_atomically(path) as file:
         Image.fromarray(pixels).save(file, format="PNG")

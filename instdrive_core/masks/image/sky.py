@@ -1,4 +1,4 @@
-"""Where a photo shows the sky: LiDAR looked there and nothing came back, or it looks like the sky next to it."""
+"""Sky of a photo: where LiDAR looked and nothing came back, or what looks like the sky next to it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIN_LIKELIHOOD = 0.97
 
 
 class SkyColors:
-    """How often each colour is the sky's and a surface's: smoothed histograms over pixels of which that is known."""
+    """Smoothed histograms of the colours of known sky and of known surfaces."""
 
     def __init__(self) -> None:
         self._sky = np.zeros((COLOR_BINS,) * 3)
@@ -33,51 +33,53 @@ class SkyColors:
 
     def add(self, image: UInt8[ndarray, "h w 3"], sky: Bool[ndarray, "h w"], surface: Bool[ndarray, "h w"]) -> None:
         """Learn from a photo."""
-        bins = _color_bins(image)
+        bins = _compute_color_bins(image)
         self._sky += np.bincount(bins[sky], minlength=COLOR_BINS**3).reshape(self._sky.shape)
         self._surface += np.bincount(bins[surface], minlength=COLOR_BINS**3).reshape(self._sky.shape)
 
     def likelihood(self, image: UInt8[ndarray, "h w 3"]) -> Float64[ndarray, "h w"]:
-        """How likely each pixel's colour is the sky's, were both as frequent; 0 for colours never met."""
+        """Likelihood that each pixel's colour is the sky's, were both as frequent; 0 for colours never met."""
         sky, surface = (
             np.asarray(ndimage.gaussian_filter(counts, 0.7)) / max(1, counts.sum())
             for counts in (self._sky, self._surface)
         )
-        return (sky / np.maximum(sky + surface, 1e-12)).ravel()[_color_bins(image)]
+        return (sky / np.maximum(sky + surface, 1e-12)).ravel()[_compute_color_bins(image)]
 
 
-def surely_sky(supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera) -> Bool[ndarray, "h w"]:
-    """Pixels through which LiDAR beams went without meeting a surface, up to the upper edge of the photo.
+def find_certain_sky(
+    supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera
+) -> Bool[ndarray, "h w"]:
+    """Find pixels through which LiDAR beams went without meeting a surface, up to the upper edge of the photo.
 
     Args:
         supported: where a surface was met.
         image: the photo.
         camera: its view, in a world whose z axis points up.
     """
-    empty = _empty(supported, camera) & (_contrast(image) < MAX_CONTRAST)
-    return _connected(empty, _top_row(empty))
+    empty = _find_empty_pixels(supported, camera) & (_compute_contrast(image) < MAX_CONTRAST)
+    return _keep_connected(empty, _keep_top_row(empty))
 
 
-def sky_seeds(
+def find_sky_seeds(
     supported: Bool[ndarray, "h w"], image: UInt8[ndarray, "h w 3"], camera: Camera, elsewhere: SkyColors
 ) -> Bool[ndarray, "h w"]:
-    """Pixels that are sky: surely, or by their colour and next to such.
+    """Find pixels that are sky: certainly, or by their colour and next to such.
 
     Between tall buildings, LiDAR reaches no sky: there, unsupported pixels at the photo's upper edge are taken for
-    sky if they look like the sky `elsewhere` in the clip. Other arguments as of `surely_sky`.
+    sky if they look like the sky `elsewhere` in the clip. Other arguments as of `find_certain_sky`.
     """
-    seeds = surely_sky(supported, image, camera)
+    seeds = find_certain_sky(supported, image, camera)
     colors = SkyColors()
     colors.add(image, seeds, supported)
-    is_open = ~supported & (_elevation(camera) > LOWEST_SKY)
+    is_open = ~supported & (_compute_elevation(camera) > LOWEST_SKY)
     if seeds.mean() < MIN_SHARE:
         looks_alike = is_open & (elsewhere.likelihood(image) > MIN_LIKELIHOOD)
-        return seeds | _connected(looks_alike, _top_row(looks_alike))
-    return _connected(seeds | (is_open & (colors.likelihood(image) > MIN_LIKELIHOOD)), seeds)
+        return seeds | _keep_connected(looks_alike, _keep_top_row(looks_alike))
+    return _keep_connected(seeds | (is_open & (colors.likelihood(image) > MIN_LIKELIHOOD)), seeds)
 
 
-def _elevation(camera: Camera) -> Float64[ndarray, "h w"]:
-    """Degrees above the horizon."""
+def _compute_elevation(camera: Camera) -> Float64[ndarray, "h w"]:
+    """Compute degrees above the horizon."""
     x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
     y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy)[:, None]
     up = camera.world_from_camera[2, :3]
@@ -85,14 +87,14 @@ def _elevation(camera: Camera) -> Float64[ndarray, "h w"]:
     return np.degrees(np.arcsin(np.clip(sine, -1, 1)))
 
 
-def _empty(supported: Bool[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h w"]:
-    """Pixels through which beams went without meeting a surface.
+def _find_empty_pixels(supported: Bool[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h w"]:
+    """Find pixels through which beams went without meeting a surface.
 
     Beams get sparser towards the upper end of the field of view; a pixel is empty if no surface lies within the
     distance of the next beams. Above the field of view, a column is taken to go on as it is at its upper end,
     or next to it: wires and poles are thin.
     """
-    elevation = _elevation(camera)
+    elevation = _compute_elevation(camera)
     reach = max(1, round(COLUMN_REACH * camera.width))
     wide = ndimage.maximum_filter1d(supported, 2 * reach + 1, axis=1)
     rows = np.arange(camera.height)[:, None]
@@ -106,23 +108,23 @@ def _empty(supported: Bool[ndarray, "h w"], camera: Camera) -> Bool[ndarray, "h 
     return free & (elevation > LOWEST_SKY) & ((elevation < HIGHEST_BEAM) | open_above)
 
 
-def _contrast(image: UInt8[ndarray, "h w 3"]) -> ndarray:
-    """Largest difference within 3×3 pixels in any channel."""
+def _compute_contrast(image: UInt8[ndarray, "h w 3"]) -> ndarray:
+    """Compute the largest difference within 3×3 pixels in any channel."""
     values = image.astype(np.float32)
     return (ndimage.maximum_filter(values, (3, 3, 1)) - ndimage.minimum_filter(values, (3, 3, 1))).max(axis=2)
 
 
-def _color_bins(image: UInt8[ndarray, "h w 3"]) -> Int32[ndarray, "h w"]:
+def _compute_color_bins(image: UInt8[ndarray, "h w 3"]) -> Int32[ndarray, "h w"]:
     bins = (image.astype(np.int32) * COLOR_BINS) // 256
     return (bins[..., 0] * COLOR_BINS + bins[..., 1]) * COLOR_BINS + bins[..., 2]
 
 
-def _top_row(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
+def _keep_top_row(mask: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
     top = np.zeros_like(mask)
     top[0] = mask[0]
     return top
 
 
-def _connected(mask: Bool[ndarray, "h w"], start: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-    """The parts of `mask` that hang together with `start`."""
+def _keep_connected(mask: Bool[ndarray, "h w"], start: Bool[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
+    """Keep the parts of `mask` that are connected with `start`."""
     return np.asarray(ndimage.binary_propagation(start & mask, mask=mask))

@@ -1,4 +1,4 @@
-"""Which of a photo's masks are the sky: those LiDAR looks through, or else those that look and lie like it."""
+"""Sky among a photo's masks: those that LiDAR looks through, or else those that look and lie like it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.masks.image.sky import LOWEST_SKY, MAX_CONTRAST, SkyColors, sky_seeds, surely_sky
-from instdrive_core.masks.image.splatting import splat
+from instdrive_core.masks.image.point_drawing import draw_points
+from instdrive_core.masks.image.sky import LOWEST_SKY, MAX_CONTRAST, SkyColors, find_certain_sky, find_sky_seeds
 from instdrive_core.scene.camera import Camera
 
 POINT_SIZE = 0.2
@@ -30,7 +30,7 @@ class SkyFinder:
     """
 
     def __init__(self, clip: Clip) -> None:
-        self._points = _gathered_points(clip)
+        self._points = _gather_points(clip)
         self._colors = SkyColors()
         if len(self._points):
             self._learn_colors(clip)
@@ -38,13 +38,13 @@ class SkyFinder:
     def find(
         self, image: UInt8[ndarray, "h w 3"], camera: Camera, labels: UInt32[ndarray, "h w"]
     ) -> Bool[ndarray, "h w"]:
-        """The sky of a photo whose masks are `labels` (0 = none).
+        """Find the sky of a photo whose masks are `labels` (0 = none).
 
         Where the clip has LiDAR, masks give the sky its border, and sky that no mask claims is found as well.
         """
         if not len(self._points):
-            return sky_by_looks(image, camera, labels)
-        seeds = sky_seeds(self._supported(camera), image, camera, self._colors)
+            return find_sky_by_looks(image, camera, labels)
+        seeds = find_sky_seeds(self._find_supported(camera), image, camera, self._colors)
         sizes = np.bincount(labels.ravel())
         seen_through = np.bincount(labels[seeds], minlength=len(sizes))
         is_sky = seen_through > SEEN_THROUGH * sizes
@@ -53,28 +53,28 @@ class SkyFinder:
         undecided[0] = True
         return is_sky[labels] | (seeds & undecided[labels])
 
-    def _supported(self, camera: Camera) -> Bool[ndarray, "h w"]:
-        """Pixels in which LiDAR met a surface at any time."""
+    def _find_supported(self, camera: Camera) -> Bool[ndarray, "h w"]:
+        """Find pixels in which LiDAR met a surface at any time."""
         ids = np.ones(len(self._points), np.uint32)
-        return splat(self._points, ids, camera, POINT_SIZE)[0] > 0
+        return draw_points(self._points, ids, camera, POINT_SIZE)[0] > 0
 
     def _learn_colors(self, clip: Clip) -> None:
-        """What the sky looks like in a few steps of the clip."""
-        frames = clip.training_frames()
+        """Learn what the sky looks like in a few steps of the clip."""
+        frames = clip.training_frames
         steps = sorted({frame.view.index for frame in frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
         for frame in frames:
             if frame.view.index in chosen:
-                image, surface = frame.load_image(), self._supported(frame.view.camera)
-                self._colors.add(image, surely_sky(surface, image, frame.view.camera), surface)
+                image, surface = frame.load_image(), self._find_supported(frame.view.camera)
+                self._colors.add(image, find_certain_sky(surface, image, frame.view.camera), surface)
 
 
-def sky_by_looks(
+def find_sky_by_looks(
     image: UInt8[ndarray, "h w 3"], camera: Camera, labels: UInt32[ndarray, "h w"]
 ) -> Bool[ndarray, "h w"]:
-    """Masks that reach the photo's upper edge, lie above the horizon, are smooth and brighter than the photo is below
-    the horizon."""
-    above = camera.ray_directions()[..., 2] > np.sin(np.radians(LOWEST_SKY))
+    """Find masks that reach the photo's upper edge, lie above the horizon, are smooth and brighter than the photo is
+    below the horizon."""
+    above = camera.compute_ray_directions()[..., 2] > np.sin(np.radians(LOWEST_SKY))
     grey = image.mean(axis=2)
     smooth = ndimage.maximum_filter(grey, 3) - ndimage.minimum_filter(grey, 3) < MAX_CONTRAST
     ground = grey[~above].mean() if not above.all() else grey.mean()
@@ -89,14 +89,14 @@ def sky_by_looks(
     return sky
 
 
-def _gathered_points(clip: Clip) -> Float32[ndarray, "n 3"]:
-    """The points of all sweeps that may be used, thinned."""
-    parts = [_thinned(sweep.load().points) for sweep in clip.training_sweeps()]
-    return _thinned(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
+def _gather_points(clip: Clip) -> Float32[ndarray, "n 3"]:
+    """Gather the points of all sweeps that may be used, thinned."""
+    parts = [_thin_points(sweep.load().points) for sweep in clip.training_sweeps]
+    return _thin_points(np.concatenate([np.zeros((0, 3), np.float32), *parts]))
 
 
-def _thinned(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
-    """The first point of each cell."""
+def _thin_points(points: Float32[ndarray, "n 3"]) -> Float32[ndarray, "m 3"]:
+    """Keep the first point of each cell."""
     if not len(points):
         return points
     cells = np.floor(points / POINT_SIZE).astype(np.int64)

@@ -13,11 +13,11 @@ from instdrive_core.errors import DataError
 from instdrive_core.files.image_limit import BAD_IMAGE
 from instdrive_core.files.plain_file import BoundedReader
 from instdrive_core.masks.imported.checks import MAX_MASKS, REMEDY, check_count, check_size
-from instdrive_core.masks.label_map_folder import nearest, read_label_map
+from instdrive_core.masks.label_map_folder import read_label_map, resample_nearest
 
 
 def read_imported_label_map(file: Path, width: int, height: int) -> UInt32[ndarray, "h w"]:
-    """The labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
+    """Read labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     try:
         with BoundedReader(file) as stream, Image.open(stream) as image:  # reads the header only
             size = image.size
@@ -30,4 +30,4 @@ def read_imported_label_map(file: Path, width: int, height: int) -> UInt32[ndarr
         problem = f"holds the label {low if low < 0 else high}, expected 0 to {MAX_MASKS}"
         raise DataError(file, problem, "Number the masks of each photo from 1")
     check_count(file, "the label map", int(high > 0))
-    return nearest(labels, width, height).astype(np.uint32)
+    return resample_nearest(labels, width, height).astype(np.uint32)

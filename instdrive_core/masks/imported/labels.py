@@ -16,14 +16,14 @@ from instdrive_core.masks.imported.checks import check_size
 from instdrive_core.masks.imported.label_map import read_imported_label_map
 from instdrive_core.masks.imported.npz import read_imported_npz
 from instdrive_core.masks.imported.rle import read_imported_rle
-from instdrive_core.masks.label_map_folder import nearest, read_sky, sky_path
+from instdrive_core.masks.label_map_folder import locate_sky_mask, read_sky_mask, resample_nearest
 
 READERS: dict[str, Callable[[Path, int, int], UInt32[ndarray, "h w"]]] = {
     ".png": read_imported_label_map,
     ".npz": read_imported_npz,
     ".json": read_imported_rle,
 }
-"""What reads a file, by its name's ending."""
+"""Readers by the ending of a file's name."""
 MOSTLY = 0.5
 """Share of a mask from which on it counts as a mask of the sky, which is no instance."""
 
@@ -46,16 +46,16 @@ class ImportedLabels:
 
     def __init__(self, clip: Clip, folder: Path) -> None:
         self._clip, self._folder = clip, folder
-        self._files = _files_of(clip, folder)
+        self._files = _find_files(clip, folder)
         self._sky_finder: SkyFinder | None = None
         self._last: tuple[str, UInt32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        """Load a number per mask at the frame's size; 0 = none, sky or ego vehicle."""
         return self._read(frame)[0]
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """Load the sky at the frame's size."""
         return self._read(frame)[1]
 
     def _read(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
@@ -72,19 +72,19 @@ class ImportedLabels:
         return self._last[1], self._last[2]
 
     def _find_sky(self, frame: Frame, labels: UInt32[ndarray, "h w"]) -> Bool[ndarray, "h w"]:
-        file, camera = sky_path(self._folder, frame.key), frame.view.camera
+        file, camera = locate_sky_mask(self._folder, frame.key), frame.view.camera
         if file.is_file():
-            sky = read_sky(file)
+            sky = read_sky_mask(file)
             check_size(file, "the sky mask", (sky.shape[1], sky.shape[0]), (camera.width, camera.height))
-            return nearest(sky, camera.width, camera.height)
+            return resample_nearest(sky, camera.width, camera.height)
         self._sky_finder = self._sky_finder or SkyFinder(self._clip)
         sky = self._sky_finder.find(frame.load_image(), camera, labels)
         return sky if frame.valid is None else sky & frame.valid
 
 
-def _files_of(clip: Clip, folder: Path) -> dict[str, Path]:
+def _find_files(clip: Clip, folder: Path) -> dict[str, Path]:
     """The file of each training photo's masks, by frame key."""
-    found = {frame.key: _file_of(folder, frame) for frame in clip.training_frames()}
+    found = {frame.key: _find_file(folder, frame) for frame in clip.training_frames}
     missing = [key for key, file in found.items() if file is None]
     if missing:
         problem = f"{len(missing)} of {len(found)} training photos have no masks, the first is {missing[0]}"
@@ -93,7 +93,7 @@ def _files_of(clip: Clip, folder: Path) -> dict[str, Path]:
     return {key: file for key, file in found.items() if file is not None}
 
 
-def _file_of(folder: Path, frame: Frame) -> Path | None:
+def _find_file(folder: Path, frame: Frame) -> Path | None:
     """The file with a frame's masks."""
     found = [file for ending in READERS if (file := folder / f"{frame.key}{ending}").is_file()]
     if len(found) > 1:

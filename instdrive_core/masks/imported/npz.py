@@ -15,30 +15,30 @@ from jaxtyping import Bool, UInt32
 from numpy import ndarray
 
 from instdrive_core.errors import DataError
-from instdrive_core.files.numpy_file import BAD_ARRAY, array_header
-from instdrive_core.files.plain_file import plain_file
+from instdrive_core.files.numpy_file import BAD_ARRAY, read_array_header
+from instdrive_core.files.plain_file import require_plain_file
 from instdrive_core.masks.image.painting import Painting
 from instdrive_core.masks.imported.checks import REMEDY, check_count, check_size
-from instdrive_core.masks.label_map_folder import nearest
+from instdrive_core.masks.label_map_folder import resample_nearest
 
 ARRAYS = ("masks", "segmentations")
 """Names of the array, the first that is there."""
 MAX_BYTES = 1 << 34
-"""Of an unpacked array."""
+"""Most bytes of an unpacked array."""
 _REMEDY = "Save it with numpy.savez_compressed(FILE, masks=...), booleans of shape (masks, height, width)"
 
 
 def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h w"]:
-    """The masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
+    """Read masks as labels at a photo's size. Raises DataError for a file that is none, or not of this photo."""
     painting = Painting(height, width)
     try:
-        with zipfile.ZipFile(plain_file(file)) as archive:
-            name = _array_in(file, archive)
+        with zipfile.ZipFile(require_plain_file(file)) as archive:
+            name = _find_array(file, archive)
             with archive.open(f"{name}.npy") as stream:
-                for number, mask in enumerate(_masks(file, name, stream, (width, height))):
+                for number, mask in enumerate(_read_masks(file, name, stream, (width, height))):
                     if not mask.any():
                         raise DataError(file, f"the mask {number} of '{name}' is empty", "Leave empty masks out")
-                    painting.add(nearest(mask, width, height))
+                    painting.add(resample_nearest(mask, width, height))
     except FileNotFoundError as error:
         raise DataError(file, "is missing", REMEDY) from error
     except BAD_ARRAY as error:
@@ -46,7 +46,7 @@ def read_imported_npz(file: Path, width: int, height: int) -> UInt32[ndarray, "h
     return painting.labels
 
 
-def _array_in(file: Path, archive: zipfile.ZipFile) -> str:
+def _find_array(file: Path, archive: zipfile.ZipFile) -> str:
     members = set(archive.namelist())
     for name in ARRAYS:
         if f"{name}.npy" in members:
@@ -55,9 +55,11 @@ def _array_in(file: Path, archive: zipfile.ZipFile) -> str:
     raise DataError(file, f"has no array '{ARRAYS[0]}' or '{ARRAYS[1]}', but {held}", _REMEDY)
 
 
-def _masks(file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]) -> Iterator[Bool[ndarray, "h w"]]:
+def _read_masks(
+    file: Path, name: str, stream: IO[bytes], photo_size: tuple[int, int]
+) -> Iterator[Bool[ndarray, "h w"]]:
     """One mask after the other."""
-    shape, fortran_order, dtype = array_header(stream)
+    shape, fortran_order, dtype = read_array_header(stream)
     what = f"the field '{name}'"
     if dtype.hasobject:
         raise DataError(file, f"{what} holds Python objects, which are never loaded", _REMEDY)

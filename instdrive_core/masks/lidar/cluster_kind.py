@@ -1,4 +1,4 @@
-"""What a cluster of LiDAR points is: a thing, or part of a facade or of the vegetation, by its size and shape."""
+"""Kinds of clusters of LiDAR points by size and shape: things, parts of facades, vegetation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy import ndimage
 from instdrive_core.masks.lidar.point_shape import PointShape
 
 NONE, GROUND, FACADE, VEGETATION, THING = range(5)
-"""What a cluster can be, the wide ones before things."""
+"""Kinds of clusters, the wide ones before things."""
 
 MIN_POINTS = 8
 """Smaller clusters are nothing."""
@@ -34,13 +34,13 @@ SMALLEST_PLANT = 0.8
 """Metres along the ground."""
 
 
-def kinds_of_clusters(
+def classify_clusters(
     points: Float32[ndarray, "n 3"],
     clusters: Int32[ndarray, " n"],
     shape: PointShape,
     above: Float32[ndarray, " n"],
 ) -> UInt32[ndarray, " c"]:
-    """`NONE`, `FACADE`, `VEGETATION` or `THING` of each cluster.
+    """Classify each cluster as `NONE`, `GROUND`, `FACADE`, `VEGETATION` or `THING`.
 
     Args:
         points: metres.
@@ -52,7 +52,7 @@ def kinds_of_clusters(
         return np.zeros(0, np.uint32)
     numbers = np.arange(int(clusters.max()) + 1)
     counts = np.bincount(clusters, minlength=len(numbers))
-    length = _length(points, clusters, counts)
+    length = _measure_length(points, clusters, counts)
     top = np.asarray(ndimage.maximum(above, clusters, numbers))
     base = np.asarray(ndimage.minimum(above, clusters, numbers))
     scatter = np.bincount(clusters, shape.scatter, len(numbers)) / counts
@@ -68,7 +68,7 @@ def kinds_of_clusters(
     return kinds
 
 
-def _length(
+def _measure_length(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int32[ndarray, " c"]
 ) -> Float32[ndarray, " c"]:
     """Longest extent along the ground, over a few directions."""

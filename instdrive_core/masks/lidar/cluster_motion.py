@@ -1,4 +1,4 @@
-"""How things move: the same cluster found again in the sweeps before and after."""
+"""Motion of things: one cluster found again in the sweeps before and after."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import KDTree
 
-from instdrive_core.masks.lidar.clusters import thinned
+from instdrive_core.masks.lidar.clusters import thin_rows
 
 MAX_SPEED = 30.0
 """Metres per second."""
@@ -47,7 +47,7 @@ class MovingCluster:
 
 @dataclass(frozen=True)
 class Link:
-    """The same thing in two sweeps that follow each other."""
+    """One thing in two sweeps that follow each other."""
 
     first: int
     second: int
@@ -56,40 +56,44 @@ class Link:
     """Metres from the first to the second."""
 
 
-def links_between(
+def link_clusters(
     earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]], gap: float
 ) -> list[Link]:
-    """Which clusters of two sweeps are the same thing, at most one of each; `gap` is in seconds."""
+    """Link clusters of two sweeps that are the same thing, at most one of each; `gap` is in seconds."""
     if not earlier or not later or gap > MAX_GAP:
         return []
-    shift, growth = _differences(earlier, later)
+    shift, growth = _compare_boxes(earlier, later)
     distance = np.linalg.norm(shift[..., :2], axis=2)
     cost = distance + SIZE_WEIGHT * np.abs(growth).sum(axis=2) + 2 * np.abs(shift[..., 2])
     cost[distance > MAX_SPEED * gap] = np.inf
     pairs = zip(*linear_sum_assignment(np.minimum(cost, 2 * MAX_COST)), strict=True)
-    return [Link(int(a), int(b), aligned(earlier[a], later[b], shift[a, b])) for a, b in pairs if cost[a, b] < MAX_COST]
+    return [
+        Link(int(a), int(b), align_clusters(earlier[a], later[b], shift[a, b]))
+        for a, b in pairs
+        if cost[a, b] < MAX_COST
+    ]
 
 
-def found_again(
+def find_again(
     moving: Float32[ndarray, "k 3"],
     velocity: Float64[ndarray, "3"],
     others: list[Float32[ndarray, "k 3"]],
     gap: float,
 ) -> int | None:
-    """Which of another sweep's clusters a moving one is after `gap` seconds (negative: before); None = none."""
+    """Find the cluster of another sweep that a moving one is after `gap` seconds (negative: before); None = none."""
     if not others or abs(gap) > MAX_GAP or np.linalg.norm(velocity) < MIN_SPEED:
         return None
-    shift, growth = _differences([moving], others)
+    shift, growth = _compare_boxes([moving], others)
     off = np.linalg.norm(shift[0, :, :2] - velocity[:2] * gap, axis=1)
     best = int(np.argmin(off + np.abs(growth[0]).sum(axis=1)))
     fits = off[best] < MAX_DEVIATION and np.abs(growth[0, best]).sum() < MAX_GROWTH
     return best if fits else None
 
 
-def aligned(
+def align_clusters(
     first: Float32[ndarray, "a 3"], second: Float32[ndarray, "b 3"], shift: Float64[ndarray, "3"]
 ) -> Float64[ndarray, "3"]:
-    """A displacement along the ground that brings one cluster onto the other, refined from a first guess."""
+    """Refine a first guess of the displacement along the ground that brings one cluster onto the other."""
     tree = KDTree(second)
     sample = first[:: max(1, len(first) // ALIGNED_POINTS)].astype(float)
     shift = np.array([shift[0], shift[1], 0.0])
@@ -103,13 +107,13 @@ def aligned(
     return shift
 
 
-def completed(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[MovingCluster]]:
-    """The clusters with their mean velocity from the sweep before and to the one after (0 where neither shows them),
-    and with the points that the sweeps around saw of them."""
+def complete_clusters(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[MovingCluster]]:
+    """Complete clusters with their mean velocity from the sweep before and to the one after (0 where neither shows
+    them), and with the points that the sweeps around saw of them."""
     times = sorted(by_time)
     forward: list[dict[int, Link]] = []
     for earlier, later in pairwise(times):
-        links = links_between(_points(by_time[earlier]), _points(by_time[later]), later - earlier)
+        links = link_clusters(_list_points(by_time[earlier]), _list_points(by_time[later]), later - earlier)
         forward.append({link.first: link for link in links})
     backward = [{link.second: link for link in links.values()} for links in forward]
     result: dict[float, list[MovingCluster]] = {}
@@ -122,12 +126,14 @@ def completed(by_time: dict[float, list[MovingCluster]]) -> dict[float, list[Mov
             if step > 0 and position in backward[step - 1]:
                 speeds.append(backward[step - 1][position].shift / (time - times[step - 1]))
             velocity = np.mean(speeds, axis=0) if speeds else np.zeros(3)
-            points = np.concatenate([one.points, *_seen_around(by_time, times, forward, backward, step, position)])
-            result[time].append(replace(one, points=points[thinned(points, SPACING)], velocity=velocity))
+            points = np.concatenate(
+                [one.points, *_gather_neighbouring_points(by_time, times, forward, backward, step, position)]
+            )
+            result[time].append(replace(one, points=points[thin_rows(points, SPACING)], velocity=velocity))
     return result
 
 
-def _seen_around(
+def _gather_neighbouring_points(
     by_time: dict[float, list[MovingCluster]],
     times: list[float],
     forward: list[dict[int, Link]],
@@ -135,7 +141,7 @@ def _seen_around(
     step: int,
     position: int,
 ) -> list[Float32[ndarray, "k 3"]]:
-    """Points of the same thing in the next sweeps in both directions, brought to where it is in this one."""
+    """Gather points of the same thing in the next sweeps in both directions, brought to where it is in this one."""
     parts = []
     for direction in (1, -1):
         at, here, shift = step, position, np.zeros(3)
@@ -152,14 +158,14 @@ def _seen_around(
     return parts
 
 
-def _points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "k 3"]]:
+def _list_points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "k 3"]]:
     return [one.points for one in clusters]
 
 
-def _differences(
+def _compare_boxes(
     earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]]
 ) -> tuple[Float64[ndarray, "a b 3"], Float64[ndarray, "a b 3"]]:
-    """How the middle and the size of the boxes around each pair of clusters differ."""
+    """Compute how middle and size of the boxes around each pair of clusters differ."""
     lows, highs = (np.array([how(part, axis=0) for part in earlier], float) for how in (np.min, np.max))
     others_low, others_high = (np.array([how(part, axis=0) for part in later], float) for how in (np.min, np.max))
     shift = (others_low + others_high)[None] / 2 - (lows + highs)[:, None] / 2

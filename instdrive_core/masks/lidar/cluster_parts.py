@@ -14,7 +14,7 @@ VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_TOP = 5.6, 2.3, 2.6
 GAP = 0.6
 """Metres along the ground between parts of one vehicle."""
 STANDING_HEIGHT, STANDING_LENGTH = 1.2, 1.0
-"""What reaches at least so high on no more than so long a ground, is a person or a post by itself."""
+"""Metres: a part at least so high and at most so long is a person or a post by itself."""
 INSIDE = 0.7
 """Share of a cluster's points above the footprint of another from which on they are one object."""
 SURROUNDED = 0.3
@@ -23,10 +23,10 @@ SPLINTER = 1.2
 """Metres: longer clusters are not joined to others for being surrounded."""
 
 
-def joined_vehicles(
+def join_vehicle_parts(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], above: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
-    """The clusters renumbered from 0, with parts joined that together fit one vehicle.
+    """Join parts that together fit one vehicle; clusters are renumbered from 0.
 
     Args:
         points: metres.
@@ -38,39 +38,39 @@ def joined_vehicles(
     order = np.argsort(compact, kind="stable")
     parts = np.split(rows[order], np.flatnonzero(np.diff(compact[order])) + 1) if len(rows) else []
     low = [number for number, part in enumerate(parts) if len(part) >= 3 and above[part].max() < VEHICLE_TOP]
-    hulls = {number: _hull(points[parts[number], :2].astype(float)) for number in low}
-    low = [number for number in low if _size(hulls[number])[0] < VEHICLE_LENGTH]
+    hulls = {number: _compute_hull(points[parts[number], :2].astype(float)) for number in low}
+    low = [number for number in low if _measure_hull(hulls[number])[0] < VEHICLE_LENGTH]
     low.sort(key=lambda number: (-len(parts[number]), number))
     owner = np.arange(len(numbers))
     middles = {number: hulls[number].mean(axis=0) for number in low}
     taken: set[int] = set()
     for first in low:
-        if first in taken or _stands(parts[first], hulls[first], above):
+        if first in taken or _is_standing(parts[first], hulls[first], above):
             continue
         for second in low:
             if second == first or second in taken or owner[second] != second or len(parts[second]) > len(parts[first]):
                 continue
             if np.abs(middles[first] - middles[second]).max() > VEHICLE_LENGTH:
                 continue
-            if _one_vehicle(points, parts[first], parts[second], hulls[first], hulls[second], above):
+            if _is_one_vehicle(points, parts[first], parts[second], hulls[first], hulls[second], above):
                 owner[second] = first
                 taken.add(second)
-                hulls[first] = _hull(np.concatenate([hulls[first], hulls[second]]))
+                hulls[first] = _compute_hull(np.concatenate([hulls[first], hulls[second]]))
                 middles[first] = hulls[first].mean(axis=0)
     joined = np.full(len(clusters), -1, np.int32)
     joined[rows] = np.unique(owner[compact], return_inverse=True)[1]
     return joined
 
 
-def joined_splinters(
+def join_splinters(
     points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], reach: Float32[ndarray, " n"]
 ) -> Int32[ndarray, " n"]:
-    """The clusters renumbered from 0, with small ones joined to the larger neighbour that surrounds them most."""
+    """Join small clusters to the larger neighbour that surrounds them most; clusters are renumbered from 0."""
     if len(points) < 2:
         return clusters
     count = int(clusters.max()) + 1
     sizes = np.bincount(clusters, minlength=count)
-    low, high = (_per_cluster(points[:, :2], clusters, count, how) for how in (np.minimum, np.maximum))
+    low, high = (_reduce_by_cluster(points[:, :2], clusters, count, how) for how in (np.minimum, np.maximum))
     small = (high - low).max(axis=1) < SPLINTER
     rows = np.flatnonzero(small[clusters])
     neighbours = min(16, len(points))
@@ -87,7 +87,7 @@ def joined_splinters(
     return connected_components(graph, directed=False)[1].astype(np.int32)[clusters]
 
 
-def _one_vehicle(
+def _is_one_vehicle(
     points: Float32[ndarray, "n 3"],
     first: Int64[ndarray, " a"],
     second: Int64[ndarray, " b"],
@@ -96,24 +96,24 @@ def _one_vehicle(
     above: Float32[ndarray, " n"],
 ) -> bool:
     """Whether a part belongs to the larger part `first`."""
-    length, width = _size(_hull(np.concatenate([hull, other])))
+    length, width = _measure_hull(_compute_hull(np.concatenate([hull, other])))
     if length > VEHICLE_LENGTH or width > VEHICLE_WIDTH:
         return False
-    if _within(points[second, :2].astype(float), hull).mean() > INSIDE:
+    if _is_within(points[second, :2].astype(float), hull).mean() > INSIDE:
         return True
-    if _stands(second, other, above):
+    if _is_standing(second, other, above):
         return False
     distance, _ = KDTree(points[first, :2]).query(points[second, :2], distance_upper_bound=GAP)
     return bool(np.isfinite(distance).any())
 
 
-def _stands(part: Int64[ndarray, " a"], hull: Float64[ndarray, "h 2"], above: Float32[ndarray, " n"]) -> bool:
+def _is_standing(part: Int64[ndarray, " a"], hull: Float64[ndarray, "h 2"], above: Float32[ndarray, " n"]) -> bool:
     heights = above[part]
     tall = heights.max() > STANDING_HEIGHT and heights.max() - heights.min() > 0.6 * STANDING_HEIGHT
-    return bool(tall and _size(hull)[0] < STANDING_LENGTH)
+    return bool(tall and _measure_hull(hull)[0] < STANDING_LENGTH)
 
 
-def _hull(places: Float64[ndarray, "n 2"]) -> Float64[ndarray, "h 2"]:
+def _compute_hull(places: Float64[ndarray, "n 2"]) -> Float64[ndarray, "h 2"]:
     """Corners of the convex hull, counterclockwise; the places themselves where they lie on a line."""
     if len(places) < 3:
         return places
@@ -123,7 +123,7 @@ def _hull(places: Float64[ndarray, "n 2"]) -> Float64[ndarray, "h 2"]:
         return places
 
 
-def _size(hull: Float64[ndarray, "h 2"]) -> tuple[float, float]:
+def _measure_hull(hull: Float64[ndarray, "h 2"]) -> tuple[float, float]:
     """Length and width of the smallest of some rectangles around a hull."""
     angles = np.radians(np.arange(0, 90, 5.0))
     axes = np.stack([np.cos(angles), np.sin(angles)])
@@ -133,7 +133,7 @@ def _size(hull: Float64[ndarray, "h 2"]) -> tuple[float, float]:
     return float(max(along[best], across[best])), float(min(along[best], across[best]))
 
 
-def _within(places: Float64[ndarray, "n 2"], hull: Float64[ndarray, "h 2"]) -> Bool[ndarray, " n"]:
+def _is_within(places: Float64[ndarray, "n 2"], hull: Float64[ndarray, "h 2"]) -> Bool[ndarray, " n"]:
     """Whether places lie in a convex hull with its corners in counterclockwise order."""
     edges = np.roll(hull, -1, axis=0) - hull
     offsets = places[:, None] - hull[None]
@@ -141,7 +141,7 @@ def _within(places: Float64[ndarray, "n 2"], hull: Float64[ndarray, "h 2"]) -> B
     return np.asarray(left.all(axis=1))
 
 
-def _per_cluster(
+def _reduce_by_cluster(
     values: Float32[ndarray, "n k"], clusters: Int32[ndarray, " n"], count: int, how: np.ufunc
 ) -> Float32[ndarray, "c k"]:
     """The least or largest values of each cluster."""

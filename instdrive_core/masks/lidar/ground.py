@@ -40,24 +40,24 @@ class GroundSurface:
     heights: Float32[ndarray, "x y"]
     """z of the ground in each cell, known or guessed from its neighbours."""
 
-    def above(self, points: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
-        """Metres by which points lie above the ground, bilinear; outside of the grid as at its rim."""
+    def compute_heights_above(self, points: Float32[ndarray, "n 3"]) -> Float32[ndarray, " n"]:
+        """Compute metres by which points lie above the ground, bilinear; outside of the grid as at its rim."""
         places = ((points[:, :2] - self.corner) / CELL).T
         heights = ndimage.map_coordinates(self.heights, places, order=1, mode="nearest")
         return (points[:, 2] - heights).astype(np.float32)
 
 
 def find_ground(points: Float32[ndarray, "n 3"]) -> GroundSurface:
-    """The ground under points in a world whose z axis points up. Raises ValueError where there are no points."""
+    """Find the ground under points in a world whose z axis points up. Raises ValueError where there are no points."""
     if not len(points):
         raise ValueError("no points to find the ground under")
     corner = np.floor(points[:, :2].min(axis=0).astype(float) / CELL) * CELL
     cells = np.rint((points[:, :2] - corner) / CELL).astype(np.int64)
     shape = tuple((cells.max(axis=0) + 1).tolist())
-    lowest = _lowest(cells[:, 0] * shape[1] + cells[:, 1], points[:, 2], shape[0] * shape[1]).reshape(shape)
-    lowest[lowest < _around(lowest) - PIT_DEPTH] = np.nan
-    ground = _filtered(lowest)
-    smooth = _smoothed(np.where(ground, lowest, np.nan), SMOOTHING)
+    lowest = _find_lowest(cells[:, 0] * shape[1] + cells[:, 1], points[:, 2], shape[0] * shape[1]).reshape(shape)
+    lowest[lowest < _find_low_surroundings(lowest) - PIT_DEPTH] = np.nan
+    ground = _select_ground_cells(lowest)
+    smooth = _smooth(np.where(ground, lowest, np.nan), SMOOTHING)
     return GroundSurface(corner, smooth.astype(np.float32))
 
 
@@ -66,8 +66,8 @@ def is_ground(above: Float32[ndarray, " n"], distance: Float32[ndarray, " n"]) -
     return above < MARGIN + MARGIN_PER_METRE * distance
 
 
-def _lowest(cells: Int64[ndarray, " n"], z: Float32[ndarray, " n"], count: int) -> Float64[ndarray, " c"]:
-    """A low height of each cell that a few points below do not disturb; NaN where no point lies."""
+def _find_lowest(cells: Int64[ndarray, " n"], z: Float32[ndarray, " n"], count: int) -> Float64[ndarray, " c"]:
+    """Find a low height of each cell that a few points below do not disturb; NaN where no point lies."""
     order = np.lexsort((z, cells))
     ordered = cells[order]
     starts = np.flatnonzero(np.diff(ordered, prepend=-1))
@@ -77,8 +77,8 @@ def _lowest(cells: Int64[ndarray, " n"], z: Float32[ndarray, " n"], count: int) 
     return lowest
 
 
-def _around(lowest: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
-    """What is low in the wider surroundings of each cell."""
+def _find_low_surroundings(lowest: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
+    """Find what is low in the wider surroundings of each cell."""
     padding = [(0, -size % PIT_BLOCK) for size in lowest.shape]
     padded = np.pad(lowest, padding, constant_values=np.nan)
     rows, columns = (size // PIT_BLOCK for size in padded.shape)
@@ -86,21 +86,21 @@ def _around(lowest: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
     blocks = np.sort(blocks, axis=2)  # unknown cells come last
     counts = np.isfinite(blocks).sum(axis=2)
     middle = np.take_along_axis(blocks, np.maximum(counts - 1, 0)[..., None] // 2, axis=2)[..., 0]
-    low = ndimage.percentile_filter(_nearest_known(middle), PIT_SHARE, 5, mode="nearest")
+    low = ndimage.percentile_filter(_fill_from_nearest(middle), PIT_SHARE, 5, mode="nearest")
     places = np.indices(lowest.shape) / PIT_BLOCK - 0.5 + 0.5 / PIT_BLOCK
     return ndimage.map_coordinates(low, places, order=1, mode="nearest")
 
 
-def _nearest_known(heights: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
-    """The heights, unknown ones as the nearest known."""
+def _fill_from_nearest(heights: Float64[ndarray, "x y"]) -> Float64[ndarray, "x y"]:
+    """Fill unknown heights with the nearest known."""
     nearest = ndimage.distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)
     return heights[tuple(np.asarray(nearest))]
 
 
-def _filtered(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"]:
-    """Cells whose lowest points are ground."""
+def _select_ground_cells(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"]:
+    """Select cells whose lowest points are ground."""
     known = np.isfinite(lowest)
-    surface = _nearest_known(lowest)
+    surface = _fill_from_nearest(lowest)
     ground = known.copy()
     for window in WINDOWS:
         size = 2 * round(window / CELL / 2) + 1
@@ -110,12 +110,12 @@ def _filtered(lowest: Float64[ndarray, "x y"]) -> Bool[ndarray, "x y"]:
     return ground
 
 
-def _smoothed(heights: Float64[ndarray, "x y"], sigma: float) -> Float64[ndarray, "x y"]:
-    """A Gaussian mean of the known heights; far from any, that of the nearest."""
+def _smooth(heights: Float64[ndarray, "x y"], sigma: float) -> Float64[ndarray, "x y"]:
+    """Smooth the known heights by a Gaussian mean; far from any, that of the nearest."""
     known = np.isfinite(heights)
     weights = ndimage.gaussian_filter(known.astype(float), sigma)
     sums = ndimage.gaussian_filter(np.where(known, heights, 0), sigma)
     enough = weights > 1e-3
     if not enough.any():
         return np.full_like(heights, np.nanmin(heights) if known.any() else 0.0)
-    return _nearest_known(np.where(enough, sums / np.maximum(weights, 1e-12), np.nan))
+    return _fill_from_nearest(np.where(enough, sums / np.maximum(weights, 1e-12), np.nan))

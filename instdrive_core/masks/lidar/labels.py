@@ -12,12 +12,12 @@ from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
-from instdrive_core.masks.annotated.labels import OPEN, without_borders
-from instdrive_core.masks.image.sky import SkyColors, sky_seeds, surely_sky
-from instdrive_core.masks.image.splatting import splat
-from instdrive_core.masks.image.spreading import spread
+from instdrive_core.masks.annotated.labels import OPEN, open_borders
+from instdrive_core.masks.image.point_drawing import draw_points
+from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
+from instdrive_core.masks.image.spreading import spread_labels
 from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, THING, VEGETATION
-from instdrive_core.masks.lidar.regions import draw_things, superpixel_vote, without_holes
+from instdrive_core.masks.lidar.regions import draw_things, fill_label_holes, vote_by_superpixel
 from instdrive_core.masks.lidar.scene import LidarScene, build_lidar_scene
 from instdrive_core.scene.camera import Camera
 
@@ -48,76 +48,76 @@ class LidarLabels:
     source = "lidar"
 
     def __init__(self, clip: Clip) -> None:
-        if not clip.training_sweeps():
-            remedy = "Make masks with `instdrive masks --source sam`, or import some"
+        if not clip.training_sweeps:
+            remedy = "Choose another source of masks; `instdrive masks --help` lists them"
             raise DataError(clip.path, "has no LiDAR sweeps to make masks of", remedy)
         self._scene: LidarScene = build_lidar_scene(clip)
-        self._things = self._scene.things()
-        self._sky_colors = self._gathered_colors(clip)
+        self._things = self._scene.group_things()
+        self._sky_colors = self._learn_colors(clip)
         self._last: tuple[str, Int32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
-        labels, sky = self._labels(frame)
+        """Load a number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        labels, sky = self._load_labels(frame)
         kept = (labels != OPEN) & ~sky
         if frame.valid is not None:
             kept &= frame.valid
         found = np.where(kept, labels, 0).astype(np.uint32)
         return np.where(np.bincount(found.ravel())[found] < MIN_PIXELS, 0, found).astype(np.uint32)
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
-        return self._labels(frame)[1]
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """Load the sky at the frame's size."""
+        return self._load_labels(frame)[1]
 
-    def _labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+    def _load_labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         """Labels, `OPEN` where nothing is known, and the sky. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
-            labels, sky = self._made(frame)
+            labels, sky = self._make_labels(frame)
             self._last = frame.key, labels, sky
         return self._last[1], self._last[2]
 
-    def _made(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+    def _make_labels(self, frame: Frame) -> tuple[Int32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         image, camera = frame.load_image(), frame.view.camera
-        drawn, depths = self._drawn(camera, frame.view.time)
-        seeds, originals = _compact(drawn)
+        drawn, depths = self._draw(camera, frame.view.time)
+        seeds, originals = _compact_labels(drawn)
         sky = len(originals)
         things = range(int(np.searchsorted(originals, self._scene.first_thing)), sky)
         reachable = np.asarray(ndimage.binary_dilation(seeds >= things.start, iterations=THING_REACH))
-        seeds[sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
-        voted = superpixel_vote(without_borders(seeds, BORDER), image, reachable, things)
-        limits = self._limits(originals, camera.width)
-        filled = spread(voted, image, limits, reachable, things)
-        filled = spread(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
-        filled = without_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
+        seeds[find_sky_seeds(seeds != OPEN, image, camera, self._sky_colors)] = sky
+        voted = vote_by_superpixel(open_borders(seeds, BORDER), image, reachable, things)
+        limits = self._compute_limits(originals, camera.width)
+        filled = spread_labels(voted, image, limits, reachable, things)
+        filled = spread_labels(filled, np.zeros_like(image), np.full(sky + 1, SEAM, np.float32), reachable, things)
+        filled = fill_label_holes(filled, depths, int(np.searchsorted(originals, GROUND)), things)
         back = np.append(originals, 0).astype(np.int32)
         return np.where(filled == OPEN, OPEN, back[filled]), filled == sky
 
-    def _drawn(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
+    def _draw(self, camera: Camera, time: float) -> tuple[Int32[ndarray, "h w"], Float32[ndarray, "h w"]]:
         """IDs where points were drawn, else `OPEN`, and depths."""
         wide = self._scene.ids < self._scene.first_thing
-        labels, depths = splat(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
-        draw_things(self._things | self._scene.moving_at(time), camera, labels, depths)
+        labels, depths = draw_points(self._scene.points[wide], self._scene.ids[wide], camera, POINT_SIZE)
+        draw_things(self._things | self._scene.place_moving(time), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
-    def _limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
+    def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
         kinds = np.append(self._scene.kinds, THING)[np.minimum(originals, len(self._scene.kinds))]
         shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [SKY_REACH]
         return np.array(shares, np.float32) * np.float32(width)
 
-    def _gathered_colors(self, clip: Clip) -> SkyColors:
-        """What sky and surfaces look like in a few steps of the clip."""
+    def _learn_colors(self, clip: Clip) -> SkyColors:
+        """Learn what sky and surfaces look like in a few steps of the clip."""
         colors = SkyColors()
-        steps = sorted({frame.view.index for frame in clip.training_frames()})
+        steps = sorted({frame.view.index for frame in clip.training_frames})
         chosen = {steps[position] for position in (0, len(steps) // 2, -1)} if steps else set()
-        for frame in clip.training_frames():
+        for frame in clip.training_frames:
             if frame.view.index in chosen:
                 image, camera = frame.load_image(), frame.view.camera
-                surface = self._drawn(camera, frame.view.time)[0] != OPEN
-                colors.add(image, surely_sky(surface, image, camera), surface)
+                surface = self._draw(camera, frame.view.time)[0] != OPEN
+                colors.add(image, find_certain_sky(surface, image, camera), surface)
         return colors
 
 
-def _compact(labels: Int32[ndarray, "h w"]) -> tuple[Int32[ndarray, "h w"], Int32[ndarray, " l"]]:
+def _compact_labels(labels: Int32[ndarray, "h w"]) -> tuple[Int32[ndarray, "h w"], Int32[ndarray, " l"]]:
     """Labels counted from 0, `OPEN` kept, and what they were; in order."""
     originals = np.unique(labels[labels != OPEN])
     return np.where(labels == OPEN, OPEN, np.searchsorted(originals, labels)).astype(np.int32), originals

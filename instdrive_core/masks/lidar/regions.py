@@ -17,7 +17,7 @@ from skimage.morphology import disk
 from skimage.segmentation import slic
 
 from instdrive_core.masks.annotated.labels import OPEN
-from instdrive_core.masks.image.splatting import NEAR, splat
+from instdrive_core.masks.image.point_drawing import NEAR, draw_points
 from instdrive_core.scene.camera import Camera
 
 POINT_SIZE = 0.12
@@ -58,7 +58,7 @@ def draw_things(
     """
     drawn = np.full(depths.shape, np.inf, np.float32)
     for number, points in things.items():
-        found = _silhouette(points, camera)
+        found = _draw_silhouette(points, camera)
         if found is None:
             continue
         crop, inside, depth = found
@@ -68,10 +68,10 @@ def draw_things(
     np.minimum(depths, drawn, out=depths)
 
 
-def _silhouette(
+def _draw_silhouette(
     points: Float32[ndarray, "k 3"], camera: Camera
 ) -> tuple[tuple[slice, slice], Bool[ndarray, "a b"], Float32[ndarray, "a b"]] | None:
-    """Where a thing is drawn: a part of the image, the pixels in it, and their depths."""
+    """Draw a thing: the part of the image, the pixels in it, and their depths."""
     pixels, depth = camera.project(points)
     pixels = pixels[depth > NEAR]
     size = np.array([camera.width, camera.height])
@@ -84,7 +84,7 @@ def _silhouette(
     if right <= left or bottom <= top:
         return None
     part = replace(camera, cx=camera.cx - left, cy=camera.cy - top, width=right - left, height=bottom - top)
-    _, depths = splat(points, np.ones(len(points), np.uint32), part, POINT_SIZE)
+    _, depths = draw_points(points, np.ones(len(points), np.uint32), part, POINT_SIZE)
     drawn = np.isfinite(depths)
     if not drawn.any():
         return None
@@ -95,19 +95,19 @@ def _silhouette(
     return (slice(top, bottom), slice(left, right)), inside, depths[tuple(np.asarray(nearest))]
 
 
-def superpixel_vote(
+def vote_by_superpixel(
     labels: Int32[ndarray, "h w"],
     image: UInt8[ndarray, "h w 3"],
     open_to_things: Bool[ndarray, "h w"],
     things: range,
 ) -> Int32[ndarray, "h w"]:
-    """The labels with `OPEN` pixels given the label that prevails in their superpixel, if one does.
+    """Give `OPEN` pixels the label that prevails in their superpixel, if one does.
 
     Args:
         labels: seeds; `OPEN` where nothing is known.
         image: the photo.
         open_to_things: where labels in `things` may be given.
-        things: see there.
+        things: range of labels that are things.
     """
     height, width = labels.shape
     count = round(height * width / SUPERPIXEL**2)
@@ -128,10 +128,10 @@ def superpixel_vote(
     return np.where(known | ~allowed, labels, voted).astype(np.int32)
 
 
-def without_holes(
+def fill_label_holes(
     labels: Int32[ndarray, "h w"], depths: Float32[ndarray, "h w"], floor: int, things: range
 ) -> Int32[ndarray, "h w"]:
-    """The labels with small parts that lie within one other label, and not in front of it, given to that one: what
+    """Give small parts that lie within one other label, and not in front of it, to that label: what
     LiDAR saw through a window, and pixels left open. Things on the floor are no holes in it.
 
     Args:
@@ -144,7 +144,7 @@ def without_holes(
     count = int(parts.max()) + 1
     of_part = np.zeros(count, np.int32)
     of_part[parts.ravel()] = labels.ravel()
-    pairs = np.concatenate([_touching(parts), _touching(parts.T)])
+    pairs = np.concatenate([_find_touching_parts(parts), _find_touching_parts(parts.T)])
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     total = np.bincount(pairs[:, 0], minlength=count)
     found, sides = np.unique(np.column_stack([pairs[:, 0], of_part[pairs[:, 1]]]), axis=0, return_counts=True)
@@ -158,18 +158,18 @@ def without_holes(
         box = tuple(slice(max(0, side.start - RIM), side.stop + RIM) for side in boxes[part])
         inside = parts[box] == part
         rim = np.asarray(ndimage.binary_dilation(inside, iterations=RIM)) & (labels[box] == outer)
-        if not _middle(depths[box][inside]) < _middle(depths[box][rim]) - IN_FRONT:
+        if not _find_median(depths[box][inside]) < _find_median(depths[box][rim]) - IN_FRONT:
             filled[box][inside] = outer
     return filled
 
 
-def _middle(depths: Float32[ndarray, " n"]) -> float:
-    """The median of the known depths; NaN where none is."""
+def _find_median(depths: Float32[ndarray, " n"]) -> float:
+    """Find the median of the known depths; NaN where none is."""
     known = depths[np.isfinite(depths)]
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def _touching(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
-    """Pairs of different parts in pixels side by side in a row."""
+def _find_touching_parts(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
+    """Find pairs of different parts in pixels side by side in a row."""
     different = parts[:, 1:] != parts[:, :-1]
     return np.column_stack([parts[:, :-1][different], parts[:, 1:][different]])

@@ -1,4 +1,4 @@
-"""What stands in a drive and what moves through it, from bare LiDAR points: ground, clusters, their motion.
+"""Standing and moving things of a drive from bare LiDAR points: ground, clusters, their motion.
 
 Sweeps are first freed of what moved, so that all of them together can be clustered as one dense cloud; what moved is
 clustered in each sweep by itself and carried to other times by the motion found between sweeps.
@@ -14,13 +14,13 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 
 from instdrive_core.datasets.clip import Clip, Sweep
-from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, kinds_of_clusters
-from instdrive_core.masks.lidar.cluster_motion import MovingCluster, completed
-from instdrive_core.masks.lidar.cluster_parts import joined_splinters, joined_vehicles
-from instdrive_core.masks.lidar.clusters import absorbed, cluster, thinned
+from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
+from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
+from instdrive_core.masks.lidar.cluster_parts import join_splinters, join_vehicle_parts
+from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import GroundSurface, find_ground, is_ground
-from instdrive_core.masks.lidar.moving_points import ClusteredSweep, moving_clusters
-from instdrive_core.masks.lidar.point_shape import point_shape
+from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
+from instdrive_core.masks.lidar.point_shape import compute_point_shape
 
 MAX_DISTANCE = 90.0
 """Metres from the sensor up to which points are used."""
@@ -29,7 +29,7 @@ VOXEL = 0.1
 REACH, REACH_PER_METRE, MAX_REACH = 0.3, 0.01, 0.9
 """Metres within which static points hang together: right at the sensor, per metre of distance, at most."""
 SWEEP_REACH = 0.4
-"""The same right at the sensor, for points of a single sweep."""
+"""Metres within which points of a single sweep hang together, right at the sensor."""
 MIRRORED = 0.3
 """Metres below the ground from which on points are mirror images."""
 MIN_WIDE_POINTS = 300
@@ -46,28 +46,28 @@ class LidarScene:
     """Points with IDs: 1 for the ground, then one for each facade, plant and thing."""
 
     points: Float32[ndarray, "n 3"]
-    """What stands still, in the world."""
+    """Points of what stands still, in the world."""
     ids: UInt32[ndarray, " n"]
     kinds: UInt32[ndarray, " i"]
     """`GROUND`, `FACADE`, `VEGETATION` or `THING` by ID of what stands still, ascending; the first ID is nothing."""
     moving: dict[float, list[MovingCluster]]
-    """What moves, by time of the sweep that saw it."""
+    """Moving clusters by time of the sweep that saw them."""
 
     @property
     def first_thing(self) -> int:
         """The lowest ID of a thing."""
         return int(np.searchsorted(self.kinds, THING))
 
-    def things(self) -> dict[int, Float32[ndarray, "k 3"]]:
-        """Points of each thing that stands still."""
+    def group_things(self) -> dict[int, Float32[ndarray, "k 3"]]:
+        """Group the points of each thing that stands still."""
         order = np.argsort(self.ids, kind="stable")
         order = order[np.searchsorted(self.ids[order], self.first_thing) :]
         starts = np.flatnonzero(np.diff(self.ids[order].astype(np.int64), prepend=0))
         parts = np.split(order, starts[1:])
         return {int(self.ids[rows[0]]): self.points[rows] for rows in parts if len(rows)}
 
-    def moving_at(self, time: float) -> dict[int, Float32[ndarray, "k 3"]]:
-        """Points of each moving thing, carried to `time` from the nearest sweep."""
+    def place_moving(self, time: float) -> dict[int, Float32[ndarray, "k 3"]]:
+        """Place the points of each moving thing: carried to `time` from the nearest sweep."""
         if not self.moving:
             return {}
         sweep_time = min(self.moving, key=lambda known: (abs(known - time), known))
@@ -86,67 +86,67 @@ class _Standing:
     position: Float64[ndarray, "3"]
 
     def above_ground(self, ground: GroundSurface) -> _Standing:
-        """Without what lies below the ground: mirror images."""
-        kept = ground.above(self.points) > -MIRRORED
+        """Drop what lies below the ground: mirror images."""
+        kept = ground.compute_heights_above(self.points) > -MIRRORED
         return replace(self, points=self.points[kept], sensor=self.sensor[kept], distance=self.distance[kept])
 
 
 def build_lidar_scene(clip: Clip) -> LidarScene:
     """Find ground, standing and moving things in a clip's training sweeps; classes and cuboids are not looked at."""
-    sweeps = [_near_points(clip, sweep) for sweep in clip.training_sweeps()]
+    sweeps = [_select_near_points(clip, sweep) for sweep in clip.training_sweeps]
     sweeps = [one for one in sweeps if len(one.points)]
     if not sweeps:
         return LidarScene(np.zeros((0, 3), np.float32), np.zeros(0, np.uint32), np.arange(2, dtype=np.uint32), {})
     every = np.concatenate([one.points for one in sweeps])
-    ground = find_ground(every[thinned(every, VOXEL)])
+    ground = find_ground(every[thin_rows(every, VOXEL)])
     sweeps = [one.above_ground(ground) for one in sweeps]
-    low = [is_ground(ground.above(one.points), one.distance) for one in sweeps]
-    clustered = [_clustered(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
-    moved = moving_clusters(clustered)
-    still = [one.holding(~moves) for one, moves in zip(clustered, moved, strict=True)]
-    points, ids, kinds = _static(
+    low = [is_ground(ground.compute_heights_above(one.points), one.distance) for one in sweeps]
+    clustered = [_cluster_sweep(one, flat, ground) for one, flat in zip(sweeps, low, strict=True)]
+    moved = find_moving_clusters(clustered)
+    still = [one.belong_to(~moves) for one, moves in zip(clustered, moved, strict=True)]
+    points, ids, kinds = _gather_static(
         np.concatenate([one.points[kept] for one, kept in zip(sweeps, still, strict=True)]),
         np.array([one.position for one in sweeps]),
         ground,
     )
     floor = np.concatenate([one.points[flat] for one, flat in zip(sweeps, low, strict=True)])
-    floor = floor[thinned(floor, VOXEL)]
+    floor = floor[thin_rows(floor, VOXEL)]
     return LidarScene(
         np.concatenate([floor, points]),
         np.concatenate([np.full(len(floor), GROUND, np.uint32), ids]),
         kinds,
-        _moving(sweeps, clustered, moved, len(kinds)),
+        _gather_moving(sweeps, clustered, moved, len(kinds)),
     )
 
 
-def _near_points(clip: Clip, sweep: Sweep) -> _Standing:
+def _select_near_points(clip: Clip, sweep: Sweep) -> _Standing:
     found = sweep.load()
-    position = sensor_position(clip, sweep.time)
+    position = estimate_sensor_position(clip, sweep.time)
     distance = np.linalg.norm(found.points - position.astype(np.float32), axis=1)
     near = distance < MAX_DISTANCE
     return _Standing(sweep, found.points[near], found.sensor[near], distance[near], position)
 
 
-def sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
-    """Where the LiDAR is, roughly: amid the cameras at the nearest time."""
+def estimate_sensor_position(clip: Clip, time: float) -> Float64[ndarray, "3"]:
+    """Estimate the place of the LiDAR: amid the cameras at the nearest time."""
     views = [frame.view for frame in clip.frames]
     nearest = min((view.time for view in views), key=lambda other: abs(other - time))
     return np.mean([view.camera.position for view in views if view.time == nearest], axis=0)
 
 
-def _clustered(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface) -> ClusteredSweep:
+def _cluster_sweep(one: _Standing, flat: Bool[ndarray, " n"], ground: GroundSurface) -> ClusteredSweep:
     rows = np.flatnonzero(~flat)
     points = one.points[rows]
     reach = np.minimum(SWEEP_REACH + REACH_PER_METRE * one.distance[rows], MAX_REACH).astype(np.float32)
     clusters = np.full(len(one.points), -1, np.int32)
-    clusters[rows] = joined_vehicles(points, cluster(points, reach), ground.above(points))
+    clusters[rows] = join_vehicle_parts(points, cluster_points(points, reach), ground.compute_heights_above(points))
     return ClusteredSweep(one.sweep.time, one.position, one.points, clusters)
 
 
-def _moving(
+def _gather_moving(
     sweeps: list[_Standing], clustered: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], first: int
 ) -> dict[float, list[MovingCluster]]:
-    """What moves, by sweep; the second LiDAR meets moving objects at another time, its points are left out."""
+    """Gather what moves, by sweep. The second LiDAR meets moving objects at another time: its points are left out."""
     by_time: dict[float, list[MovingCluster]] = {}
     for one, hanging, moves in zip(sweeps, clustered, moved, strict=True):
         found = by_time[one.sweep.time] = []
@@ -156,32 +156,34 @@ def _moving(
             if len(points) >= MIN_MOVING_POINTS:
                 found.append(MovingCluster(first, points, np.zeros(3)))
                 first += 1
-    return completed(by_time)
+    return complete_clusters(by_time)
 
 
-def _static(
+def _gather_static(
     points: Float32[ndarray, "n 3"], sensors: Float64[ndarray, "s 3"], ground: GroundSurface
 ) -> tuple[Float32[ndarray, "m 3"], UInt32[ndarray, " m"], UInt32[ndarray, " i"]]:
-    """What stands still, thinned, its IDs, and the kind of each ID."""
-    points = points[thinned(points, VOXEL)]
-    shape = point_shape(points)
+    """Gather what stands still, thinned, with its IDs and the kind of each ID."""
+    points = points[thin_rows(points, VOXEL)]
+    shape = compute_point_shape(points)
     distance = KDTree(sensors[:, :2]).query(points[:, :2])[0]
     reach = np.minimum(REACH + REACH_PER_METRE * distance, MAX_REACH).astype(np.float32)
-    above = ground.above(points)
+    above = ground.compute_heights_above(points)
     foliage = ((shape.scatter > FOLIAGE) & (above > LOWEST_FOLIAGE)).astype(np.int64)
-    clusters = joined_splinters(points, absorbed(points, cluster(points, reach, foliage), reach), reach)
-    kinds = kinds_of_clusters(points, clusters, shape, above)
+    clusters = join_splinters(
+        points, absorb_small_clusters(points, cluster_points(points, reach, foliage), reach), reach
+    )
+    kinds = classify_clusters(points, clusters, shape, above)
     things = kinds[clusters] == THING
-    whole = joined_vehicles(points, np.where(things, clusters, -1).astype(np.int32), above)
+    whole = join_vehicle_parts(points, np.where(things, clusters, -1).astype(np.int32), above)
     clusters = np.where(things, len(kinds) + whole, clusters)
     kinds = np.append(kinds, np.full(int(whole.max(initial=-1)) + 1, THING, np.uint32))
-    return points, *_numbered(*_with_scraps(kinds, clusters))
+    return points, *_number_points(*_merge_scraps(kinds, clusters))
 
 
-def _with_scraps(
+def _merge_scraps(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " c"], Int32[ndarray, " n"]]:
-    """Kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
+    """Merge scraps: kinds and clusters with all small clusters of facades in one, and all small ones of plants."""
     small = np.bincount(clusters, minlength=len(kinds)) < MIN_WIDE_POINTS
     joined = np.arange(len(kinds), dtype=np.int32)
     for kind in (FACADE, VEGETATION):
@@ -190,10 +192,10 @@ def _with_scraps(
     return kinds, joined[clusters]
 
 
-def _numbered(
+def _number_points(
     kinds: UInt32[ndarray, " c"], clusters: Int32[ndarray, " n"]
 ) -> tuple[UInt32[ndarray, " n"], UInt32[ndarray, " i"]]:
-    """IDs of points, wide clusters before things, and the kind of each ID."""
+    """Number points, wide clusters before things, with the kind of each ID."""
     order = np.argsort(kinds, kind="stable")
     order = order[
         (kinds[order] != NONE) & (kinds[order] != GROUND) & (np.bincount(clusters, minlength=len(kinds))[order] > 0)

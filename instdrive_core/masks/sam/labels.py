@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -12,49 +11,12 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import OptionError
 from instdrive_core.masks.image.sky_finder import SkyFinder
-from instdrive_core.masks.sam.regions import cleaned, painted, whole_objects
-from instdrive_core.masks.sam.weights import SUGGESTED, load_model, weights_folder
+from instdrive_core.masks.sam.options import SamOptions
+from instdrive_core.masks.sam.regions import clean_regions, merge_parts, paint_regions
+from instdrive_core.masks.sam.weights import find_weights, load_model
 
 if TYPE_CHECKING:
     from instdrive_core.masks.sam.proposals import Proposer
-
-
-@dataclass(frozen=True)
-class SamOptions:
-    """How Segment Anything makes masks."""
-
-    model: str = SUGGESTED
-    """Weights: a name on the Hugging Face hub, or a local folder with config.json and *.safetensors."""
-    batch: int = 64
-    """Points asked at a time; less needs less memory."""
-    points_per_side: int = 32
-    """The model is asked at a grid of this many points to each side."""
-    predicted_iou: float = 0.8
-    """Masks that the model itself believes to be worse than this are dropped."""
-    stability: float = 0.92
-    """Masks with a border less sharp than this are dropped (1 = sharpest)."""
-    overlap: float = 0.7
-    """Of masks whose boxes have a larger IoU than this, one is kept."""
-    min_area: float = 0.0002
-    """Share of the photo below which masks, their holes and their islands are dropped."""
-    whole_objects: bool = True
-    """Let parts join the object that contains them: cars instead of wheels and doors."""
-    containment: float = 0.85
-    """Share of a mask that must lie within a larger one to be a part of it."""
-    device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where the model runs; `auto`: on an NVIDIA GPU if torch sees one."""
-    offline: bool = False
-    """Never download: use what is on this machine."""
-
-    def __post_init__(self) -> None:
-        for name, low in (("batch", 1), ("points_per_side", 1)):
-            if getattr(self, name) < low:
-                raise OptionError(f"{name} is {getattr(self, name)}; it must be {low} or more")
-        for name in ("predicted_iou", "stability", "overlap", "min_area"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise OptionError(f"{name} is {getattr(self, name)}; it must lie between 0 and 1")
-        if not 0.5 < self.containment <= 1:
-            raise OptionError(f"containment is {self.containment}; it must be more than 0.5 and at most 1")
 
 
 class SamLabels:
@@ -69,56 +31,56 @@ class SamLabels:
 
     source = "sam"
 
-    def __init__(self, clip: Clip, options: SamOptions = SamOptions()) -> None:
+    def __init__(self, clip: Clip, options: SamOptions = SamOptions()) -> None:  # noqa: B008 (frozen)
         self._options = options
         self._proposer = _open_proposer(options)
         self._sky = SkyFinder(clip)
         self._last: tuple[str, UInt32[ndarray, "h w"], Bool[ndarray, "h w"]] | None = None
 
     def load(self, frame: Frame) -> UInt32[ndarray, "h w"]:
-        """A number per mask at the frame's size; 0 = none, sky or ego vehicle."""
-        return self._made(frame)[0]
+        """Load a number per mask at the frame's size; 0 = none, sky or ego vehicle."""
+        return self._load_both(frame)[0]
 
-    def sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
-        """The sky at the frame's size."""
-        return self._made(frame)[1]
+    def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
+        """Load the sky at the frame's size."""
+        return self._load_both(frame)[1]
 
-    def _made(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
+    def _load_both(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
         """Labels and sky. The last frame's are kept."""
         if self._last is None or self._last[0] != frame.key:
             self._last = (frame.key, *self._make(frame))
         return self._last[1], self._last[2]
 
     def _make(self, frame: Frame) -> tuple[UInt32[ndarray, "h w"], Bool[ndarray, "h w"]]:
-        from instdrive_core.masks.sam.proposals import grid
+        from instdrive_core.masks.sam.proposals import build_grid
 
         options, image = self._options, frame.load_image()
         height, width = image.shape[:2]
         valid = frame.valid if frame.valid is not None else np.ones((height, width), bool)
         min_pixels = max(1, round(options.min_area * height * width))
-        points = grid(width, height, options.points_per_side)
+        points = build_grid(width, height, options.points_per_side)
         points = points[valid[points[:, 1].astype(int), points[:, 0].astype(int)]]
         found = self._proposer.propose(image, points, min_pixels, prefer_large=options.whole_objects)
-        found = cleaned(found, valid, min_pixels)
+        found = clean_regions(found, valid, min_pixels)
         if options.whole_objects:
-            found = whole_objects(found, options.containment)
-        labels = painted(found, min_pixels)
+            found = merge_parts(found, options.containment)
+        labels = paint_regions(found, min_pixels)
         sky = self._sky.find(image, frame.view.camera, labels) & valid
         return np.where(sky, np.uint32(0), labels), sky
 
 
 def _open_proposer(options: SamOptions) -> Proposer:
-    folder = weights_folder(options.model, options.offline)
+    folder = find_weights(options.model, options.offline)
     from instdrive_core.masks.sam.proposals import Proposer, Thresholds
 
-    device = _device(options.device)
+    device = _choose_device(options.device)
     thresholds = Thresholds(options.predicted_iou, options.stability, options.overlap)
     model, photo = load_model(folder)
     return Proposer(model, photo, device, options.batch, thresholds)
 
 
-def _device(asked: Literal["auto", "cpu", "cuda"]) -> str:
-    """Raises OptionError where the GPU asked for cannot be used."""
+def _choose_device(asked: Literal["auto", "cpu", "cuda"]) -> str:
+    """Choose the device. Raises OptionError where the GPU asked for cannot be used."""
     import torch
 
     if asked == "cuda" and not torch.cuda.is_available():

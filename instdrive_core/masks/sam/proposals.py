@@ -19,8 +19,8 @@ from torch import Tensor
 from torch.nn import Module
 from torch.nn.functional import grid_sample
 
-from instdrive_core.masks.sam.regions import Regions, distinct
-from instdrive_core.masks.sam.weights import Photo
+from instdrive_core.masks.sam.regions import Regions, select_distinct
+from instdrive_core.masks.sam.weights import PhotoFormat
 
 STABILITY_OFFSET = 1.0
 """Logits by which the border of a stable mask may be moved with little change."""
@@ -30,7 +30,7 @@ SAMPLES_AT_ONCE = 1 << 24
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What a mask must reach."""
+    """Values that a mask must reach."""
 
     predicted_iou: float
     stability: float
@@ -49,7 +49,7 @@ class Proposer:
         thresholds: what masks must reach.
     """
 
-    def __init__(self, model: Module, photo: Photo, device: str, batch: int, thresholds: Thresholds) -> None:
+    def __init__(self, model: Module, photo: PhotoFormat, device: str, batch: int, thresholds: Thresholds) -> None:
         self._model: Any = model.to(device)
         self._photo, self._device, self._batch, self._thresholds = photo, device, batch, thresholds
 
@@ -57,17 +57,17 @@ class Proposer:
     def propose(
         self, image: UInt8[ndarray, "h w 3"], points: Float64[ndarray, "p 2"], min_pixels: int, prefer_large: bool
     ) -> Regions:
-        """The masks found at the points, without duplicates, best first.
+        """Find masks at the points, without duplicates, best first.
 
         Args:
             image: the photo.
             points: column and row, in pixels.
             min_pixels: what is smaller is left out.
-            prefer_large: as of `distinct`.
+            prefer_large: among masks of one extent that score alike, keep the largest.
         """
         height, width = image.shape[:2]
-        content = content_size(self._photo, height, width)
-        pixels = torch.from_numpy(prepared(image, self._photo))[None].to(self._device)
+        content = compute_content_size(self._photo, height, width)
+        pixels = torch.from_numpy(prepare_photo(image, self._photo))[None].to(self._device)
         embeddings = self._embeddings(pixels)
         asked = torch.from_numpy(points * (np.array(content[::-1]) / (width, height))).float().to(self._device)
         found = _Found([], [], [], [])
@@ -99,8 +99,8 @@ class Proposer:
         logits, scores = logits[good], scores[good]
         at_once = max(1, SAMPLES_AT_ONCE // (image.shape[0] * image.shape[1]))
         for start in range(0, len(scores), at_once):
-            large = at_photo_size(logits[start : start + at_once], content, image.shape[0], image.shape[1])
-            stable = stability(large) > self._thresholds.stability
+            large = resize_logits(logits[start : start + at_once], content, image.shape[0], image.shape[1])
+            stable = compute_stability(large) > self._thresholds.stability
             found.add((large[stable] > 0).cpu().numpy(), scores[start : start + at_once][stable].cpu().numpy())
 
 
@@ -126,30 +126,30 @@ class _Found:
         areas, scores = np.array(self.areas, np.int64), np.array(self.scores, np.float32)
         boxes = np.array(self.boxes, np.float32).reshape(-1, 4)
         large: Int64[ndarray, " n"] = np.flatnonzero(areas >= min_pixels)
-        kept = large[distinct(boxes[large], areas[large], scores[large], overlap, prefer_large)]
+        kept = large[select_distinct(boxes[large], areas[large], scores[large], overlap, prefer_large)]
         count = int(np.prod(shape))
         masks = [np.unpackbits(self.bits[number], count=count).astype(bool).reshape(shape) for number in kept]
         return Regions(np.array(masks, bool).reshape(-1, *shape), scores[kept])
 
 
-def grid(width: int, height: int, per_side: int) -> Float64[ndarray, "p 2"]:
-    """Columns and rows, in pixels, of per_side × per_side points in the middle of equal cells, row by row."""
+def build_grid(width: int, height: int, per_side: int) -> Float64[ndarray, "p 2"]:
+    """Build columns and rows, in pixels, of per_side × per_side points in the middle of equal cells, row by row."""
     shares = (np.arange(per_side) + 0.5) / per_side
     columns, rows = np.meshgrid(shares * width, shares * height)
     return np.stack([columns.ravel(), rows.ravel()], axis=1)
 
 
-def content_size(photo: Photo, height: int, width: int) -> tuple[int, int]:
-    """Height and width that a photo gets in the square the model looks at."""
+def compute_content_size(photo: PhotoFormat, height: int, width: int) -> tuple[int, int]:
+    """Compute height and width that a photo gets in the square the model looks at."""
     if not photo.keeps_shape:
         return photo.size, photo.size
     scale = photo.size / max(height, width)
     return max(1, int(height * scale + 0.5)), max(1, int(width * scale + 0.5))
 
 
-def prepared(image: UInt8[ndarray, "h w 3"], photo: Photo) -> Float32[ndarray, "3 s s"]:
-    """The photo as the model looks at it: resized, normalised, padded with zeros."""
-    height, width = content_size(photo, *image.shape[:2])
+def prepare_photo(image: UInt8[ndarray, "h w 3"], photo: PhotoFormat) -> Float32[ndarray, "3 s s"]:
+    """Prepare a photo as the model looks at it: resized, normalised, padded with zeros."""
+    height, width = compute_content_size(photo, *image.shape[:2])
     resized = np.asarray(Image.fromarray(image).resize((width, height), Image.Resampling.BILINEAR), np.float32)
     normal = (resized / np.float32(255) - np.array(photo.mean, np.float32)) / np.array(photo.std, np.float32)
     square = np.zeros((3, photo.size, photo.size), np.float32)
@@ -157,18 +157,19 @@ def prepared(image: UInt8[ndarray, "h w 3"], photo: Photo) -> Float32[ndarray, "
     return square
 
 
-def at_photo_size(
+def resize_logits(
     logits: Float[Tensor, "n a b"], content: tuple[float, float], height: int, width: int
 ) -> Float[Tensor, "n h w"]:
-    """Logits at the photo's pixel centres, bilinear; `content` = share of the square's height and width it takes."""
+    """Resize logits to the photo's pixel centres, bilinearly; `content` = share of the square's height and width it
+    takes."""
     rows = (torch.arange(height, device=logits.device) + 0.5) / height * (2 * content[0]) - 1
     columns = (torch.arange(width, device=logits.device) + 0.5) / width * (2 * content[1]) - 1
     places = torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)
     return grid_sample(logits[None], places[None], mode="bilinear", padding_mode="border", align_corners=False)[0]
 
 
-def stability(logits: Float[Tensor, "n h w"]) -> Float[Tensor, " n"]:
-    """IoU of each mask with a high and with a low threshold: 1 = a sharp border. 0 for empty masks."""
+def compute_stability(logits: Float[Tensor, "n h w"]) -> Float[Tensor, " n"]:
+    """Compute the IoU of each mask with a high and with a low threshold: 1 = a sharp border. 0 for empty masks."""
     inner = (logits > STABILITY_OFFSET).sum(dim=(1, 2))
     outer = (logits > -STABILITY_OFFSET).sum(dim=(1, 2))
     return inner / outer.clamp(min=1)

@@ -1,4 +1,4 @@
-"""From the many overlapping masks that a segmenter proposes to one label per pixel.
+"""Overlapping masks of a segmenter become one label per pixel.
 
 A segmenter asked at every point of a grid answers with wheels, doors and cars alike. Here duplicates go, parts join the
 whole that contains them, and what is left is painted, small over large.
@@ -33,24 +33,24 @@ class Regions:
 
     masks: Bool[ndarray, "n h w"]
     scores: Float32[ndarray, " n"]
-    """How good the segmenter believes each to be: the IoU it predicts."""
+    """Quality that the segmenter predicts for each: its IoU."""
 
     def __len__(self) -> int:
         return len(self.masks)
 
-    def of(self, kept: ndarray) -> Regions:
-        """Those that an index array or a boolean array names."""
+    def select(self, kept: ndarray) -> Regions:
+        """Select those that an index array or a boolean array names."""
         return Regions(self.masks[kept], self.scores[kept])
 
 
-def distinct(
+def select_distinct(
     boxes: Float32[ndarray, "n 4"],
     areas: Int64[ndarray, " n"],
     scores: Float32[ndarray, " n"],
     overlap: float,
     prefer_large: bool,
 ) -> Int64[ndarray, " m"]:
-    """Positions of masks to keep, best score first: non-maximum suppression on boxes.
+    """Select positions of masks to keep, best score first: non-maximum suppression on boxes.
 
     Args:
         boxes: left, top, right, bottom of each mask in pixels, right and bottom exclusive.
@@ -64,7 +64,7 @@ def distinct(
     kept = []
     while len(order):
         best = order[0]
-        iou = _box_iou(boxes[best], boxes[order])
+        iou = _compute_box_iou(boxes[best], boxes[order])
         chosen = best
         if prefer_large:
             same = order[(iou >= SAME_EXTENT) & (scores[order] >= scores[best] - SCORE_MARGIN)]
@@ -74,15 +74,15 @@ def distinct(
     return np.array(kept, np.int64)
 
 
-def _box_iou(box: Float32[ndarray, "4"], others: Float32[ndarray, "n 4"]) -> Float64[ndarray, " n"]:
+def _compute_box_iou(box: Float32[ndarray, "4"], others: Float32[ndarray, "n 4"]) -> Float64[ndarray, " n"]:
     low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
     shared = np.prod(np.maximum(high - low, 0), axis=1, dtype=np.float64)
     area, areas = np.prod(box[2:] - box[:2], dtype=np.float64), np.prod(others[:, 2:] - others[:, :2], axis=1)
     return shared / np.maximum(area + areas - shared, 1e-9)
 
 
-def cleaned(regions: Regions, allowed: Bool[ndarray, "h w"], min_pixels: int) -> Regions:
-    """The masks within the pixels allowed, without holes and islands below `min_pixels`.
+def clean_regions(regions: Regions, allowed: Bool[ndarray, "h w"], min_pixels: int) -> Regions:
+    """Cut masks to the pixels allowed, without holes and islands below `min_pixels`.
 
     What lies for the most part where nothing is allowed, or becomes too small, is left out.
     """
@@ -91,15 +91,15 @@ def cleaned(regions: Regions, allowed: Bool[ndarray, "h w"], min_pixels: int) ->
         inside = mask & allowed
         if 2 * inside.sum() <= mask.sum():
             continue
-        filled = ~_without_specks(~inside, min_pixels) & allowed
-        whole = _without_specks(filled, min_pixels)
+        filled = ~_drop_specks(~inside, min_pixels) & allowed
+        whole = _drop_specks(filled, min_pixels)
         if whole.any():
             masks.append(whole)
             kept.append(number)
     return Regions(np.array(masks, bool).reshape(-1, *allowed.shape), regions.scores[np.array(kept, np.int64)])
 
 
-def _without_specks(mask: Bool[ndarray, "h w"], min_pixels: int) -> Bool[ndarray, "h w"]:
+def _drop_specks(mask: Bool[ndarray, "h w"], min_pixels: int) -> Bool[ndarray, "h w"]:
     pieces = np.zeros(mask.shape, np.int32)
     ndimage.label(mask, output=pieces)
     sizes = np.bincount(pieces.ravel())
@@ -108,8 +108,8 @@ def _without_specks(mask: Bool[ndarray, "h w"], min_pixels: int) -> Bool[ndarray
     return large[pieces]
 
 
-def whole_objects(regions: Regions, containment: float) -> Regions:
-    """Masks of whole objects: each mask joins the largest whole that contains `containment` of it.
+def merge_parts(regions: Regions, containment: float) -> Regions:
+    """Merge parts into whole objects: each mask joins the largest whole that contains `containment` of it.
 
     Not every larger mask is a whole. One is none if it covers half of the photo, if the segmenter itself trusts it less
     than the part, or if it is a group: wholly covered by several masks, none of them its main part, which score higher.
@@ -117,11 +117,11 @@ def whole_objects(regions: Regions, containment: float) -> Regions:
     """
     areas = regions.masks.sum(axis=(1, 2), dtype=np.int64)
     order = np.lexsort((np.arange(len(areas)), areas))  # from small to large
-    regions, areas = regions.of(order), areas[order]
-    inside = _pixels_shared(regions.masks) >= containment * areas[:, None]
+    regions, areas = regions.select(order), areas[order]
+    inside = _count_shared_pixels(regions.masks) >= containment * areas[:, None]
     np.fill_diagonal(inside, False)
     inside &= np.arange(len(areas))[:, None] < np.arange(len(areas))  # in a larger one
-    groups = _groups(regions, areas, inside)
+    groups = _find_groups(regions, areas, inside)
     trusted = inside & ~groups & (areas <= LARGEST_WHOLE * np.prod(regions.masks.shape[1:]))
     trusted &= regions.scores >= regions.scores[:, None] - SCORE_MARGIN
     root = np.arange(len(areas))
@@ -134,8 +134,8 @@ def whole_objects(regions: Regions, containment: float) -> Regions:
     return Regions(np.array(merged, bool).reshape(-1, *regions.masks.shape[1:]), regions.scores[roots])
 
 
-def _pixels_shared(masks: Bool[ndarray, "n h w"]) -> Float64[ndarray, "n n"]:
-    """Pixels that each two masks have in common."""
+def _count_shared_pixels(masks: Bool[ndarray, "n h w"]) -> Float64[ndarray, "n n"]:
+    """Count the pixels that each two masks have in common."""
     flat = masks.reshape(len(masks), masks.shape[1] * masks.shape[2])
     shared = np.zeros((len(masks), len(masks)))
     for start in range(0, flat.shape[1], BLOCK):
@@ -144,8 +144,8 @@ def _pixels_shared(masks: Bool[ndarray, "n h w"]) -> Float64[ndarray, "n n"]:
     return shared
 
 
-def _groups(regions: Regions, areas: Int64[ndarray, " n"], inside: Bool[ndarray, "n n"]) -> Bool[ndarray, " n"]:
-    """Which masks are several objects in one; masks are sorted from small to large."""
+def _find_groups(regions: Regions, areas: Int64[ndarray, " n"], inside: Bool[ndarray, "n n"]) -> Bool[ndarray, " n"]:
+    """Find masks that are several objects in one; masks are sorted from small to large."""
     groups = np.zeros(len(areas), bool)
     for number in range(len(areas)):
         parts = np.flatnonzero(inside[:, number] & ~groups)
@@ -158,8 +158,8 @@ def _groups(regions: Regions, areas: Int64[ndarray, " n"], inside: Bool[ndarray,
     return groups
 
 
-def painted(regions: Regions, min_pixels: int) -> UInt32[ndarray, "h w"]:
-    """Position of a mask + 1 in each pixel, small masks over large ones; 0 = none.
+def paint_regions(regions: Regions, min_pixels: int) -> UInt32[ndarray, "h w"]:
+    """Paint the position of a mask + 1 into each pixel, small masks over large ones; 0 = none.
 
     Pieces of which less than `min_pixels` stay visible go to nobody.
     """
@@ -169,5 +169,5 @@ def painted(regions: Regions, min_pixels: int) -> UInt32[ndarray, "h w"]:
         labels[regions.masks[number]] = number + 1
     for label in range(1, len(areas) + 1):
         mine = labels == label
-        labels[mine & ~_without_specks(mine, min_pixels)] = 0
+        labels[mine & ~_drop_specks(mine, min_pixels)] = 0
     return labels

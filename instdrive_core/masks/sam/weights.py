@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.json_fields import read_json
+from instdrive_core.masks.sam.options import SUGGESTED
 
 if TYPE_CHECKING:
     from torch.nn import Module
 
-SUGGESTED = "facebook/sam2.1-hiera-small"
 CONFIG, WEIGHTS = "config.json", "*.safetensors"
 IMAGENET_MEAN, IMAGENET_STD, HALF = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225), (0.5, 0.5, 0.5)
 KEEPS_SHAPE = frozenset(("sam", "sam_hq"))
@@ -28,8 +28,8 @@ HOW_TO_GET = (
 
 
 @dataclass(frozen=True)
-class Photo:
-    """How a model wants its photos."""
+class PhotoFormat:
+    """Form in which a model wants its photos."""
 
     size: int
     """Edge of the square it looks at, in pixels."""
@@ -37,11 +37,12 @@ class Photo:
     """Whether a photo keeps its proportions, padded at the right and the bottom, or is stretched to the square."""
     mean: tuple[float, ...]
     std: tuple[float, ...]
-    """Of the channels in [0, 1]; what is looked at is (photo − mean) / std."""
+    """Deviation of the channels in [0, 1]; what is looked at is (photo − mean) / std."""
 
 
-def weights_folder(model: str, offline: bool) -> Path:
-    """The folder with the model's files: a local one, or the hub's copy on this machine, downloaded if it is not there.
+def find_weights(model: str, offline: bool) -> Path:
+    """Find the folder with the model's files: a local one, or the hub's copy on this machine, downloaded if it is not
+    there.
 
     Args:
         model: a folder, or a name on the hub.
@@ -59,11 +60,11 @@ def weights_folder(model: str, offline: bool) -> Path:
         return folder
     if model.startswith((".", "/", "~")) or "\\" in model or model.count("/") > 1 or model.count("/") == 0:
         raise DataError(folder, "there is no such folder of weights", HOW_TO_GET.format(name=SUGGESTED))
-    return _from_hub(model, offline)
+    return _fetch_from_hub(model, offline)
 
 
 def require_transformers() -> None:
-    """Raises OptionError where the transformers library is not installed."""
+    """Raise OptionError where the transformers library is not installed."""
     if find_spec("transformers") is None:
         raise OptionError(
             "Masks of Segment Anything need the transformers library, which is not installed. "
@@ -71,7 +72,7 @@ def require_transformers() -> None:
         )
 
 
-def _from_hub(name: str, offline: bool) -> Path:
+def _fetch_from_hub(name: str, offline: bool) -> Path:
     from huggingface_hub import snapshot_download
 
     reason: Exception | str = "its files are not on this machine, and the network was not to be asked"
@@ -86,18 +87,18 @@ def _from_hub(name: str, offline: bool) -> Path:
         reason = "it holds no config.json with *.safetensors" if not local else reason
     raise OptionError(
         f"The weights '{name}' cannot be had ({reason}). {HOW_TO_GET.format(name=name)}. "
-        f"Families that work: {families()}."
+        f"Families that work: {list_families()}."
     )
 
 
-def families() -> str:
-    """The model types that the installed library generates masks with, for messages."""
+def list_families() -> str:
+    """List the model types that the installed library generates masks with, for messages."""
     from transformers.models.auto.modeling_auto import MODEL_FOR_MASK_GENERATION_MAPPING_NAMES
 
     return ", ".join(sorted(MODEL_FOR_MASK_GENERATION_MAPPING_NAMES))
 
 
-def load_model(folder: Path) -> tuple[Module, Photo]:
+def load_model(folder: Path) -> tuple[Module, PhotoFormat]:
     """Open a model, in 32-bit floats on the CPU, and how it wants its photos.
 
     Raises DataError where its files are damaged, incomplete or of a model that does not generate masks, OptionError
@@ -110,10 +111,10 @@ def load_model(folder: Path) -> tuple[Module, Photo]:
     config = read_json(file)
     kind = config.get("model_type") if isinstance(config, dict) else None
     if kind not in MODEL_FOR_MASK_GENERATION_MAPPING_NAMES:
-        remedy = f"Families that work with the installed transformers: {families()}, e.g. {SUGGESTED}"
+        remedy = f"Families that work with the installed transformers: {list_families()}, e.g. {SUGGESTED}"
         raise DataError(file, f"is of a model of the type {kind!r}, which does not generate masks", remedy)
     try:
-        with _quiet():
+        with _silence_progress_bars():
             model, report = AutoModelForMaskGeneration.from_pretrained(
                 folder, local_files_only=True, use_safetensors=True, output_loading_info=True
             )
@@ -125,11 +126,11 @@ def load_model(folder: Path) -> tuple[Module, Photo]:
     if report["missing_keys"]:
         problem = f"lacks {len(report['missing_keys'])} of the model's weights, e.g. '{min(report['missing_keys'])}'"
         raise DataError(folder, problem, HOW_TO_GET.format(name=SUGGESTED))
-    return model.float().eval(), _photo(folder, kind, model.config.prompt_encoder_config.image_size)
+    return model.float().eval(), _read_photo_format(folder, kind, model.config.prompt_encoder_config.image_size)
 
 
-def _photo(folder: Path, kind: str, size: int | list[int]) -> Photo:
-    """What the model's own files say about photos; where they say nothing, what its family is used to."""
+def _read_photo_format(folder: Path, kind: str, size: int | list[int]) -> PhotoFormat:
+    """Read what the model's own files say about photos; where they say nothing, what its family is used to."""
     settings: dict[str, Any] = {}
     for name in ("preprocessor_config.json", "processor_config.json"):
         if (folder / name).is_file():
@@ -139,12 +140,12 @@ def _photo(folder: Path, kind: str, size: int | list[int]) -> Photo:
     usual_mean, usual_std = (HALF, HALF) if kind.startswith("sam3") else (IMAGENET_MEAN, IMAGENET_STD)
     mean, std = settings.get("image_mean") or usual_mean, settings.get("image_std") or usual_std
     edge = size if isinstance(size, int) else max(size)
-    return Photo(edge, kind in KEEPS_SHAPE, tuple(map(float, mean)), tuple(map(float, std)))
+    return PhotoFormat(edge, kind in KEEPS_SHAPE, tuple(map(float, mean)), tuple(map(float, std)))
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """No progress bars of the library's: the program has its own."""
+def _silence_progress_bars() -> Iterator[None]:
+    """Silence the library's progress bars: the program has its own."""
     from transformers.utils import logging
 
     shown = logging.is_progress_bar_enabled()

@@ -24,12 +24,30 @@ from instdrive_core.rasterize.kernels.blend import (
     STRIDE,
     TILES_PER_TASK,
     Blended,
-    aligned_zeros,
+    allocate_aligned_zeros,
     open_tile,
     prefetch_record,
 )
+from instdrive_core.rasterize.kernels.buffer_pool import borrow_floats
 from instdrive_core.rasterize.kernels.fragment import EIGHTH, FAST, FLOOR, power_of_two
-from instdrive_core.rasterize.kernels.records import (
+from instdrive_core.rasterize.kernels.settings import RasterSettings
+from instdrive_core.rasterize.kernels.simd import (
+    add_contracted,
+    add_products,
+    build_block,
+    choose,
+    fill_lanes,
+    find_lowest_bit,
+    greatest,
+    least,
+    load,
+    magnitude,
+    make_zero_block,
+    store,
+    store_first,
+    sum_block,
+)
+from instdrive_core.rasterize.kernels.splat_records import (
     BLOCK,
     RECORD_BASE,
     RECORD_VALUES,
@@ -38,26 +56,8 @@ from instdrive_core.rasterize.kernels.records import (
     RECORD_XY,
     RECORD_Y,
     RECORD_YY,
-    blocks_of,
+    count_blocks,
 )
-from instdrive_core.rasterize.kernels.settings import RasterSettings
-from instdrive_core.rasterize.kernels.simd import (
-    add_contracted,
-    add_products,
-    block_of,
-    block_sums,
-    choose,
-    greatest,
-    least,
-    load,
-    lowest_bit,
-    magnitude,
-    spread,
-    store,
-    store_first,
-    zero_block,
-)
-from instdrive_core.rasterize.kernels.spare import spare_floats
 
 # Columns of a pair's row: sums over the pixels of d = dL/dlog α′, with (x, y) = pixel - mean; then depth and channels.
 SUM_D, SUM_X, SUM_Y, SUM_XX, SUM_XY, SUM_YY, SUM_ABS_X, SUM_ABS_Y, SUM_DEPTH, SUM_CHANNELS = range(10)
@@ -86,7 +86,7 @@ class PairSums:
     @property
     def feature_column(self) -> int:
         """Column of the first of the other channels: depth and geometry channels are padded to whole blocks."""
-        return SUM_DEPTH + BLOCK * blocks_of(1 + self.geometry_channels)
+        return SUM_DEPTH + BLOCK * count_blocks(1 + self.geometry_channels)
 
 
 @contextmanager
@@ -105,16 +105,16 @@ def blend_backward(
         grads: the loss's gradients with respect to its image, depth and alpha.
     """
     count = len(tiles.splats)
-    geometry_blocks = blocks_of(1 + geometry_channels)
-    blocks = geometry_blocks + blocks_of(blended.image.shape[2] - geometry_channels)
+    geometry_blocks = count_blocks(1 + geometry_channels)
+    blocks = geometry_blocks + count_blocks(blended.image.shape[2] - geometry_channels)
     width = SUM_DEPTH + BLOCK * blocks
-    with spare_floats(count * width) as space, numba.parallel_chunksize(1):
+    with borrow_floats(count * width) as space, numba.parallel_chunksize(1):
         sums = PairSums(space.reshape(count, width), np.zeros(count, np.uint8), geometry_channels)
         _blend_backward(
             records,
             (tiles.starts, tiles.splats, tiles.entries, blended.reached),
             (tiles.columns, geometry_channels, geometry_blocks, blocks),
-            settings.as_row(),
+            settings.to_row(),
             (blended.image, blended.depth, blended.alpha),
             grads,
             (sums.rows, sums.touched),
@@ -144,9 +144,9 @@ def _geometry_sums(scratch, staged, weights, records, at, rows, left, geometry_b
     xx = records[at + RECORD_XX]
     dx = load(scratch, _X) - (records[at + RECORD_X] - left)
     cross = records[at + RECORD_XY] * dx
-    moment_0 = moment_1 = moment_2 = abs_x = abs_y = spread(zero)
+    moment_0 = moment_1 = moment_2 = abs_x = abs_y = fill_lanes(zero)
     while rows != np.uint64(0):
-        row = lowest_bit(rows)
+        row = find_lowest_bit(rows)
         rows &= rows - np.uint64(1)
         q = row * ROW
         slope = staged[_STAGED_SLOPE + row] + xx * dx
@@ -177,8 +177,8 @@ def _geometry_sums(scratch, staged, weights, records, at, rows, left, geometry_b
         abs_x += size * magnitude(slope + xx * dx)
         abs_y += size * magnitude(staged[_STAGED_SLOPE_Y + row] + cross)
     d_x, scale = moment_0 * dx, one / EIGHTH
-    return block_sums(
-        block_of(moment_0, d_x, moment_1, d_x * dx, moment_1 * dx, moment_2, abs_x * scale, abs_y * scale)
+    return sum_block(
+        build_block(moment_0, d_x, moment_1, d_x * dx, moment_1 * dx, moment_2, abs_x * scale, abs_y * scale)
     )
 
 
@@ -187,20 +187,20 @@ def _value_sums(scratch, weights, rows, blocks, out, target):
     """Sums of weight · gradient over a splat's rows, of depth and channels, twelve or four of them at a time."""
     done = np.uint64(0)
     while blocks - done >= np.uint64(3):
-        first, twelve, todo = done * np.uint64(BLOCK), zero_block(12), rows
+        first, twelve, todo = done * np.uint64(BLOCK), make_zero_block(12), rows
         while todo != np.uint64(0):
-            q = lowest_bit(todo) * ROW
+            q = find_lowest_bit(todo) * ROW
             todo &= todo - np.uint64(1)
             twelve = add_products(twelve, load(weights, q), scratch, _GRADS + first * STRIDE + q, STRIDE)
-        store_first(12, out, target + first, block_sums(twelve))
+        store_first(12, out, target + first, sum_block(twelve))
         done += np.uint64(3)
     while done < blocks:
-        first, four, todo = done * np.uint64(BLOCK), zero_block(4), rows
+        first, four, todo = done * np.uint64(BLOCK), make_zero_block(4), rows
         while todo != np.uint64(0):
-            q = lowest_bit(todo) * ROW
+            q = find_lowest_bit(todo) * ROW
             todo &= todo - np.uint64(1)
             four = add_products(four, load(weights, q), scratch, _GRADS + first * STRIDE + q, STRIDE)
-        store_first(4, out, target + first, block_sums(four))
+        store_first(4, out, target + first, sum_block(four))
         done += np.uint64(1)
 
 
@@ -257,8 +257,8 @@ def _blend_backward(records, lists, layout, constants, outputs, grads, out):
     flat_grads = (grads[0].reshape(-1), grads[1].reshape(-1), grads[2].reshape(-1))
     starts, tiles = lists[0], len(lists[0]) - 1
     for task in numba.prange((tiles + TILES_PER_TASK - 1) // TILES_PER_TASK):
-        scratch = aligned_zeros(np.int64(_GRADS) + BLOCK * blocks * np.int64(STRIDE))
-        work = (aligned_zeros(4 * TILE), aligned_zeros(TILE * TILE))
+        scratch = allocate_aligned_zeros(np.int64(_GRADS) + BLOCK * blocks * np.int64(STRIDE))
+        work = (allocate_aligned_zeros(4 * TILE), allocate_aligned_zeros(TILE * TILE))
         for tile in range(task * TILES_PER_TASK, min(tiles, (task + 1) * TILES_PER_TASK)):
             left, top = tile % columns * TILE, tile // columns * TILE
             if left + TILE > width or top + TILE > height:

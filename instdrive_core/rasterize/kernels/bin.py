@@ -1,4 +1,4 @@
-"""Which splats touch which 16 × 16 tile: a counting sort over splats that are already in depth order.
+"""Binning: which splats touch which 16 × 16 tile, by a counting sort over splats that are already in depth order.
 
 Pairs are counted by one kernel and placed by another, which must agree on every bound to the last bit: a pair that was
 counted and not placed would name a splat at random. So nothing here is compiled with fastmath, with which the compiler
@@ -38,7 +38,7 @@ class TileLists:
     spans: UInt8[ndarray, "m 2"]
     """First row and end row of the tile that the splat reaches."""
     entries: Int32[ndarray, " m"]
-    """Where each pair stands when they are ordered splat by splat, each splat's in tile order."""
+    """Place of each pair when they are ordered splat by splat, each splat's in tile order."""
     splat_starts: Int64[ndarray, " v+1"]
     """Splat v owns the entries splat_starts[v] … splat_starts[v + 1]."""
 

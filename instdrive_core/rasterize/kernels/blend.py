@@ -17,7 +17,23 @@ from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import PIXELS, TILE, TileLists
 from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, power_of_two
-from instdrive_core.rasterize.kernels.records import (
+from instdrive_core.rasterize.kernels.settings import RasterSettings
+from instdrive_core.rasterize.kernels.simd import (
+    add_scaled,
+    any_lane,
+    choose,
+    find_lowest_bit,
+    find_members_with,
+    greatest,
+    least,
+    load,
+    load_block,
+    magnitude,
+    prefetch,
+    store,
+    store_block,
+)
+from instdrive_core.rasterize.kernels.splat_records import (
     BLOCK,
     RECORD_BASE,
     RECORD_VALUES,
@@ -26,23 +42,7 @@ from instdrive_core.rasterize.kernels.records import (
     RECORD_XY,
     RECORD_Y,
     RECORD_YY,
-    blocks_of,
-)
-from instdrive_core.rasterize.kernels.settings import RasterSettings
-from instdrive_core.rasterize.kernels.simd import (
-    add_scaled,
-    any_lane,
-    choose,
-    greatest,
-    least,
-    load,
-    load_block,
-    lowest_bit,
-    magnitude,
-    members_with,
-    prefetch,
-    store,
-    store_block,
+    count_blocks,
 )
 
 TILES_PER_TASK = 8
@@ -91,8 +91,8 @@ def blend(
             records,
             (tiles.starts, tiles.splats, tiles.spans),
             tiles.columns,
-            blocks_of(1 + channels),
-            settings.as_row(),
+            count_blocks(1 + channels),
+            settings.to_row(),
             (blended.image, blended.depth, blended.alpha),
             blended.reached,
         )
@@ -100,8 +100,8 @@ def blend(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def aligned_zeros(count):
-    """float32 that begin with a cache line, so that no load of lanes crosses one."""
+def allocate_aligned_zeros(count):
+    """Allocate float32 zeros that begin with a cache line, so that no load of lanes crosses one."""
     space = np.zeros(count + 16, np.float32)
     skip = -(np.int64(space.ctypes.data) >> 2) & 15
     return space[skip : skip + count]
@@ -109,7 +109,7 @@ def aligned_zeros(count):
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
 def open_tile(scratch, transmittance, x, y, width, height):
-    """Nothing blended yet; pixels outside the image, `width` and `height` from the tile's corner, are finished."""
+    """Start a tile with nothing blended; pixels outside the image, `width` × `height` from its corner, are finished."""
     for q in range(np.uint64(PIXELS)):
         column, row = q % np.uint64(TILE), q // np.uint64(TILE)
         scratch[x + q], scratch[y + q] = column, row
@@ -117,7 +117,7 @@ def open_tile(scratch, transmittance, x, y, width, height):
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def any_alive(scratch, transmittance):
+def has_open_pixel(scratch, transmittance):
     """Whether a pixel of the tile still lets light through; finished ones carry a negative transmittance."""
     alive = np.int32(0)
     for q in range(np.uint64(PIXELS)):
@@ -163,7 +163,7 @@ def _weigh_row(scratch, work, row, todo, constants):
     before = load(scratch, _TRANSMITTANCE + row * ROW)
     kept = np.uint64(0)
     while todo != np.uint64(0):
-        i = lowest_bit(todo)
+        i = find_lowest_bit(todo)
         todo &= todo - one
         at = i * _STAGED
         dx = columns - staged[at + _STAGED_X]
@@ -215,14 +215,14 @@ def _blend_tile(scratch, work, records, width, blocks, lists, start, stop, left,
         for i in range(end - start):
             reached[i] = np.uint64(0)
         for row in range(ROW):
-            todo = members_with(masks, row)
+            todo = find_members_with(masks, row)
             if todo != np.uint64(0) and any_lane(load(scratch, _TRANSMITTANCE + row * ROW) > np.float32(0)):
                 kept = _weigh_row(scratch, work, row, todo, constants)
                 _add_values(scratch, work, records, row, kept, blocks)
         for i in range(end - start):
             out_reached[start + i] = reached[i]
         start, end = end, upcoming
-        if not any_alive(scratch, _TRANSMITTANCE):
+        if not has_open_pixel(scratch, _TRANSMITTANCE):
             break
 
 
@@ -245,13 +245,13 @@ def _blend(records, lists, columns, blocks, constants, images, reached):
     flat = (images[0].reshape(-1), images[1].reshape(-1), images[2].reshape(-1))
     starts, tiles = lists[0], len(lists[0]) - 1
     for task in numba.prange((tiles + TILES_PER_TASK - 1) // TILES_PER_TASK):
-        scratch = aligned_zeros(np.int64(_VALUES) + BLOCK * blocks * np.int64(STRIDE))
+        scratch = allocate_aligned_zeros(np.int64(_VALUES) + BLOCK * blocks * np.int64(STRIDE))
         work = (
-            aligned_zeros(BATCH * np.int64(_STAGED)),
+            allocate_aligned_zeros(BATCH * np.int64(_STAGED)),
             np.empty(BATCH, np.uint64),
             np.empty(BATCH, np.uint16),
             np.empty(BATCH, np.uint64),
-            aligned_zeros(BATCH * TILE),
+            allocate_aligned_zeros(BATCH * TILE),
             np.empty(BATCH, np.uint64),
         )
         for tile in range(task * TILES_PER_TASK, min(tiles, (task + 1) * TILES_PER_TASK)):

@@ -1,7 +1,7 @@
 """The blending weights of chosen pixels as a sparse matrix: with frozen geometry a rendered feature map is W·F.
 
 Training instance features then needs no rasterizing: `apply_weights` is the forward pass of the chosen pixels,
-that of the `transposed` weights the gradient.
+that of the `transpose_weights` weights the gradient.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.bin import TILE, TileLists, bin_splats
-from instdrive_core.rasterize.kernels.fragment import FAST, FLOOR, exponent_of, power_of_two
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.rasterize.kernels.project import Projection, project
+from instdrive_core.rasterize.kernels.fragment import FAST
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.pixel_walk import (
+    PIXELS_PER_TASK,
+    PixelLists,
+    find_next_fragment,
+    list_pixels,
+    locate_pixel,
+)
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
-
-_PIXELS_PER_TASK = 64
 
 
 @dataclass(frozen=True)
@@ -33,15 +36,15 @@ class BlendWeights:
     """Gaussians."""
     weights: Float32[ndarray, " m"]
 
-    def of_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
-        """The matrix without the other pixels."""
+    def select_pixels(self, kept: Bool[ndarray, " p"]) -> BlendWeights:
+        """Copy the matrix without the other pixels."""
         counts = np.diff(self.indptr)
         entries = np.repeat(kept, counts)
         indptr = np.concatenate([[0], np.cumsum(counts[kept])]).astype(np.int64)
         return BlendWeights(indptr, self.rows[entries], self.weights[entries])
 
 
-def blend_weights(
+def compute_blend_weights(
     means: Float[ndarray, "n 3"],
     quats: Float[ndarray, "n 4"],
     log_scales: Float[ndarray, "n 3"],
@@ -50,36 +53,30 @@ def blend_weights(
     pixels: Int[ndarray, " p"],
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> BlendWeights:
-    """Which Gaussians `render` blends at the given pixels (row-major, flat), and with which weights.
+    """Compute which Gaussians `render` blends at the given pixels (row-major, flat), and with which weights.
 
     Raises:
         ValueError: a pixel is outside the image.
     """
-    pixels = np.ascontiguousarray(pixels, np.int64)
-    if len(pixels) and not 0 <= pixels.min() <= pixels.max() < camera.width * camera.height:
-        raise ValueError(f"pixels {pixels.min()} … {pixels.max()} leave the {camera.width} × {camera.height} image")
-    means, quats, log_scales, opacities = (kernel_array(array) for array in (means, quats, log_scales, opacities))
-    projection = project(means, quats, log_scales, opacities, camera, settings)
-    tiles = bin_splats(projection, camera.width, camera.height)
-    counts = np.zeros(len(pixels), np.int64)
-    indptr = np.zeros(len(pixels) + 1, np.int64)
-    _run(projection, tiles, pixels, camera.width, settings, indptr, (counts, _NO_ROWS, _NO_WEIGHTS))
+    lists = list_pixels(means, quats, log_scales, opacities, camera, pixels, settings)
+    counts, indptr = np.zeros(len(pixels), np.int64), np.zeros(len(pixels) + 1, np.int64)
+    _run(lists, settings, indptr, (counts, _NO_ROWS, _NO_WEIGHTS))
     np.cumsum(counts, out=indptr[1:])
     rows, weights = np.zeros(indptr[-1], np.int32), np.zeros(indptr[-1], np.float32)
-    _run(projection, tiles, pixels, camera.width, settings, indptr, (counts, rows, weights))
+    _run(lists, settings, indptr, (counts, rows, weights))
     return BlendWeights(indptr, rows, weights)
 
 
 def apply_weights(weights: BlendWeights, features: Float[ndarray, "n d"]) -> Float32[ndarray, "p d"]:
-    """W·F: the features of all Gaussians blended at each pixel."""
-    features = kernel_array(features)
+    """Blend the features of all Gaussians at each pixel: W·F."""
+    features = to_kernel_array(features)
     blended = np.empty((len(weights.indptr) - 1, features.shape[1]), np.float32)
     _sum_rows(weights.indptr, weights.rows, weights.weights, features, blended)
     return blended
 
 
-def transposed(weights: BlendWeights, count: int) -> BlendWeights:
-    """Wᵀ for N = `count` Gaussians; each one's entries in the order of the pixels.
+def transpose_weights(weights: BlendWeights, count: int) -> BlendWeights:
+    """Transpose the weights of N = `count` Gaussians: Wᵀ, each one's entries in the order of the pixels.
 
     `apply_weights` of it turns a gradient of pixels into the features' gradient.
     """
@@ -89,8 +86,8 @@ def transposed(weights: BlendWeights, count: int) -> BlendWeights:
     return BlendWeights(indptr, pixels, values)
 
 
-def compacted(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
-    """The rows of N = `count` Gaussians that have weights, rising, and the weights with these rows alone."""
+def compact_weights(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], BlendWeights]:
+    """Drop the rows without weights of N = `count` Gaussians; returns the others, rising, and their weights."""
     used = np.zeros(count, np.bool_)
     used[weights.rows] = True
     rows = np.flatnonzero(used)
@@ -102,28 +99,10 @@ def compacted(weights: BlendWeights, count: int) -> tuple[Int64[ndarray, " v"], 
 _NO_ROWS, _NO_WEIGHTS = np.empty(0, np.int32), np.empty(0, np.float32)
 
 
-def _run(
-    projection: Projection,
-    tiles: TileLists,
-    pixels: ndarray,
-    width: int,
-    settings: RasterSettings,
-    indptr: ndarray,
-    out: tuple[ndarray, ndarray, ndarray],
-) -> None:
+def _run(lists: PixelLists, settings: RasterSettings, indptr: ndarray, out: tuple[ndarray, ndarray, ndarray]) -> None:
     """Count the entries of each pixel, or write them where there is room for them."""
-    tile_of_pixel = pixels // width // TILE * tiles.columns + pixels % width // TILE
-    order = np.argsort(tile_of_pixel, kind="stable")  # neighbours in one thread: they read the same splats
-    with numba.parallel_chunksize(_PIXELS_PER_TASK):
-        _walk_pixels(
-            (projection.splats, projection.rows),
-            (tiles.starts, tiles.splats, tiles.spans),
-            (pixels[order], order, tile_of_pixel[order]),
-            width,
-            settings.as_row(),
-            indptr,
-            out,
-        )
+    with numba.parallel_chunksize(PIXELS_PER_TASK):
+        _walk_pixels(*lists.to_arguments(), settings.to_row(), indptr, out)
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=FAST)
@@ -132,34 +111,19 @@ def _walk_pixels(projected, lists, asked, width, constants, indptr, out):
     starts, pair_splats, spans = lists
     pixels, order, tile_of_pixel = asked
     counts, rows, weights = out[0], out[1], out[2]  # indexed, not unpacked: see project_backward
-    min_alpha, max_alpha, min_transmittance = constants[2], constants[3], constants[4]
-    for place in numba.prange(len(pixels)):
-        column, line = pixels[place] % width, pixels[place] // width
-        left, top = column // TILE * TILE, line // TILE * TILE
-        column, line = column - left, line - top
-        tile, start = tile_of_pixel[place], indptr[order[place]]
-        before, found = np.float32(1), 0
-        for pair in range(starts[tile], starts[tile + 1]):
-            if line < spans[pair, 0] or line >= spans[pair, 1]:
-                continue
-            v = pair_splats[pair]
-            x, y, base, xx, xy, yy = exponent_of(splats, v, np.float32(left), np.float32(top), min_alpha)
-            dx, dy = np.float32(column) - x, np.float32(line) - y
-            exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
-            if exponent < FLOOR:
-                continue
-            alpha = power_of_two(exponent)
-            if alpha < min_alpha:
-                continue
-            after = before - before * min(alpha, max_alpha)
-            if not after > min_transmittance:
-                break
+    for number in numba.prange(len(pixels)):
+        place, tile = locate_pixel(pixels[number], width), tile_of_pixel[number]
+        start, end = indptr[order[number]], indptr[order[number] + 1]
+        before, found, stop = np.float32(1), 0, starts[tile + 1]
+        pair, after = find_next_fragment(splats, pair_splats, spans, starts[tile], stop, place, before, constants)
+        while pair < stop:
             if len(rows):
-                if start + found == indptr[order[place] + 1]:
+                if start + found == end:
                     break  # the pass that counted may have rounded one fragment away
-                rows[start + found], weights[start + found] = splat_rows[v], before - after
+                rows[start + found], weights[start + found] = splat_rows[pair_splats[pair]], before - after
             found, before = found + 1, after
-        counts[order[place]] = found
+            pair, after = find_next_fragment(splats, pair_splats, spans, pair + 1, stop, place, before, constants)
+        counts[order[number]] = found
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -17,7 +17,7 @@ FAST = {"nnan", "ninf", "nsz", "arcp", "contract", "afn"}
 FLOOR = np.float32(-1.002)
 """Exponents (in eighths) are clamped here, below any alpha that is drawn."""
 EIGHTH = np.float32(0.125 * np.log2(np.e))
-"""From natural exponents to eighths of a power of two."""
+"""Factor from natural exponents to eighths of a power of two."""
 
 
 def _exponential_coefficients() -> tuple[np.float32, ...]:
@@ -41,8 +41,8 @@ def power_of_two(eighths):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def exponent_of(splats, v, left, top, min_alpha):
-    """A splat's exponent as (mean x, mean y, base, xx, xy, yy), relative to the centre of pixel (left, top).
+def compute_exponent(splats, v, left, top, min_alpha):
+    """Compute a splat's exponent as (mean x, mean y, base, xx, xy, yy), relative to the centre of pixel (left, top).
 
     The exponent in eighths at offset (dx, dy) is base + yy·dy² + dx·(xy·dy + xx·dx).
     """

@@ -7,8 +7,8 @@ from jaxtyping import Float, Float32
 from numpy import ndarray
 
 
-def kernel_array(array: Float[ndarray, "*n"]) -> Float32[ndarray, "*n"]:
-    """The array as float32, C-contiguous and writeable; copied only where it is not.
+def to_kernel_array(array: Float[ndarray, "*n"]) -> Float32[ndarray, "*n"]:
+    """Convert an array to float32, C-contiguous and writeable; it is copied only where it is not.
 
     Any other layout, a read-only flag included, would make Numba compile every kernel anew: seconds for a copy of
     milliseconds.

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from numpy import ndarray
 
-from instdrive_core.maths.sorting import back_to_front
+from instdrive_core.maths.sorting import sort_front_to_back
 from instdrive_core.rasterize.kernels.settings import RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -33,11 +33,14 @@ class Projection:
     covariances: Float32[ndarray, "v 3"]
     """2D covariance xx, xy, yy (pixel²), low-pass included."""
     places: Int32[ndarray, " n"]
-    """Where each row stands in `rows`, -1 for those culled."""
+    """Place of each row in `rows`, -1 for those culled."""
 
 
-def camera_row(camera: Camera) -> Float32[ndarray, " 22"]:
-    """A camera as one flat array: rotation (9), translation (3), fx, fy, cx, cy, width, height, Jacobian limits (4)."""
+def camera_to_row(camera: Camera) -> Float32[ndarray, " 22"]:
+    """Write a camera as one flat array.
+
+    Rotation (9), translation (3), fx, fy, cx, cy, width, height, limits of the Jacobian (4).
+    """
     matrix = camera.camera_from_world
     margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
     limits = (
@@ -63,7 +66,7 @@ def project(
     splats, covariances = np.empty((count, SPLAT_WIDTH), np.float32), np.empty((count, 3), np.float32)
     depths = np.empty(count, np.float32)
     project_rows(means, quats, log_scales, opacities, camera, settings, splats, covariances, depths)
-    rows = back_to_front(depths, 0.0)[::-1].astype(np.int32)
+    rows = sort_front_to_back(depths)
     sorted_splats, sorted_covariances = (
         np.empty((len(rows), SPLAT_WIDTH), np.float32),
         np.empty((len(rows), 3), np.float32),
@@ -85,7 +88,7 @@ def project_rows(
     depths: Float32[ndarray, " n"],
 ) -> None:
     """Write what a `Projection` holds, row by row; depth 0 for those culled, whose other numbers stay as they are."""
-    _project(means, quats, log_scales, opacities, camera_row(camera), settings.as_row(), splats, covariances, depths)
+    _project(means, quats, log_scales, opacities, camera_to_row(camera), settings.to_row(), splats, covariances, depths)
 
 
 @numba.njit(cache=True, parallel=True, nogil=True, error_model="numpy", fastmath=FLAGS)

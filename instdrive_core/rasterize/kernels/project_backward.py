@@ -30,7 +30,7 @@ from instdrive_core.rasterize.kernels.project import (
     OPACITY,
     SPLAT_WIDTH,
     Projection,
-    camera_row,
+    camera_to_row,
 )
 from instdrive_core.rasterize.kernels.simd import prefetch
 from instdrive_core.scene.camera import Camera
@@ -49,7 +49,7 @@ class RasterGradients:
     quats: Float32[ndarray, "n 4"]
     log_scales: Float32[ndarray, "n 3"]
     opacities: Float32[ndarray, " n"]
-    """With respect to the opacity in (0, 1), not its logit."""
+    """Gradients with respect to the opacity in (0, 1), not its logit."""
     channels: Float32[ndarray, "n c"]
     means2d_abs: Float32[ndarray, " n"]
     """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over the pixels, x and y the projected mean in pixels (AbsGS, Ye et al. 2024).
@@ -81,7 +81,7 @@ def project_backward(
     )
     _project_backward(
         (means, quats, log_scales),
-        camera_row(camera),
+        camera_to_row(camera),
         (projection.places, projection.splats),
         (tiles.splat_starts, pair_sums.touched, pair_sums.rows),
         (pair_sums.geometry_channels, pair_sums.feature_column),

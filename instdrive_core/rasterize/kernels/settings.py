@@ -13,7 +13,7 @@ from instdrive_core.scene.scene import Scene
 
 @dataclass(frozen=True)
 class RasterSettings:
-    """How Gaussians become pixels."""
+    """Constants of splatting."""
 
     near: float = 0.1
     """Splats whose centre is nearer than this (metres along the viewing axis) are not drawn."""
@@ -34,15 +34,15 @@ class RasterSettings:
                 f"min_alpha {self.min_alpha} and max_alpha {self.max_alpha} do not fit 1/256 ≤ min < max < 1"
             )
 
-    def as_row(self) -> Float32[ndarray, " 6"]:
-        """The constants in the order above, as the kernels take them."""
+    def to_row(self) -> Float32[ndarray, " 6"]:
+        """Write the constants in the order above, as the kernels take them."""
         return np.array(astuple(self), np.float32)
 
 
 DEFAULT_SETTINGS = RasterSettings()
-"""Those of 3DGS and gsplat."""
+"""Constants of 3DGS and gsplat."""
 
 
-def settings_for(scene: Scene) -> RasterSettings:
-    """The constants that a scene was trained to be drawn with."""
+def choose_raster_settings(scene: Scene) -> RasterSettings:
+    """Choose the constants that a scene was trained to be drawn with."""
     return RasterSettings(antialiased=True) if scene.antialiased else DEFAULT_SETTINGS

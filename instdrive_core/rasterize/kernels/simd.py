@@ -72,33 +72,33 @@ def _indices(values):
     return ir.Constant(ir.VectorType(_INT32, len(values)), values)
 
 
-def _spread(builder, scalar, width=WIDTH):
-    """A vector with the scalar in every place."""
+def _fill_vector(builder, scalar, width=WIDTH):
+    """Make a vector with the scalar in every place."""
     undefined = ir.Constant(ir.VectorType(scalar.type, width), ir.Undefined)
     return builder.shuffle_vector(
         builder.insert_element(undefined, scalar, _INT32(0)), undefined, _indices([0] * width)
     )
 
 
-def _widened(builder, kind, value):
-    return value if isinstance(kind, Lanes) else _spread(builder, value)
+def _widen_index(builder, kind, value):
+    return value if isinstance(kind, Lanes) else _fill_vector(builder, value)
 
 
 def _pointer(context, builder, array_type, array, place):
     return builder.gep(context.make_array(array_type)(context, builder, array).data, [place])
 
 
-def _loaded(context, builder, array_type, array, place):
+def _load_vector(context, builder, array_type, array, place):
     pointer = builder.bitcast(_pointer(context, builder, array_type, array, place), _VECTOR.as_pointer())
     return builder.load(pointer, align=4)
 
 
-def _stored(context, builder, array_type, array, place, value) -> None:
+def _store_vector(context, builder, array_type, array, place, value) -> None:
     pointer = builder.bitcast(_pointer(context, builder, array_type, array, place), value.type.as_pointer())
     builder.store(value, pointer, align=4)
 
 
-def _strided(builder, place, stride, count):
+def _step_index(builder, place, stride, count):
     """place + k · stride for k < count."""
     return [builder.add(place, builder.mul(stride, _INT64(k))) for k in range(count)]
 
@@ -112,7 +112,7 @@ def _lane_operator(symbol, build, result) -> None:
     @intrinsic
     def apply(typingctx, left, right):
         def codegen(context, builder, signature, args):
-            return build(builder, *(_widened(builder, *side) for side in zip(signature.args, args, strict=True)))
+            return build(builder, *(_widen_index(builder, *side) for side in zip(signature.args, args, strict=True)))
 
         return result(left, right), codegen
 
@@ -151,7 +151,7 @@ def _and(left, right):
 def _extreme(sign):
     def typed(typingctx, left, right):
         def codegen(context, builder, signature, args):
-            a, b = (_widened(builder, *side) for side in zip(signature.args, args, strict=True))
+            a, b = (_widen_index(builder, *side) for side in zip(signature.args, args, strict=True))
             return builder.select(builder.fcmp_ordered(sign, a, b), a, b)
 
         return lanes(left, right), codegen
@@ -168,7 +168,7 @@ def choose(typingctx, condition, yes, no):
     """`yes` where the condition holds, else `no`."""
 
     def codegen(context, builder, signature, args):
-        sides = (_widened(builder, *side) for side in zip(signature.args[1:], args[1:], strict=True))
+        sides = (_widen_index(builder, *side) for side in zip(signature.args[1:], args[1:], strict=True))
         return builder.select(args[0], *sides)
 
     return lanes(lane_mask, yes, no), codegen
@@ -187,7 +187,7 @@ def magnitude(typingctx, value):
 
 @intrinsic
 def any_lane(typingctx, condition):
-    """Whether the condition holds anywhere."""
+    """Whether the condition holds in any lane."""
 
     def codegen(context, builder, signature, args):
         return builder.icmp_unsigned("!=", builder.bitcast(args[0], _INT16), _INT16(0))
@@ -196,8 +196,8 @@ def any_lane(typingctx, condition):
 
 
 @intrinsic
-def lane_bits(typingctx, condition):
-    """Where the condition holds, as the bits of a uint16, the first lane's lowest."""
+def pack_lane_bits(typingctx, condition):
+    """Pack a condition into the bits of a uint16, the first lane's lowest."""
 
     def codegen(context, builder, signature, args):
         return builder.bitcast(args[0], _INT16)
@@ -206,14 +206,14 @@ def lane_bits(typingctx, condition):
 
 
 @intrinsic
-def lanes_with(typingctx, bits):
-    """The condition that holds in the lanes whose bits are set in a uint16: what `lane_bits` takes apart."""
+def unpack_lane_bits(typingctx, bits):
+    """Unpack the bits of a uint16 into a condition: the inverse of `pack_lane_bits`."""
     return lane_mask(types.uint16), lambda context, builder, signature, args: builder.bitcast(args[0], _BITS)
 
 
 @intrinsic
-def without(typingctx, condition, exception):
-    """Where the condition holds and the exception does not."""
+def exclude_lanes(typingctx, condition, exception):
+    """Combine two conditions: the first holds and the exception does not."""
 
     def codegen(context, builder, signature, args):
         return builder.and_(args[0], builder.not_(args[1]))
@@ -222,9 +222,9 @@ def without(typingctx, condition, exception):
 
 
 @intrinsic
-def spread(typingctx, value):
-    """A float32 in every lane."""
-    return lanes(types.float32), lambda context, builder, signature, args: _spread(builder, args[0])
+def fill_lanes(typingctx, value):
+    """Put one float32 into every lane."""
+    return lanes(types.float32), lambda context, builder, signature, args: _fill_vector(builder, args[0])
 
 
 # --- memory
@@ -232,10 +232,10 @@ def spread(typingctx, value):
 
 @intrinsic
 def load(typingctx, array, place):
-    """Sixteen neighbours in a flat float32 array."""
+    """Load sixteen neighbours from a flat float32 array."""
 
     def codegen(context, builder, signature, args):
-        return _loaded(context, builder, signature.args[0], *args)
+        return _load_vector(context, builder, signature.args[0], *args)
 
     return lanes(array, types.uint64), codegen
 
@@ -245,7 +245,7 @@ def store(typingctx, array, place, value):
     """Write sixteen neighbours of a flat float32 array."""
 
     def codegen(context, builder, signature, args):
-        _stored(context, builder, signature.args[0], *args)
+        _store_vector(context, builder, signature.args[0], *args)
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, lanes), codegen
@@ -260,7 +260,7 @@ def store_first(typingctx, count, array, place, value):
 
     def codegen(context, builder, signature, args):
         _, array, place, value = args
-        _stored(context, builder, signature.args[1], array, place, builder.shuffle_vector(value, value, first))
+        _store_vector(context, builder, signature.args[1], array, place, builder.shuffle_vector(value, value, first))
         return context.get_dummy_value()
 
     return types.void(count, array, types.uint64, lanes), codegen
@@ -289,8 +289,8 @@ prefetch, prefetch_to_write = _fetching(0), _fetching(1)
 
 
 @intrinsic(prefer_literal=True)
-def zero_block(typingctx, count):
-    """A block of `count` (a literal) times zero."""
+def make_zero_block(typingctx, count):
+    """Make a block of `count` (a literal) times zero."""
     if not isinstance(count, types.IntegerLiteral):
         return None
     block = LaneBlock(count.literal_value)
@@ -298,8 +298,8 @@ def zero_block(typingctx, count):
 
 
 @intrinsic
-def block_of(typingctx, *members):
-    """A block of the lanes given."""
+def build_block(typingctx, *members):
+    """Build a block of the lanes given."""
 
     def codegen(context, builder, signature, args):
         block = ir.Constant(context.get_value_type(signature.return_type), ir.Undefined)
@@ -321,8 +321,8 @@ def load_block(typingctx, count, array, place, stride):
     def codegen(context, builder, signature, args):
         _, array, place, stride = args
         block = ir.Constant(context.get_value_type(block_type), ir.Undefined)
-        for k, at in enumerate(_strided(builder, place, stride, block_type.count)):
-            block = builder.insert_value(block, _loaded(context, builder, signature.args[1], array, at), k)
+        for k, at in enumerate(_step_index(builder, place, stride, block_type.count)):
+            block = builder.insert_value(block, _load_vector(context, builder, signature.args[1], array, at), k)
         return block
 
     return block_type(count, array, types.uint64, types.uint64), codegen
@@ -330,12 +330,12 @@ def load_block(typingctx, count, array, place, stride):
 
 @intrinsic
 def store_block(typingctx, array, place, stride, block):
-    """Write what `load_block` reads."""
+    """Write a block where `load_block` reads it."""
 
     def codegen(context, builder, signature, args):
         array, place, stride, block = args
-        for k, at in enumerate(_strided(builder, place, stride, signature.args[3].count)):
-            _stored(context, builder, signature.args[0], array, at, builder.extract_value(block, k))
+        for k, at in enumerate(_step_index(builder, place, stride, signature.args[3].count)):
+            _store_vector(context, builder, signature.args[0], array, at, builder.extract_value(block, k))
         return context.get_dummy_value()
 
     return types.void(array, types.uint64, types.uint64, block), codegen
@@ -347,9 +347,9 @@ def add_scaled(typingctx, block, weight, array, place):
 
     def codegen(context, builder, signature, args):
         block, weight, array, place = args
-        for k, at in enumerate(_strided(builder, place, _INT64(1), signature.args[0].count)):
+        for k, at in enumerate(_step_index(builder, place, _INT64(1), signature.args[0].count)):
             scalar = builder.load(_pointer(context, builder, signature.args[2], array, at))
-            product = builder.fmul(weight, _spread(builder, scalar))
+            product = builder.fmul(weight, _fill_vector(builder, scalar))
             block = builder.insert_value(block, builder.fadd(builder.extract_value(block, k), product), k)
         return block
 
@@ -362,8 +362,8 @@ def add_products(typingctx, block, weight, array, place, stride):
 
     def codegen(context, builder, signature, args):
         block, weight, array, place, stride = args
-        for k, at in enumerate(_strided(builder, place, stride, signature.args[0].count)):
-            product = builder.fmul(weight, _loaded(context, builder, signature.args[2], array, at))
+        for k, at in enumerate(_step_index(builder, place, stride, signature.args[0].count)):
+            product = builder.fmul(weight, _load_vector(context, builder, signature.args[2], array, at))
             block = builder.insert_value(block, builder.fadd(builder.extract_value(block, k), product), k)
         return block
 
@@ -376,18 +376,18 @@ def add_contracted(typingctx, start, array, place, stride, values, first):
 
     def codegen(context, builder, signature, args):
         total, array, place, stride, values, first = args
-        places, numbers = _strided(builder, place, stride, 4), _strided(builder, first, _INT64(1), 4)
+        places, numbers = _step_index(builder, place, stride, 4), _step_index(builder, first, _INT64(1), 4)
         for at, number in zip(places, numbers, strict=True):
             scalar = builder.load(_pointer(context, builder, signature.args[4], values, number))
-            row = _loaded(context, builder, signature.args[1], array, at)
-            total = builder.fadd(total, builder.fmul(row, _spread(builder, scalar)))
+            row = _load_vector(context, builder, signature.args[1], array, at)
+            total = builder.fadd(total, builder.fmul(row, _fill_vector(builder, scalar)))
         return total
 
     return lanes(lanes, array, types.uint64, types.uint64, values, types.uint64), codegen
 
 
 @intrinsic
-def block_sums(typingctx, block):
+def sum_block(typingctx, block):
     """Lane k: the sum over the lanes of member k; 0 beyond the block (of at most sixteen).
 
     Members are added in pairs while they are interleaved, so that sixteen sums cost as much as three.
@@ -398,14 +398,14 @@ def block_sums(typingctx, block):
         rows = [builder.extract_value(args[0], k) for k in range(count)] + [None] * (WIDTH - count)
         distance = 1
         while len(rows) > 1:
-            rows = [_paired_sums(builder, *pair, distance) for pair in zip(rows[::2], rows[1::2], strict=True)]
+            rows = [_sum_lane_pairs(builder, *pair, distance) for pair in zip(rows[::2], rows[1::2], strict=True)]
             distance *= 2
         return rows[0]
 
     return lanes(block), codegen
 
 
-def _paired_sums(builder, left, right, distance):
+def _sum_lane_pairs(builder, left, right, distance):
     """Sums of lanes `distance` apart: those of `left` where that bit of the lane's number is 0, else of `right`."""
     if left is None:
         return None
@@ -421,20 +421,20 @@ def _paired_sums(builder, left, right, distance):
 
 
 @intrinsic
-def lowest_bit(typingctx, bits):
-    """Number of the lowest bit that is set in a uint64 other than 0."""
+def find_lowest_bit(typingctx, bits):
+    """Find the number of the lowest bit that is set in a uint64 other than 0."""
     return types.uint64(types.uint64), lambda context, builder, signature, args: builder.cttz(args[0], ir.IntType(1)(1))
 
 
 @intrinsic
-def members_with(typingctx, sets, bit):
-    """Which of the first 64 uint16 of an array have bit number `bit` set, as the bits of a uint64."""
+def find_members_with(typingctx, sets, bit):
+    """Find which of the first 64 uint16 of an array have bit number `bit` set; returns the bits of a uint64."""
 
     def codegen(context, builder, signature, args):
         kind = ir.VectorType(_INT16, 64)
         pointer = _pointer(context, builder, signature.args[0], args[0], _INT64(0))
         values = builder.load(builder.bitcast(pointer, kind.as_pointer()), align=2)
-        wanted = _spread(builder, builder.shl(_INT16(1), builder.trunc(args[1], _INT16)), 64)
+        wanted = _fill_vector(builder, builder.shl(_INT16(1), builder.trunc(args[1], _INT16)), 64)
         found = builder.icmp_unsigned("!=", builder.and_(values, wanted), ir.Constant(kind, None))
         return builder.bitcast(found, _INT64)
 

@@ -1,6 +1,6 @@
-"""What the sky adds behind the Gaussians: (1 - alpha) · sky(direction) per pixel, and the way back.
+"""The sky behind the Gaussians: (1 - alpha) · sky(direction) per pixel, and its gradients.
 
-The lookup is that of `scene.sky.cube_tap`, a row of pixels at a time, so that it vectorises; a test holds the two
+The lookup is that of `scene.sky.find_cube_tap`, a row of pixels at a time, so that it vectorises; a test holds the two
 together.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.sky import Sky
 
@@ -22,19 +22,19 @@ _BAND = 16
 """Rows of pixels that add up their own gradient of the faces; the bands' sums are then added in order."""
 
 
-def sky_behind(sky: Sky | None, camera: Camera, alpha: Float32[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
-    """The sky's colour along each pixel's ray, times 1 - alpha; black without a sky."""
+def render_sky_behind(sky: Sky | None, camera: Camera, alpha: Float32[ndarray, "h w"]) -> Float32[ndarray, "h w 3"]:
+    """Render the sky's colour along each pixel's ray, times 1 - alpha; black without a sky."""
     behind = np.zeros((*alpha.shape, 3), np.float32)
-    return behind if sky is None else over_sky(sky, camera, behind, alpha)
+    return behind if sky is None else copy_over_sky(sky, camera, behind, alpha)
 
 
-def over_sky(
+def copy_over_sky(
     sky: Sky, camera: Camera, image: Float32[ndarray, "h w 3"], alpha: Float32[ndarray, "h w"]
 ) -> Float32[ndarray, "h w 3"]:
-    """A copy of the image with the sky behind it."""
+    """Copy an image with the sky put behind it."""
     result = np.empty(image.shape, np.float32)
     with numba.parallel_chunksize(_BAND):  # the sky fills some rows and misses others
-        _over_sky(*_texels(sky), _ray_matrix(camera), kernel_array(alpha), kernel_array(image), result)
+        _over_sky(*_texels(sky), _ray_matrix(camera), to_kernel_array(alpha), to_kernel_array(image), result)
     return result
 
 
@@ -44,10 +44,10 @@ def add_sky(sky: Sky, camera: Camera, image: Float32[ndarray, "h w 3"], alpha: F
         _over_sky(*_texels(sky), _ray_matrix(camera), alpha, image, image)
 
 
-def sky_behind_backward(
+def render_sky_behind_backward(
     sky: Sky, camera: Camera, alpha: Float32[ndarray, "h w"], grad: Float32[ndarray, "h w 3"]
 ) -> tuple[Float32[ndarray, "h w"], Float32[ndarray, "6 r r 3"]]:
-    """Gradients with respect to alpha and faces, given the gradient with respect to what `sky_behind` returned.
+    """Gradients with respect to alpha and faces, given the gradient with respect to what `render_sky_behind` returned.
 
     The same input gives the same bits, whatever the number of threads.
     """
@@ -55,7 +55,7 @@ def sky_behind_backward(
     bands = (len(alpha) + _BAND - 1) // _BAND
     sums, touched = np.empty((bands, *texels.shape), np.float32), np.zeros((bands, 6 * resolution), np.bool_)
     grad_alpha, grad_texels = np.empty(alpha.shape, np.float32), np.empty(texels.shape, np.float32)
-    known = (kernel_array(grad), kernel_array(alpha), texels, resolution, _ray_matrix(camera))
+    known = (to_kernel_array(grad), to_kernel_array(alpha), texels, resolution, _ray_matrix(camera))
     with numba.parallel_chunksize(1):
         _behind_backward(*known, grad_alpha, sums, touched)
     _add_bands(sums, touched, resolution, grad_texels)
@@ -63,7 +63,7 @@ def sky_behind_backward(
 
 
 def _texels(sky: Sky) -> tuple[ndarray, int]:
-    return kernel_array(sky.faces).reshape(-1, 3), sky.faces.shape[1]
+    return to_kernel_array(sky.faces).reshape(-1, 3), sky.faces.shape[1]
 
 
 def _ray_matrix(camera: Camera) -> Float32[ndarray, "3 3"]:
@@ -79,8 +79,8 @@ def _ray_matrix(camera: Camera) -> Float32[ndarray, "3 3"]:
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
-def _seen_columns(alpha):
-    """The first column that shows sky, and one past the last."""
+def _find_sky_columns(alpha):
+    """Find the first column that shows sky, and one past the last."""
     first, last = 0, len(alpha)
     while first < last and np.float32(1) - alpha[first] < _SHOWS:
         first += 1
@@ -90,8 +90,8 @@ def _seen_columns(alpha):
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
-def _taps_of_row(row, first, last, matrix, resolution, texels, shares):
-    """The first of four texels that each pixel reads, and how much of its right and lower neighbours it takes."""
+def _find_taps(row, first, last, matrix, resolution, texels, shares):
+    """Find the first of four texels that each pixel reads, and its shares of the right and lower neighbours."""
     zero, half = np.float32(0), np.float32(0.5)
     side, end, start = np.float32(resolution), np.float32(resolution - 1), np.int32(max(resolution - 2, 0))
     y = np.float32(row)
@@ -123,7 +123,7 @@ def _corner_weights(across, down):
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
 def _neighbours(resolution):
-    """How far the right and the lower neighbour of a texel are."""
+    """Steps from a texel to its right and its lower neighbour."""
     if resolution > 1:
         return np.uint64(1), np.uint64(resolution)
     return np.uint64(0), np.uint64(0)
@@ -131,11 +131,11 @@ def _neighbours(resolution):
 
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
 def _add_sky_to_row(texels, resolution, matrix, row, alpha, image):
-    first, last = _seen_columns(alpha)
+    first, last = _find_sky_columns(alpha)
     if first == last:
         return
     corners, shares = np.empty(len(alpha), np.int32), np.empty((2, len(alpha)), np.float32)
-    _taps_of_row(row, first, last, matrix, np.int32(resolution), corners, shares)
+    _find_taps(row, first, last, matrix, np.int32(resolution), corners, shares)
     right, below = _neighbours(resolution)
     for column in range(np.uint64(first), np.uint64(last)):
         through = np.float32(1) - alpha[column]
@@ -167,11 +167,11 @@ def _open_texel_row(texel_row, resolution, sums, touched):
 @numba.njit(fastmath=_FAST, error_model="numpy", cache=True)
 def _row_backward(row, grad, alpha, texels, resolution, matrix, grad_alpha, sums, touched):
     grad_alpha[:] = 0
-    first, last = _seen_columns(alpha)
+    first, last = _find_sky_columns(alpha)
     if first == last:
         return
     corners, shares = np.empty(len(alpha), np.int32), np.empty((2, len(alpha)), np.float32)
-    _taps_of_row(row, first, last, matrix, np.int32(resolution), corners, shares)
+    _find_taps(row, first, last, matrix, np.int32(resolution), corners, shares)
     right, below = _neighbours(resolution)
     for column in range(np.uint64(first), np.uint64(last)):
         through = np.float32(1) - alpha[column]

@@ -13,8 +13,8 @@ from jaxtyping import Float, Float32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.scene.scene import extract_node_rotations
 
 _CHUNK = 1 << 8
 """Rows whose directions and basis values a thread computes at once: attributes are interleaved, these lie in columns,
@@ -25,10 +25,10 @@ _HALF = np.float32(0.5)
 
 @dataclass(frozen=True)
 class HarmonicsView:
-    """Where harmonics are looked up: Gaussians, a camera, and the nodes whose frames turn them."""
+    """A view in which harmonics are evaluated: Gaussians, a camera, and the nodes whose frames turn them."""
 
     means: Float32[ndarray, "n 3"]
-    """In the world, actors placed."""
+    """Means in the world, actors placed."""
     position: Float32[ndarray, "3"]
     """The camera's."""
     nodes: UInt16[ndarray, " n"]
@@ -37,27 +37,29 @@ class HarmonicsView:
     """world_from_node; the identity for node 0."""
 
     def arguments(self) -> tuple[ndarray, ...]:
-        """As the kernels take them."""
+        """Arrays in the order in which the kernels take them."""
         return self.means, self.position, self.nodes, self.rotations
 
 
-def harmonics_view(
+def build_harmonics_view(
     means: Float[ndarray, "n 3"],
     camera_position: Float[ndarray, "3"],
     nodes: UInt16[ndarray, " n"] | None = None,
     poses: Float[ndarray, "m 4 4"] | None = None,
 ) -> HarmonicsView:
-    """See `view_colors` for the arguments."""
+    """Build the view of Gaussians from a camera; `compute_colors` describes the arguments."""
     if nodes is None or poses is None or len(poses) < 2 or not nodes.any():
         nodes, rotations = np.zeros(0, np.uint16), np.eye(3)[None]
     else:
-        rotations = node_rotations(np.asarray(poses, np.float64))
+        rotations = extract_node_rotations(np.asarray(poses, np.float64))
         rotations[0] = np.eye(3)
     row_nodes = np.require(nodes, np.uint16, ["C", "W"])
-    return HarmonicsView(kernel_array(means), kernel_array(camera_position), row_nodes, kernel_array(rotations))
+    return HarmonicsView(
+        to_kernel_array(means), to_kernel_array(camera_position), row_nodes, to_kernel_array(rotations)
+    )
 
 
-def view_colors(
+def compute_colors(
     means: Float[ndarray, "n 3"],
     sh_dc: Float[ndarray, "n 3"],
     sh_rest: Float[ndarray, "n k 3"],
@@ -65,30 +67,30 @@ def view_colors(
     nodes: UInt16[ndarray, " n"] | None = None,
     poses: Float[ndarray, "m 4 4"] | None = None,
 ) -> Float32[ndarray, "n 3"]:
-    """RGB (≥ 0) of each Gaussian along the direction from the camera to it.
+    """Compute the RGB (≥ 0) of each Gaussian along the direction from the camera to it.
 
     Args:
         means: in the world, actors placed.
         nodes: node of each row, 0 = background; with `poses`, an actor's harmonics turn with it: they are looked up
             along the direction in the actor's frame.
-        poses: world_from_node, as `Scene.at` gives them.
+        poses: world_from_node, as `Scene.find_node_poses` gives them.
     """
-    return view_colors_of(harmonics_view(means, camera_position, nodes, poses), sh_dc, sh_rest)
+    return compute_colors_in_view(build_harmonics_view(means, camera_position, nodes, poses), sh_dc, sh_rest)
 
 
-def view_colors_of(
+def compute_colors_in_view(
     view: HarmonicsView, sh_dc: Float[ndarray, "n 3"], sh_rest: Float[ndarray, "n k 3"]
 ) -> Float32[ndarray, "n 3"]:
-    """`view_colors` for a view that is used twice."""
+    """Compute colours as `compute_colors` does, for a view that is used twice."""
     colors = np.empty((len(view.means), 3), np.float32)
-    _colors(view.arguments(), kernel_array(sh_dc), kernel_array(sh_rest), colors)
+    _colors(view.arguments(), to_kernel_array(sh_dc), to_kernel_array(sh_rest), colors)
     return colors
 
 
-def view_colors_backward(
+def compute_colors_backward(
     view: HarmonicsView, rest_count: int, colors: Float32[ndarray, "n 3"], grad_colors: Float[ndarray, "n 3"]
 ) -> tuple[Float32[ndarray, "n 3"], Float32[ndarray, "n k 3"]]:
-    """Gradients with respect to `sh_dc` and `sh_rest`, given the colours and their gradient.
+    """Compute gradients with respect to `sh_dc` and `sh_rest`, given the colours and their gradient.
 
     None flows through the direction into the means: it is small beside that of the projection, and 3DGS trains
     as well without it. Channels clamped at 0 send none back.
@@ -98,12 +100,12 @@ def view_colors_backward(
     """
     grad_dc = np.empty((len(colors), 3), np.float32)
     grad_rest = np.empty((len(colors), rest_count, 3), np.float32)
-    _colors_backward(view.arguments(), kernel_array(colors), kernel_array(grad_colors), grad_dc, grad_rest)
+    _colors_backward(view.arguments(), to_kernel_array(colors), to_kernel_array(grad_colors), grad_dc, grad_rest)
     return grad_dc, grad_rest
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _any_moved(first, last, nodes):
+def _has_moved_row(first, last, nodes):
     if len(nodes):
         for i in range(np.uint64(first), np.uint64(last)):
             if nodes[i]:
@@ -119,7 +121,7 @@ def _fill_directions(first, last, view, directions):
         at = i - np.uint64(first)
         for axis in range(3):
             directions[axis, at] = means[i, axis] - position[axis]
-    if _any_moved(first, last, nodes):
+    if _has_moved_row(first, last, nodes):
         for i in range(np.uint64(first), np.uint64(last)):
             node, at = np.uint64(nodes[i]), i - np.uint64(first)
             x, y, z = directions[0, at], directions[1, at], directions[2, at]
@@ -135,7 +137,7 @@ def _fill_directions(first, last, view, directions):
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)
 def fill_basis(count, directions, basis):
-    """The basis values above the constant, a row each, for `count` directions."""
+    """Fill in the basis values above the constant, a row each, for `count` directions."""
     three, four, two = np.float32(3), np.float32(4), np.float32(2)
     for i in range(np.uint64(count)):
         x, y, z = directions[0, i], directions[1, i], directions[2, i]

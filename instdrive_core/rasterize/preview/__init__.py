@@ -1,9 +1,9 @@
-"""What the editor shows, drawn on the CPU: colour, alpha, depth and what a click selects, without gradients.
+"""Preview of a scene on the CPU, as the editor shows it: colour, alpha, depth and the splat that a click selects.
 
 A frame is made in the order `splats` (projected, sorted, packed), `colors`, `tiles` (who touches which), `blend`
 (`scratch` is its memory, `output` writes its pictures); `frame` puts them together.
 """
 
-from instdrive_core.rasterize.preview.frame import DEFAULT_PICK_RULE, PickRule, Preview, drawn_preview, preview
+from instdrive_core.rasterize.preview.frame import DEFAULT_PICK_RULE, PickRule, Preview, blend_projected, render_preview
 
-__all__ = ["DEFAULT_PICK_RULE", "PickRule", "Preview", "drawn_preview", "preview"]
+__all__ = ["DEFAULT_PICK_RULE", "PickRule", "Preview", "blend_projected", "render_preview"]

@@ -21,21 +21,21 @@ from instdrive_core.rasterize.kernels.simd import (
     add_scaled,
     any_lane,
     choose,
+    exclude_lanes,
+    fill_lanes,
+    find_lowest_bit,
+    find_members_with,
     greatest,
-    lane_bits,
-    lanes_with,
     least,
     load,
     load_block,
-    lowest_bit,
-    members_with,
+    pack_lane_bits,
     prefetch,
-    spread,
     store,
     store_block,
-    without,
+    unpack_lane_bits,
 )
-from instdrive_core.rasterize.preview.output import fetch_pictures, judge, write_tile, write_winners
+from instdrive_core.rasterize.preview.output import fetch_pictures, judge_winners, write_tile, write_winners
 from instdrive_core.rasterize.preview.scratch import (
     BATCH,
     BEFORE_HALF,
@@ -52,7 +52,7 @@ from instdrive_core.rasterize.preview.scratch import (
     WINNER,
     WINNER_WEIGHT,
     new_scratch,
-    open_tile,
+    reset_scratch,
 )
 from instdrive_core.rasterize.preview.splats import (
     AT_A,
@@ -78,7 +78,7 @@ _STAGED_U, _STAGED_V, _STAGED_SOLID = AT_X, AT_Y, AT_OPACITY
 _NEVER = np.float32(2)
 """No fragment has this alpha."""
 _SLACK = np.float32(1e-4)
-"""Of exponents, so that rounding never loses a block with a fragment that is drawn."""
+"""Slack of exponents, so that rounding never loses a block with a fragment that is drawn."""
 
 
 def blend_preview(
@@ -134,12 +134,12 @@ def _stage(scratch, first, packed, splats, start, stop, corner, limits, rule):
         u, v = a * near_x + b * best_y, c * best_y
         other_u, other_v = a * best_x + b * near_y, c * near_y
         nearest = least(u * u + v * v, other_u * other_u + other_v * other_v)
-        blocks[slot] = lane_bits(nearest <= packed[at + AT_BASE] - faintest)
+        blocks[slot] = pack_lane_bits(nearest <= packed[at + AT_BASE] - faintest)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
 def _alpha(staged, at, columns, lines, limits):
-    """Of a staged splat's fragments; 0 for those that are not drawn."""
+    """Compute α′ of a staged splat's fragments; 0 for those that are not drawn."""
     u = staged[at + _STAGED_U] + staged[at + AT_B] * lines + staged[at + AT_A] * columns
     v = staged[at + _STAGED_V] + staged[at + AT_C] * lines
     exponent = staged[at + AT_BASE] - v * v - u * u
@@ -156,10 +156,10 @@ def _blend_block(scratch, block, first, todo, limits):
     before, values = load(planes, TRANSMITTANCE + at_block), load_block(4, planes, VALUES + at_block, STRIDE)
     winner, winner_weight = load(planes, WINNER + at_block), load(planes, WINNER_WEIGHT + at_block)
     half_at, before_half = load(planes, HALF + at_block), load(planes, BEFORE_HALF + at_block)
-    still_open, bright = lanes_with(scratch.open[block]), lanes_with(scratch.bright[block])
-    unclaimed = lanes_with(scratch.unclaimed[block])
+    still_open, bright = unpack_lane_bits(scratch.open[block]), unpack_lane_bits(scratch.bright[block])
+    unclaimed = unpack_lane_bits(scratch.unclaimed[block])
     while todo != np.uint64(0) and any_lane(still_open):
-        at = (first + lowest_bit(todo)) * LANES
+        at = (first + find_lowest_bit(todo)) * LANES
         todo &= todo - one
         alpha = _alpha(staged, at, columns, lines, limits)
         after = before - before * alpha
@@ -167,16 +167,16 @@ def _blend_block(scratch, block, first, todo, limits):
         weight = choose(still_open, before - after, zero)
         values = add_scaled(values, weight, staged, at + AT_VALUES)
         if any_lane(bright) or any_lane(unclaimed):
-            row = spread(staged[at + AT_ROW])
+            row = fill_lanes(staged[at + AT_ROW])
             claims = still_open & unclaimed & (alpha >= staged[at + _STAGED_SOLID])
-            unclaimed = without(unclaimed, claims)
+            unclaimed = exclude_lanes(unclaimed, claims)
             winner, winner_weight = choose(claims, row, winner), choose(claims, weight, winner_weight)
             halves = still_open & bright & (after <= half)
-            bright = without(bright, halves)
+            bright = exclude_lanes(bright, halves)
             half_at, before_half = choose(halves, row, half_at), choose(halves, before, before_half)
         before = choose(still_open, after, before)
-    scratch.open[block], scratch.bright[block] = lane_bits(still_open), lane_bits(bright)
-    scratch.unclaimed[block] = lane_bits(unclaimed)
+    scratch.open[block], scratch.bright[block] = pack_lane_bits(still_open), pack_lane_bits(bright)
+    scratch.unclaimed[block] = pack_lane_bits(unclaimed)
     store(planes, TRANSMITTANCE + at_block, before)
     store_block(planes, VALUES + at_block, STRIDE, values)
     store(planes, WINNER + at_block, winner)
@@ -192,15 +192,15 @@ def _reach_goal(scratch, block, first, todo, limits):
     one = np.uint64(1)
     columns, lines = load(planes, COLUMN + at_block), load(planes, LINE + at_block)
     before, winner = load(planes, TRANSMITTANCE + at_block), load(planes, WINNER + at_block)
-    goal, still_open = load(planes, GOAL + at_block), lanes_with(scratch.open[block])
+    goal, still_open = load(planes, GOAL + at_block), unpack_lane_bits(scratch.open[block])
     while todo != np.uint64(0) and any_lane(still_open):
-        at = (first + lowest_bit(todo)) * LANES
+        at = (first + find_lowest_bit(todo)) * LANES
         todo &= todo - one
         before = before - before * _alpha(staged, at, columns, lines, limits)
         wins = still_open & (before <= goal)
-        winner = choose(wins, spread(staged[at + AT_ROW]), winner)
-        still_open = without(still_open, wins)
-    scratch.open[block] = lane_bits(still_open)
+        winner = choose(wins, fill_lanes(staged[at + AT_ROW]), winner)
+        still_open = exclude_lanes(still_open, wins)
+    scratch.open[block] = pack_lane_bits(still_open)
     store(planes, TRANSMITTANCE + at_block, before)
     store(planes, WINNER + at_block, winner)
 
@@ -226,7 +226,7 @@ def _walk(scratch, packed, splats, start, stop, corner, limits, rule, median):
             _stage(scratch, first, packed, splats, start, end, corner, limits, rule)
         reached = scratch.blocks[first : first + np.uint64(BATCH)]
         for block in range(BLOCKS):
-            todo = members_with(reached, block)
+            todo = find_members_with(reached, block)
             if todo != np.uint64(0) and scratch.open[block] != np.uint16(0):
                 if median:
                     _reach_goal(scratch, block, first, todo, limits)
@@ -250,9 +250,9 @@ def _blend(packed, starts, splats, size, limits, rule, behind, pictures):
             _fetch(packed, splats, stop, min(stop + np.uint64(BATCH), following))
             fetch_pictures(left, top, (color, alpha, depth), winner, height, width)
             corner = np.float32(left), np.float32(top)
-            open_tile(scratch, width - left, height - top)
+            reset_scratch(scratch, width - left, height - top)
             _walk(scratch, packed, splats, start, stop, corner, limits, rule, False)
             write_tile(scratch, left, top, (color, alpha, depth), behind, height, width)
-            if judge(scratch, rule):
+            if judge_winners(scratch, rule):
                 _walk(scratch, packed, splats, start, stop, corner, limits, rule, True)
             write_winners(scratch, left, top, winner, height, width)

@@ -1,4 +1,4 @@
-"""Colours of a preview's visible splats, recoloured: `view_colors` for some rows, into the lines of `Projected`."""
+"""Colours of a preview's visible splats, recoloured, written into the lines of `ProjectedSplats`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from jaxtyping import Float, Float32, Int32, UInt16
 from numpy import ndarray
 
 from instdrive_core.maths.spherical_harmonics import Y0
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.simd import prefetch
 from instdrive_core.rasterize.kernels.view_colors import fill_basis
-from instdrive_core.rasterize.preview.splats import Projected
+from instdrive_core.rasterize.preview.splats import ProjectedSplats
 
 _CHUNK = 1 << 7
 """Rows whose basis values lie side by side, so that the loops over them vectorise; few enough that their coefficients,
@@ -25,12 +25,12 @@ _Y0, _HALF = np.float32(Y0), np.float32(0.5)
 
 @dataclass(frozen=True)
 class ColorSource:
-    """What splats' colours are made of."""
+    """Harmonics of splats and their recolouring."""
 
     sh_dc: Float32[ndarray, "n 3"]
     sh_rest: Float32[ndarray, "n k 3"]
     frames: Int32[ndarray, " n"]
-    """Which of `rotations` turns a splat's harmonics; empty where none does."""
+    """Index into `rotations` of the one that turns a splat's harmonics; empty where none does."""
     rotations: Float32[ndarray, "f 3 3"]
     """world_from_frame."""
     entries: UInt16[ndarray, " n"]
@@ -40,13 +40,13 @@ class ColorSource:
 
 
 def write_colors(
-    found: Projected, source: ColorSource, means: Float32[ndarray, "n 3"], camera_position: Float[ndarray, "3"]
+    found: ProjectedSplats, source: ColorSource, means: Float32[ndarray, "n 3"], camera_position: Float[ndarray, "3"]
 ) -> None:
     """Write RGB (≥ 0) of every visible row along the direction from the camera to it."""
-    harmonics = (kernel_array(source.sh_dc), kernel_array(source.sh_rest))
-    turned = (source.frames, kernel_array(source.rotations))
-    recolored = (np.require(source.entries, np.uint16, ["C", "W"]), kernel_array(source.matrices))
-    place = (means, kernel_array(camera_position))
+    harmonics = (to_kernel_array(source.sh_dc), to_kernel_array(source.sh_rest))
+    turned = (source.frames, to_kernel_array(source.rotations))
+    recolored = (np.require(source.entries, np.uint16, ["C", "W"]), to_kernel_array(source.matrices))
+    place = (means, to_kernel_array(camera_position))
     _write(place, harmonics, turned, recolored, found.depths, found.colors)
 
 

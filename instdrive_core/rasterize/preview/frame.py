@@ -1,4 +1,4 @@
-"""What the editor shows: colour, alpha, depth and the splat that a click selects, in one pass."""
+"""A preview's frame: colour, alpha, depth and the splat that a click selects, in one pass."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from jaxtyping import Float, Float32, Int32
 from numpy import ndarray
 
 from instdrive_core.maths.workspace import Workspace
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.rasterize.preview.blend import blend_preview
-from instdrive_core.rasterize.preview.splats import Projected, packed_splats, projected
-from instdrive_core.rasterize.preview.tiles import preview_tiles
+from instdrive_core.rasterize.preview.splats import ProjectedSplats, pack_splats, project_splats
+from instdrive_core.rasterize.preview.tiles import bin_preview_splats
 from instdrive_core.scene.camera import Camera
 
 
 @dataclass(frozen=True)
 class PickRule:
-    """Which splat a pixel stands for.
+    """Rule by which a pixel stands for one splat.
 
     The nearest splat that is solid enough wins. Where it carries too little of what the pixel shows (a floater in
     front), or where no splat is solid, the one at median visible depth wins: the first at which half of the
@@ -35,8 +35,8 @@ class PickRule:
     min_coverage: float = 0.5
     """Blended weight from which a pixel without solid splats stands for its median splat."""
 
-    def as_row(self) -> Float32[ndarray, " 4"]:
-        """The numbers in the order above, as the kernels take them."""
+    def to_row(self) -> Float32[ndarray, " 4"]:
+        """Write the numbers in the order above, as the kernels take them."""
         return np.array(astuple(self), np.float32)
 
 
@@ -56,7 +56,7 @@ class Preview:
     """Row of the splat that a click selects, -1 for none."""
 
 
-def preview(
+def render_preview(
     means: Float[ndarray, "n 3"],
     quats: Float[ndarray, "n 4"],
     log_scales: Float[ndarray, "n 3"],
@@ -68,36 +68,36 @@ def preview(
 ) -> Preview:
     """Draw N Gaussians (arguments as for `render`) and find the splat that each pixel stands for."""
     means, quats, log_scales, opacities, colors = (
-        kernel_array(array) for array in (means, quats, log_scales, opacities, colors)
+        to_kernel_array(array) for array in (means, quats, log_scales, opacities, colors)
     )
     workspace = Workspace()
-    found = projected(means, quats, log_scales, opacities, camera, settings, workspace)
+    found = project_splats(means, quats, log_scales, opacities, camera, settings, workspace)
     found.colors[:] = colors
-    return drawn_preview(found, camera, workspace, settings, rule)
+    return blend_projected(found, camera, workspace, settings, rule)
 
 
-def drawn_preview(
-    found: Projected,
+def blend_projected(
+    found: ProjectedSplats,
     camera: Camera,
     workspace: Workspace,
     settings: RasterSettings = DEFAULT_SETTINGS,
     rule: PickRule = DEFAULT_PICK_RULE,
     behind: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Preview:
-    """Draw what `projected` found with the same camera and settings; its visible rows have their colours.
+    """Blend what `project_splats` found with the same camera and settings; its visible rows have their colours.
 
     `behind` is the RGB of what shows where splats let light through. Pictures lie in the workspace: they last until
     the next call with the same one. The winners are the caller's.
     """
-    packed = packed_splats(found, settings, workspace)
-    tiles = preview_tiles(packed, camera.width, camera.height, workspace)
+    packed = pack_splats(found, settings, workspace)
+    tiles = bin_preview_splats(packed, camera.width, camera.height, workspace)
     shape = (camera.height, camera.width)
     result = Preview(
-        workspace.array("color", (*shape, 3)),
-        workspace.array("alpha", shape),
-        workspace.array("depth", shape),
+        workspace.get_array("color", (*shape, 3)),
+        workspace.get_array("alpha", shape),
+        workspace.get_array("depth", shape),
         np.empty(shape, np.int32),
     )
     images = (result.color, result.alpha, result.depth, result.winner)
-    blend_preview(packed, tiles, settings, rule.as_row(), np.array(behind, np.float32), images)
+    blend_preview(packed, tiles, settings, rule.to_row(), np.array(behind, np.float32), images)
     return result

@@ -6,19 +6,19 @@ import numba
 import numpy as np
 
 from instdrive_core.rasterize.kernels.fragment import FAST
-from instdrive_core.rasterize.kernels.lane_rows import interleaved, member, rows_of_blocks, store_up_to
+from instdrive_core.rasterize.kernels.lane_shuffles import arrange_rows, interleave_lanes, store_up_to, take_member
 from instdrive_core.rasterize.kernels.simd import (
-    block_of,
+    build_block,
     choose,
-    lane_bits,
-    lanes_with,
+    exclude_lanes,
+    fill_lanes,
     load,
     load_block,
+    pack_lane_bits,
     prefetch_to_write,
-    spread,
     store,
     store_block,
-    without,
+    unpack_lane_bits,
 )
 from instdrive_core.rasterize.preview.scratch import (
     BEFORE_HALF,
@@ -69,29 +69,31 @@ def write_tile(scratch, left, top, pictures, behind, height, width):
         red = load(planes, first) + through * behind[0]
         green = load(planes, first + STRIDE) + through * behind[1]
         blue = load(planes, first + STRIDE + STRIDE) + through * behind[2]
-        parts = interleaved(block_of(red, green, blue))
-        store_up_to(3 * across, color, three * pixel, member(parts, 0))
-        store_up_to(3 * across - 16, color, three * pixel + LANES, member(parts, 1))
-        store_up_to(3 * across - 32, color, three * pixel + LANES + LANES, member(parts, 2))
+        parts = interleave_lanes(build_block(red, green, blue))
+        store_up_to(3 * across, color, three * pixel, take_member(parts, 0))
+        store_up_to(3 * across - 16, color, three * pixel + LANES, take_member(parts, 1))
+        store_up_to(3 * across - 32, color, three * pixel + LANES + LANES, take_member(parts, 2))
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy", fastmath=FAST)
-def judge(scratch, rule):
+def judge_winners(scratch, rule):
     """Judge the winners. Pixels that stand for their median splat get it where it is known; the others that do start
     afresh, and whether there are any is returned."""
     planes, one, half, restarting = scratch.planes, np.float32(1), np.float32(0.5), np.uint16(0)
     for block in range(BLOCKS):
         at = block * LANES
         total = one - load(planes, TRANSMITTANCE + at)
-        unclaimed, goal = lanes_with(scratch.unclaimed[block]), one - half * total
-        covered = lane_bits(unclaimed & (total >= rule[3]))
-        claimed = without(lanes_with(scratch.inside[block]), unclaimed)
-        floating = lane_bits(claimed & (rule[2] * total > load(planes, WINNER_WEIGHT + at)))
+        unclaimed, goal = unpack_lane_bits(scratch.unclaimed[block]), one - half * total
+        covered = pack_lane_bits(unclaimed & (total >= rule[3]))
+        claimed = exclude_lanes(unpack_lane_bits(scratch.inside[block]), unclaimed)
+        floating = pack_lane_bits(claimed & (rule[2] * total > load(planes, WINNER_WEIGHT + at)))
         asks = covered | floating
-        known = asks & lane_bits(load(planes, BEFORE_HALF + at) > goal)  # at least a half: no splat before reached it
-        store(planes, WINNER + at, choose(lanes_with(known), load(planes, HALF + at), load(planes, WINNER + at)))
+        known = asks & pack_lane_bits(
+            load(planes, BEFORE_HALF + at) > goal
+        )  # at least a half: no splat before reached it
+        store(planes, WINNER + at, choose(unpack_lane_bits(known), load(planes, HALF + at), load(planes, WINNER + at)))
         store(planes, GOAL + at, goal)
-        store(planes, TRANSMITTANCE + at, spread(one))
+        store(planes, TRANSMITTANCE + at, fill_lanes(one))
         scratch.open[block] = asks ^ known
         restarting |= asks ^ known
     return restarting != np.uint16(0)
@@ -112,4 +114,4 @@ def _lay_in_rows(planes, plane):
     """From blocks of 4 × 4 to rows of 16 pixels, in place."""
     for four in range(SIDE):
         at = plane + four * SIDE * LANES
-        store_block(planes, at, LANES, rows_of_blocks(load_block(4, planes, at, LANES)))
+        store_block(planes, at, LANES, arrange_rows(load_block(4, planes, at, LANES)))

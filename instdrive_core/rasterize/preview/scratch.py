@@ -14,8 +14,8 @@ from jaxtyping import Float32, UInt16
 from numpy import ndarray
 
 from instdrive_core.rasterize.kernels.bin import PIXELS, TILE
-from instdrive_core.rasterize.kernels.blend import aligned_zeros
-from instdrive_core.rasterize.kernels.simd import lane_bits, load, spread
+from instdrive_core.rasterize.kernels.blend import allocate_aligned_zeros
+from instdrive_core.rasterize.kernels.simd import fill_lanes, load, pack_lane_bits
 
 SIDE, BLOCKS, LANES = np.uint64(4), np.uint64(16), np.uint64(16)
 BATCH = 64
@@ -39,21 +39,21 @@ class Scratch(NamedTuple):
     inside: UInt16[ndarray, " 16"]
     """Pixels within the image."""
     open: UInt16[ndarray, " 16"]
-    """Those that still let light through."""
+    """Pixels that still let light through."""
     bright: UInt16[ndarray, " 16"]
-    """Those that let through more than half of it."""
+    """Pixels that let through more than half of it."""
     unclaimed: UInt16[ndarray, " 16"]
-    """Those that no solid splat has claimed."""
+    """Pixels that no solid splat has claimed."""
     staged: Float32[ndarray, " slots*16"]
     """A cache line per splat."""
     blocks: UInt16[ndarray, " slots"]
-    """Which blocks each staged splat reaches, a bit per block."""
+    """Blocks that each staged splat reaches, a bit per block."""
 
 
 @numba.njit(cache=True, error_model="numpy")
 def new_scratch():
-    """Memory for tiles, one after the other."""
-    planes, corners = aligned_zeros(np.int64(LINE + STRIDE)), aligned_zeros(2 * np.int64(BLOCKS))
+    """Make memory for tiles, one after the other."""
+    planes, corners = allocate_aligned_zeros(np.int64(LINE + STRIDE)), allocate_aligned_zeros(2 * np.int64(BLOCKS))
     for block in range(16):
         corners[block], corners[16 + block] = block % 4 * 4, block // 4 * 4
         for lane in range(16):
@@ -62,13 +62,13 @@ def new_scratch():
             planes[np.int64(LINE) + place] = block // 4 * 4 + lane // 4
     bits = np.zeros((4, 16), np.uint16)
     slots = KEPT_BATCHES * BATCH
-    staged, blocks = aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
+    staged, blocks = allocate_aligned_zeros(slots * np.int64(LANES)), np.zeros(slots, np.uint16)
     return Scratch(planes, corners, bits[0], bits[1], bits[2], bits[3], staged, blocks)
 
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
-def open_tile(scratch, width, height):
-    """Nothing blended yet; `width` and `height`: from the tile's corner to the image's."""
+def reset_scratch(scratch, width, height):
+    """Start a tile with nothing blended; `width` and `height` reach from its corner to the image's."""
     planes, none = scratch.planes, np.int32(-1)
     for q in range(np.uint64(PIXELS)):
         planes[TRANSMITTANCE + q] = np.float32(1)
@@ -77,9 +77,9 @@ def open_tile(scratch, width, height):
     bits = planes.view(np.int32)
     for q in range(np.uint64(PIXELS)):
         bits[WINNER + q] = none
-    width, height = spread(np.float32(width)), spread(np.float32(height))
+    width, height = fill_lanes(np.float32(width)), fill_lanes(np.float32(height))
     for block in range(BLOCKS):
         at = block * LANES
-        inside = lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
+        inside = pack_lane_bits((width > load(planes, COLUMN + at)) & (height > load(planes, LINE + at)))
         scratch.inside[block], scratch.open[block] = inside, inside
         scratch.bright[block], scratch.unclaimed[block] = inside, inside

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 from numpy import ndarray
 
-from instdrive_core.maths.depth_order import nearest_first
+from instdrive_core.maths.sorting import sort_in_parallel
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.fragment import EIGHTH, FAST
 from instdrive_core.rasterize.kernels.project import (
@@ -36,23 +36,23 @@ _AHEAD = np.uint64(12)
 """So many places ahead the next lines are fetched."""
 
 
-class Projected:
+class ProjectedSplats:
     """Splats projected in the order of their rows, a cache line each: sorting them reads memory at random."""
 
     def __init__(self, count: int, workspace: Workspace) -> None:
-        self.lines = workspace.array("projected splats", (count, SPLAT_FLOATS))
+        self.lines = workspace.get_array("projected splats", (count, SPLAT_FLOATS))
         """Columns of `Projection.splats`, then its covariances, then room for the colour."""
-        self.depths = workspace.array("projected depths", (count,))
+        self.depths = workspace.get_array("projected depths", (count,))
         """0 for invisible ones, whose lines are undefined."""
 
     @property
     def splats(self) -> Float32[ndarray, "n 8"]:
-        """As `Projection.splats`, a view."""
+        """Splats in the columns of `Projection.splats`; a view."""
         return self.lines[:, :SPLAT_WIDTH]
 
     @property
     def covariances(self) -> Float32[ndarray, "n 3"]:
-        """As `Projection.covariances`, a view."""
+        """Covariances in the columns of `Projection.covariances`; a view."""
         return self.lines[:, int(_LINE_COVARIANCE) : int(_LINE_COLOR)]
 
     @property
@@ -61,7 +61,7 @@ class Projected:
         return self.lines[:, int(_LINE_COLOR) : int(_LINE_COLOR) + 3]
 
 
-def projected(
+def project_splats(
     means: Float32[ndarray, "n 3"],
     quats: Float32[ndarray, "n 4"],
     log_scales: Float32[ndarray, "n 3"],
@@ -69,9 +69,9 @@ def projected(
     camera: Camera,
     settings: RasterSettings,
     workspace: Workspace,
-) -> Projected:
+) -> ProjectedSplats:
     """Project and cull as `project` does, neither sorted nor copied; the arrays are the workspace's."""
-    result = Projected(len(means), workspace)
+    result = ProjectedSplats(len(means), workspace)
     project_rows(
         *(means, quats, log_scales, opacities, camera, settings),
         *(result.splats, result.covariances, result.depths),
@@ -79,11 +79,11 @@ def projected(
     return result
 
 
-def packed_splats(found: Projected, settings: RasterSettings, workspace: Workspace) -> Float32[ndarray, "v 16"]:
-    """The visible splats nearest first, equal depths in row order."""
-    order = nearest_first(found.depths, workspace)
-    packed = workspace.array("packed splats", (len(order), SPLAT_FLOATS))
-    _pack(order, found.lines, settings.as_row(), packed, packed.view(np.int32))
+def pack_splats(found: ProjectedSplats, settings: RasterSettings, workspace: Workspace) -> Float32[ndarray, "v 16"]:
+    """Pack the visible splats nearest first, equal depths in row order."""
+    order = sort_in_parallel(found.depths, workspace)
+    packed = workspace.get_array("packed splats", (len(order), SPLAT_FLOATS))
+    _pack(order, found.lines, settings.to_row(), packed, packed.view(np.int32))
     return packed
 
 

@@ -1,4 +1,4 @@
-"""Which splats of a preview touch which 16 × 16 tile, nearest first: `bin` without what only gradients need.
+"""Binning of a preview: which splats touch which 16 × 16 tile, nearest first; no data for gradients.
 
 Most splats of a large scene lie within one row or column of tiles: for them the bounding box is all there is to know.
 Chunks of splats write down their pairs one after the other, which are then dealt to the tiles.
@@ -35,14 +35,14 @@ class PreviewTiles:
     """Place among the packed splats."""
 
 
-def preview_tiles(packed: Float32[ndarray, "v 16"], width: int, height: int, workspace: Workspace) -> PreviewTiles:
+def bin_preview_splats(packed: Float32[ndarray, "v 16"], width: int, height: int, workspace: Workspace) -> PreviewTiles:
     """List for every tile the splats whose ellipse of visible alpha may hold a pixel centre of it."""
     columns, rows = -(-width // TILE), -(-height // TILE)
     size, counts = np.array([width, height, columns], np.int64), np.zeros(_CHUNKS, np.int64)
-    room = max(workspace.size("chunk pairs") // (2 * _CHUNKS), _LEAST_ROOM)
+    room = max(workspace.get_size("chunk pairs") // (2 * _CHUNKS), _LEAST_ROOM)
     with numba.parallel_chunksize(1):
         while True:
-            pairs = workspace.array("chunk pairs", (_CHUNKS, room, 2), np.int32)
+            pairs = workspace.get_array("chunk pairs", (_CHUNKS, room, 2), np.int32)
             counters = np.zeros((_CHUNKS, columns * rows), np.int32)
             _list_pairs(packed, size, pairs, counts, counters)
             if int(counts.max()) <= room:
@@ -50,7 +50,7 @@ def preview_tiles(packed: Float32[ndarray, "v 16"], width: int, height: int, wor
             room = int(counts.max())
         starts = np.concatenate([np.zeros(1, np.int64), np.cumsum(counters.sum(axis=0, dtype=np.int64))])
         cursors = starts[:-1] + np.cumsum(counters, axis=0, dtype=np.int64) - counters
-        splats = workspace.array("pair splats", (int(starts[-1]),), np.int32)
+        splats = workspace.get_array("pair splats", (int(starts[-1]),), np.int32)
         _deal_pairs(pairs, counts, cursors, splats)
     return PreviewTiles(columns, starts, splats)
 
@@ -76,7 +76,7 @@ def _find_boxes(packed, begin, stop, size, boxes):
 
 @numba.njit(cache=True, forceinline=True, error_model="numpy")
 def _ellipse(packed, v):
-    """What `extent` takes: a splat's ellipse of visible alpha, cut in rows of tiles."""
+    """A splat's ellipse of visible alpha, cut in rows of tiles, as `extent` takes it."""
     xx, xy, yy, limit = packed[v, AT_COV_XX], packed[v, AT_COV_XY], packed[v, AT_COV_YY], packed[v, AT_LIMIT]
     return (
         packed[v, AT_X],

@@ -10,8 +10,12 @@ from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.rasterize.kernels.view_colors import harmonics_view, view_colors_backward, view_colors_of
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.view_colors import (
+    build_harmonics_view,
+    compute_colors_backward,
+    compute_colors_in_view,
+)
 from instdrive_core.rasterize.render import RasterGradients, render, render_backward
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends.backend import SeenSplats
@@ -36,7 +40,7 @@ def rasterize(
     return _Rasterize.apply(means, quats, log_scales, opacity_logits, channels, camera, geometry_channels, seen)
 
 
-def sh_colors(
+def evaluate_harmonics(
     means: Float[Tensor, "v 3"],
     sh_dc: Float[Tensor, "v 3"],
     sh_rest: Float[Tensor, "v k 3"],
@@ -44,7 +48,7 @@ def sh_colors(
     nodes: UInt16[ndarray, " v"] | None = None,
     poses: Float64[ndarray, "m 4 4"] | None = None,
 ) -> Float[Tensor, "v 3"]:
-    """Differentiable `view_colors`; gradients reach `sh_dc` and `sh_rest`, not the means."""
+    """Differentiable `kernels.view_colors.compute_colors`; gradients reach `sh_dc` and `sh_rest`, not the means."""
     return _ViewColors.apply(means, sh_dc, sh_rest, camera_position, nodes, poses)
 
 
@@ -61,7 +65,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_image, grad_depth, grad_alpha):
+    def backward(ctx, grad_image, grad_depth, grad_alpha):  # pyright: ignore[reportIncompatibleMethodOverride]
         _ = ctx.saved_tensors
         grads = _array(grad_image), _array(grad_depth), _array(grad_alpha)
         gradients = render_backward(ctx.raster, *grads, ctx.geometry_channels)
@@ -91,23 +95,23 @@ class _ViewColors(torch.autograd.Function):
     def forward(ctx, means, sh_dc, sh_rest, camera_position, nodes, poses):
         ctx.save_for_backward(means)  # the view refers to it
         ctx.view, ctx.rest_count = (
-            harmonics_view(means.detach().numpy(), camera_position, nodes, poses),
+            build_harmonics_view(means.detach().numpy(), camera_position, nodes, poses),
             sh_rest.shape[1],
         )
-        ctx.colors = view_colors_of(ctx.view, _array(sh_dc), _array(sh_rest))
+        ctx.colors = compute_colors_in_view(ctx.view, _array(sh_dc), _array(sh_rest))
         return torch.from_numpy(ctx.colors)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_colors):
+    def backward(ctx, grad_colors):  # pyright: ignore[reportIncompatibleMethodOverride]
         _ = ctx.saved_tensors
-        grad_dc, grad_rest = view_colors_backward(ctx.view, ctx.rest_count, ctx.colors, _array(grad_colors))
+        grad_dc, grad_rest = compute_colors_backward(ctx.view, ctx.rest_count, ctx.colors, _array(grad_colors))
         return None, torch.from_numpy(grad_dc), torch.from_numpy(grad_rest), None, None, None
 
 
 def _array(tensor: Tensor) -> ndarray:
     """A view of the tensor's memory, where the kernels can take it."""
-    return kernel_array(tensor.detach().numpy())
+    return to_kernel_array(tensor.detach().numpy())
 
 
 @numba.njit(parallel=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "afn"}, cache=True)

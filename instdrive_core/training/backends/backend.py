@@ -1,9 +1,9 @@
-"""What a training step needs of a device: the differentiable operations, on the CPU's own kernels or on gsplat."""
+"""Interface of a device that trains: the differentiable operations of a step, on the CPU's kernels or on gsplat."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Float64, Int, UInt8, UInt16
@@ -26,6 +26,7 @@ class SeenSplats:
     """Length of (Σ|∂L/∂x|, Σ|∂L/∂y|) over pixels, for screen coordinates in [-1, 1] along the longer side (AbsGS)."""
 
 
+@runtime_checkable
 class Backend(Protocol):
     """The operations of a training step. Tensors lie on `device`; results agree with `CpuBackend` within rounding."""
 
@@ -49,7 +50,7 @@ class Backend(Protocol):
         """
         ...
 
-    def sh_colors(
+    def evaluate_harmonics(
         self,
         means: Float[Tensor, "v 3"],
         sh_dc: Float[Tensor, "v 3"],
@@ -61,7 +62,7 @@ class Backend(Protocol):
         """Colours seen from a camera; actors' harmonics turn with their node. No gradient into the means."""
         ...
 
-    def place(
+    def place_gaussians(
         self,
         means: Float[Tensor, "v 3"],
         quats: Float[Tensor, "v 4"],
@@ -75,7 +76,7 @@ class Backend(Protocol):
         """
         ...
 
-    def over_sky(
+    def composite_over_sky(
         self,
         image: Float[Tensor, "h w 3"],
         alpha: Float[Tensor, "h w"],
@@ -85,7 +86,7 @@ class Backend(Protocol):
         """image + (1 - alpha) · sky(direction)."""
         ...
 
-    def exposed(self, image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
+    def expose(self, image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
         """exposure[:, :3] · colour + exposure[:, 3] at every pixel."""
         ...
 

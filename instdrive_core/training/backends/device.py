@@ -1,4 +1,4 @@
-"""Which device trains: the CPU with our own kernels, or an NVIDIA GPU with gsplat's.
+"""Choice of the device that trains: the CPU with our own kernels, or an NVIDIA GPU with gsplat's.
 
 Importing this loads neither torch nor gsplat.
 """
@@ -25,12 +25,12 @@ _OLDEST_GSPLAT = (1, 5, 3)
 _REQUIREMENT = f"'gsplat>={'.'.join(map(str, _OLDEST_GSPLAT))}'"
 
 
-def chosen_backend(device: Device) -> Backend:
+def choose_backend(device: Device) -> Backend:
     """The backend for `--device`; `auto` takes the GPU where torch sees one and gsplat is installed, else the CPU.
 
     Raises OptionError for `cuda` where it cannot be had: what is missing, and how to get it.
     """
-    missing = None if device == "cpu" else missing_for_cuda()
+    missing = None if device == "cpu" else explain_missing_cuda()
     if device != "cpu" and missing is None:
         missing = _failing_kernels()
         if missing is None:
@@ -44,8 +44,8 @@ def chosen_backend(device: Device) -> Backend:
     return CpuBackend()
 
 
-def missing_for_cuda() -> str | None:
-    """What this machine lacks for training on a GPU, and how to get it; None where torch and gsplat are ready."""
+def explain_missing_cuda() -> str | None:
+    """Say what this machine lacks for training on a GPU, and how to get it; None where torch and gsplat are ready."""
     import torch
 
     if torch.version.cuda is None:
@@ -64,8 +64,8 @@ def missing_for_cuda() -> str | None:
     return _unsuitable_gsplat()
 
 
-def gpu_name() -> str:
-    """Name and memory of the GPU that trains; only where `missing_for_cuda` is None."""
+def describe_gpu() -> str:
+    """Name and memory of the GPU that trains; only where `explain_missing_cuda` is None."""
     import torch
 
     properties = torch.cuda.get_device_properties(torch.cuda.current_device())

@@ -9,12 +9,12 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
 
 
-def exposed(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
+def expose(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
     """exposure[:, :3] · colour + exposure[:, 3] at every pixel, with gradients to both."""
     return _Exposed.apply(image, exposure)
 
@@ -24,15 +24,15 @@ class _Exposed(torch.autograd.Function):
     def forward(ctx, image, exposure):
         ctx.save_for_backward(image, exposure)
         result = np.empty(tuple(image.shape), np.float32)
-        _expose(kernel_array(image.detach().numpy()), kernel_array(exposure.detach().numpy()), result)
+        _expose(to_kernel_array(image.detach().numpy()), to_kernel_array(exposure.detach().numpy()), result)
         return torch.from_numpy(result)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad):
-        image, exposure = (kernel_array(tensor.detach().numpy()) for tensor in ctx.saved_tensors)
+    def backward(ctx, grad):  # pyright: ignore[reportIncompatibleMethodOverride]
+        image, exposure = (to_kernel_array(tensor.detach().numpy()) for tensor in ctx.saved_tensors)
         grad_image, row_sums = np.empty(image.shape, np.float32), np.empty((len(image), 12), np.float64)
-        _expose_backward(kernel_array(grad.numpy()), image, exposure, grad_image, row_sums)
+        _expose_backward(to_kernel_array(grad.numpy()), image, exposure, grad_image, row_sums)
         grad_exposure = row_sums.sum(axis=0).reshape(3, 4).astype(np.float32)
         return torch.from_numpy(grad_image), torch.from_numpy(grad_exposure)
 

@@ -42,10 +42,10 @@ class GsplatBackend:
 
     name = "gsplat"
 
-    sh_colors = staticmethod(torch_ops.sh_colors)
-    place = staticmethod(torch_ops.place)
-    over_sky = staticmethod(torch_ops.over_sky)
-    exposed = staticmethod(torch_ops.exposed)
+    evaluate_harmonics = staticmethod(torch_ops.evaluate_harmonics)
+    place_gaussians = staticmethod(torch_ops.place_gaussians)
+    composite_over_sky = staticmethod(torch_ops.composite_over_sky)
+    expose = staticmethod(torch_ops.expose)
     photometric_loss = staticmethod(torch_ops.photometric_loss)
     depth_loss = staticmethod(torch_ops.depth_loss)
     sky_loss = staticmethod(torch_ops.sky_loss)
@@ -97,8 +97,8 @@ class _Projected:
     conics: Float[Tensor, "1 v 3"]
     opacities: Float[Tensor, "1 v"]
 
-    def detached(self) -> _Projected:
-        """The same, as constants."""
+    def detach(self) -> _Projected:
+        """Copy these 2D Gaussians as constants, to which no gradient flows."""
         return _Projected(*(getattr(self, name).detach() for name in self.__dataclass_fields__))
 
 
@@ -118,13 +118,13 @@ class _Rasterize(torch.autograd.Function):
         # detach() keeps counting changes in place: gsplat's graph notices them in its backward pass.
         leaves = [tensor.detach().requires_grad_(grad) for tensor, grad in zip(tensors, wanted, strict=True)]
         with torch.set_grad_enabled(any(wanted)):
-            projected, outputs = _drawn(leaves, request)
+            projected, outputs = _draw(leaves, request)
         ctx.leaves, ctx.projected, ctx.outputs, ctx.request = leaves, projected, outputs, request
         return tuple(output.detach() for output in outputs)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, *grad_outputs):
+    def backward(ctx, *grad_outputs):  # pyright: ignore[reportIncompatibleMethodOverride]
         leaves = [leaf for leaf in ctx.leaves if leaf.requires_grad]
         kept = [output.requires_grad for output in ctx.outputs]
         outputs, grads = compress(ctx.outputs, kept), compress(grad_outputs, kept)
@@ -134,25 +134,25 @@ class _Rasterize(torch.autograd.Function):
         return *(next(gradients) if leaf.requires_grad else None for leaf in ctx.leaves), None
 
 
-def _drawn(leaves: list[Tensor], request: _Request) -> tuple[_Projected, tuple[Tensor, Tensor, Tensor]]:
+def _draw(leaves: list[Tensor], request: _Request) -> tuple[_Projected, tuple[Tensor, Tensor, Tensor]]:
     """Image, depth and alpha, with gsplat's graph behind them."""
     means, quats, log_scales, opacity_logits, channels = leaves
     camera, reaching = request.camera, request.geometry_channels
     if not len(means):
-        return _nothing(leaves, camera)
-    projected = _projected(request.library, means, quats, log_scales, opacity_logits.sigmoid(), camera)
-    tiles = _tiles(request.library, projected, camera)
+        return _draw_nothing(leaves, camera)
+    projected = _project(request.library, means, quats, log_scales, opacity_logits.sigmoid(), camera)
+    tiles = _list_tiles(request.library, projected, camera)
     with_depth = torch.cat([channels[:, :reaching], projected.depths[0, :, None]], dim=1)
-    first, alpha = _blended(request.library, projected, tiles, with_depth, camera, request.seen is not None)
-    parts, fixed = [first[:, :, :reaching]], projected.detached()
+    first, alpha = _blend(request.library, projected, tiles, with_depth, camera, request.seen is not None)
+    parts, fixed = [first[:, :, :reaching]], projected.detach()
     if channels.shape[1] > reaching:
         for part in channels[:, reaching:].split(CHANNEL_COUNTS[-1], dim=1):
-            parts.append(_blended(request.library, fixed, tiles, part, camera, False)[0])
+            parts.append(_blend(request.library, fixed, tiles, part, camera, False)[0])
     return projected, (torch.cat(parts, dim=2), first[:, :, reaching], alpha)
 
 
-def _nothing(leaves: list[Tensor], camera: Camera) -> tuple[_Projected, tuple[Tensor, Tensor, Tensor]]:
-    """No Gaussians: black, and no kernel is started for it. The sum over nothing keeps the graph whole."""
+def _draw_nothing(leaves: list[Tensor], camera: Camera) -> tuple[_Projected, tuple[Tensor, Tensor, Tensor]]:
+    """Draw no Gaussians: black, without starting a kernel. The sum over nothing keeps the graph whole."""
     channels, zero = leaves[-1], torch.stack([leaf.sum() for leaf in leaves]).sum()
     floats: Any = {"dtype": channels.dtype, "device": channels.device}
     empty = (torch.zeros(1, 0, *shape, **floats) for shape in ((2,), (2,), (), (3,), ()))
@@ -161,7 +161,7 @@ def _nothing(leaves: list[Tensor], camera: Camera) -> tuple[_Projected, tuple[Te
     return _Projected(*empty), (image + zero, depth + zero, alpha + zero)
 
 
-def _projected(
+def _project(
     library: Any, means: Tensor, quats: Tensor, log_scales: Tensor, opacities: Tensor, camera: Camera
 ) -> _Projected:
     view = torch.from_numpy(camera.camera_from_world).to(means)
@@ -183,13 +183,13 @@ def _projected(
 
 
 @torch.no_grad()
-def _tiles(library: Any, projected: _Projected, camera: Camera) -> _Tiles:
+def _list_tiles(library: Any, projected: _Projected, camera: Camera) -> _Tiles:
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     _, keys, splats = library.isect_tiles(projected.means, projected.radii, projected.depths, TILE, columns, rows)
     return _Tiles(library.isect_offset_encode(keys, 1, columns, rows).reshape(1, rows, columns), splats)
 
 
-def _blended(
+def _blend(
     library: Any, projected: _Projected, tiles: _Tiles, channels: Float[Tensor, "v c"], camera: Camera, absgrad: bool
 ) -> tuple[Float[Tensor, "h w c"], Float[Tensor, "h w"]]:
     count = channels.shape[1]

@@ -10,7 +10,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _DRAWN = np.float32(0.05)
 """Pixels with less opacity than this have no expected depth."""
@@ -31,7 +31,7 @@ def depth_loss(
     Args:
         depth: Σ w·z, not divided by alpha.
     """
-    return _DepthLoss.apply(depth, alpha, np.require(pixels, np.int32, ["C", "W"]), kernel_array(lidar_depths))
+    return _DepthLoss.apply(depth, alpha, np.require(pixels, np.int32, ["C", "W"]), to_kernel_array(lidar_depths))
 
 
 def sky_loss(alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
@@ -49,7 +49,7 @@ class _DepthLoss(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_loss):
+    def backward(ctx, grad_loss):  # pyright: ignore[reportIncompatibleMethodOverride]
         depth, alpha = ctx.saved_tensors
         grad_depth, grad_alpha = np.zeros(tuple(depth.shape), np.float32), np.zeros(tuple(depth.shape), np.float32)
         scale = np.float32(float(grad_loss) / max(ctx.count, 1))
@@ -65,21 +65,21 @@ class _SkyLoss(torch.autograd.Function):
         ctx.save_for_backward(alpha)
         ctx.sky = sky
         costs = np.empty(len(sky), np.float64)
-        _sky_costs(kernel_array(alpha.detach().numpy()), sky, costs)
+        _sky_costs(to_kernel_array(alpha.detach().numpy()), sky, costs)
         return torch.tensor(costs.sum() / alpha.numel(), dtype=torch.float32)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_loss):
+    def backward(ctx, grad_loss):  # pyright: ignore[reportIncompatibleMethodOverride]
         (alpha,) = ctx.saved_tensors
         grad_alpha = np.empty(tuple(alpha.shape), np.float32)
         scale = np.float32(float(grad_loss) / alpha.numel())
-        _sky_gradient(kernel_array(alpha.detach().numpy()), ctx.sky, scale, grad_alpha)
+        _sky_gradient(to_kernel_array(alpha.detach().numpy()), ctx.sky, scale, grad_alpha)
         return torch.from_numpy(grad_alpha), None
 
 
 def _flat(tensor: Tensor) -> Float[ndarray, " n"]:
-    return kernel_array(tensor.detach().numpy()).reshape(-1)
+    return to_kernel_array(tensor.detach().numpy()).reshape(-1)
 
 
 @numba.njit(error_model="numpy", cache=True)

@@ -20,7 +20,7 @@ from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _RADIUS, _SIGMA = 5, 1.5
 _WEIGHTS = np.exp(-(np.arange(-_RADIUS, _RADIUS + 1) ** 2) / (2 * _SIGMA**2))
@@ -41,7 +41,7 @@ _ABSOLUTE, _SQUARED, _DISSIMILAR = range(3)
 
 @dataclass(frozen=True)
 class _Comparison:
-    """What the gradient needs of the forward pass; rows are w·3 numbers wide."""
+    """Results of the forward pass that the gradient needs; rows are w·3 numbers wide."""
 
     total: Float32[ndarray, "h+10 w*3"]
     """Image plus target, between rows of zeros; invalid pixels count as equal to the target."""
@@ -72,7 +72,7 @@ def photometric_loss(
 class _Photometric(torch.autograd.Function):
     @staticmethod
     def forward(ctx, image, target, valid, ssim_weight):
-        compared, sums = _compared(image.detach().numpy(), target, valid)
+        compared, sums = _compare(image.detach().numpy(), target, valid)
         absolute, squared, dissimilar = sums
         loss = ((1 - ssim_weight) * absolute + ssim_weight * dissimilar) / image.numel()
         ctx.compared, ctx.weight, ctx.shape = compared, ssim_weight, tuple(image.shape)
@@ -82,7 +82,7 @@ class _Photometric(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_loss, _):
+    def backward(ctx, grad_loss, _):  # pyright: ignore[reportIncompatibleMethodOverride]
         compared, gradient = ctx.compared, np.empty(ctx.shape, np.float32)
         scale = float(grad_loss) / gradient.size
         scales = np.float32(scale * (1 - ctx.weight)), np.float32(scale * ctx.weight)
@@ -91,7 +91,7 @@ class _Photometric(torch.autograd.Function):
         return torch.from_numpy(gradient), None, None, None
 
 
-def _compared(image: ndarray, target: ndarray, valid: ndarray | None) -> tuple[_Comparison, Float64[ndarray, "3"]]:
+def _compare(image: ndarray, target: ndarray, valid: ndarray | None) -> tuple[_Comparison, Float64[ndarray, "3"]]:
     """The forward pass, and the image's sums of absolute errors, squared errors and 1 - SSIM."""
     height, width, _ = image.shape
     padded = (height + 2 * _RADIUS, 3 * width)
@@ -103,7 +103,7 @@ def _compared(image: ndarray, target: ndarray, valid: ndarray | None) -> tuple[_
     )
     sums = np.empty((height, 3), np.float64)
     wanted = np.require(target, np.uint8, ["C", "W"]).reshape(height, -1)
-    rows = (kernel_array(image).reshape(height, -1), wanted)
+    rows = (to_kernel_array(image).reshape(height, -1), wanted)
     _totals_and_differences(*rows, compared.mask, compared.total, compared.difference, sums)
     _partials_by_moments(compared.total, compared.difference, compared.partials, sums)
     return compared, sums.sum(axis=0)

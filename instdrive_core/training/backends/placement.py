@@ -15,14 +15,14 @@ from numpy import ndarray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from instdrive_core.maths.rotations import multiplied, quaternion_from_matrix
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.maths.rotations import multiply_quaternions, quaternion_from_matrix
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _CHUNK = 1 << 10
 _CONJUGATE = np.array([1, -1, -1, -1], np.float32)
 
 
-def place(
+def place_gaussians(
     means: Float[Tensor, "v 3"],
     quats: Float[Tensor, "v 4"],
     nodes: UInt16[ndarray, " v"],
@@ -55,18 +55,18 @@ class _Place(torch.autograd.Function):
         ctx.save_for_backward(means, quats)  # so that torch notices changes in place
         ctx.matrices, ctx.starts = rotations.detach().numpy().astype(np.float64), starts
         ctx.turns = quaternion_from_matrix(ctx.matrices)
-        poses = kernel_array(ctx.matrices), _array(shifts), kernel_array(ctx.turns)
-        placed_means, placed_quats = _moved(_array(means), _array(quats), poses, starts)
+        poses = to_kernel_array(ctx.matrices), _array(shifts), to_kernel_array(ctx.turns)
+        placed_means, placed_quats = _move_gaussians(_array(means), _array(quats), poses, starts)
         return torch.from_numpy(placed_means), torch.from_numpy(placed_quats)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad_means, grad_quats):
+    def backward(ctx, grad_means, grad_quats):  # pyright: ignore[reportIncompatibleMethodOverride]
         means, quats = ctx.saved_tensors
         inputs, grads, starts = (_array(means), _array(quats)), (_array(grad_means), _array(grad_quats)), ctx.starts
         no_shifts = np.zeros((len(starts) - 1, 3), np.float32)
-        inverse = kernel_array(ctx.matrices.transpose(0, 2, 1)), no_shifts, kernel_array(ctx.turns) * _CONJUGATE
-        own_means, own_quats = _moved(*grads, inverse, starts)
+        inverse = to_kernel_array(ctx.matrices.transpose(0, 2, 1)), no_shifts, to_kernel_array(ctx.turns) * _CONJUGATE
+        own_means, own_quats = _move_gaussians(*grads, inverse, starts)
         by_rotations = by_shifts = None
         if any(ctx.needs_input_grad[2:4]):
             sums = np.zeros((len(starts) - 1, 16), np.float64)
@@ -81,13 +81,13 @@ def _through_turns(
     matrices: Float64[ndarray, "m 3 3"], turns: Float64[ndarray, "m 4"], grad_turns: Float64[ndarray, "m 4"]
 ) -> Float64[ndarray, "m 3 3"]:
     """Gradients by the rotation matrices from those by their quaternions; see the top of the file."""
-    x, y, z = np.moveaxis(0.5 * multiplied(turns * _CONJUGATE, grad_turns)[:, 1:], -1, 0)
+    x, y, z = np.moveaxis(0.5 * multiply_quaternions(turns * _CONJUGATE, grad_turns)[:, 1:], -1, 0)
     zero = np.zeros_like(x)
     crossed = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
     return 0.5 * matrices @ crossed
 
 
-def _moved(
+def _move_gaussians(
     means: Float32[ndarray, "v 3"],
     quats: Float32[ndarray, "v 4"],
     poses: tuple[Float32[ndarray, "m 3 3"], Float32[ndarray, "m 3"], Float32[ndarray, "m 4"]],
@@ -103,7 +103,7 @@ def _moved(
 
 
 def _array(tensor: Tensor) -> Float32[ndarray, "*n"]:
-    return kernel_array(tensor.detach().numpy())
+    return to_kernel_array(tensor.detach().numpy())
 
 
 @numba.njit(fastmath={"nsz", "contract"}, error_model="numpy", cache=True)

@@ -12,7 +12,7 @@ _CHUNK = 1 << 10
 """Rows that one thread copies at a time."""
 
 
-def gathered(values: Float[Tensor, "n *c"], rows: Int64[Tensor, " v"]) -> Float[Tensor, "v *c"]:
+def gather_rows(values: Float[Tensor, "n *c"], rows: Int64[Tensor, " v"]) -> Float[Tensor, "v *c"]:
     """`values[rows]` without gradient."""
     values = values.detach()
     if values.device.type != "cpu":

@@ -12,7 +12,7 @@ from instdrive_core.scene.camera import Camera
 from instdrive_core.scene.sky import Sky
 
 
-def over_sky(
+def composite_over_sky(
     image: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], faces: Float[Tensor, "6 r r 3"], camera: Camera
 ) -> Float[Tensor, "h w 3"]:
     """Composite the cube map (see `scene/sky.py`) behind a rendered image."""
@@ -25,11 +25,11 @@ class _OverSky(torch.autograd.Function):
         ctx.save_for_backward(alpha, faces)
         ctx.camera = camera
         arrays = image.detach().numpy(), alpha.detach().numpy()
-        return torch.from_numpy(sky_behind.over_sky(Sky(faces.detach().numpy()), camera, *arrays))
+        return torch.from_numpy(sky_behind.copy_over_sky(Sky(faces.detach().numpy()), camera, *arrays))
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, Tensor, Tensor, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         alpha, faces = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
-        grad_alpha, grad_faces = sky_behind.sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
+        grad_alpha, grad_faces = sky_behind.render_sky_behind_backward(Sky(faces), ctx.camera, alpha, grad.numpy())
         return grad, torch.from_numpy(grad_alpha), torch.from_numpy(grad_faces), None

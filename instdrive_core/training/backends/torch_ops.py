@@ -15,10 +15,10 @@ from torch.autograd.function import once_differentiable
 
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.scene import node_rotations
+from instdrive_core.scene.scene import extract_node_rotations
 
 _SHOWS = 1 / 1024
-"""Pixels that let less light through than this show no sky, as in `rasterize.sky_behind`."""
+"""Pixels that let less light through than this show no sky, as in `rasterize.kernels.sky_behind`."""
 _DRAWN = 0.05
 """Pixels with less opacity than this have no expected depth."""
 _SKY_FLOOR = 1e-4
@@ -26,34 +26,34 @@ _SKY_FLOOR = 1e-4
 
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2
-"""SSIM's window and constants, as in `training.photometric`."""
+"""SSIM's window and constants, as in `backends.photometric`."""
 
 
-def on_device(array: ndarray, device: torch.device) -> Tensor:
+def to_device(array: ndarray, device: torch.device) -> Tensor:
     """The array as a tensor there; shares its memory on the CPU where the array may be written."""
     return torch.from_numpy(np.require(array, requirements=["C", "W"])).to(device)
 
 
-def place(
+def place_gaussians(
     means: Float[Tensor, "v 3"],
     quats: Float[Tensor, "v 4"],
     nodes: UInt16[ndarray, " v"],
     rotations: Float[Tensor, "m 3 3"],
     shifts: Float[Tensor, "m 3"],
 ) -> tuple[Float[Tensor, "v 3"], Float[Tensor, "v 4"]]:
-    """See `Backend.place`. A rotation's quaternion is the largest of the four candidates, as in `maths.rotations`."""
+    """See `Backend.place_gaussians`. Quaternions are chosen among four candidates, as in `maths.rotations`."""
     moved = np.flatnonzero(nodes)
     if not len(moved):
         return means, quats
-    rows, which = on_device(moved, means.device), on_device(nodes[moved].astype(np.int64), means.device)
+    rows, which = to_device(moved, means.device), to_device(nodes[moved].astype(np.int64), means.device)
     own_means, own_quats = means.index_select(0, rows), quats.index_select(0, rows)
     # Indexing by `which`, not index_select: its backward pass adds duplicates in fixed order on a GPU too.
     placed_means = (rotations[which] * own_means[:, None, :]).sum(dim=2) + shifts[which]
-    placed_quats = _multiplied(quaternions(rotations)[which], own_quats)
+    placed_quats = _multiply_quaternions(quaternions_from_matrices(rotations)[which], own_quats)
     return means.index_copy(0, rows, placed_means), quats.index_copy(0, rows, placed_quats)
 
 
-def quaternions(matrices: Float[Tensor, "m 3 3"]) -> Float[Tensor, "m 4"]:
+def quaternions_from_matrices(matrices: Float[Tensor, "m 3 3"]) -> Float[Tensor, "m 4"]:
     """Unit quaternions wxyz (w ≥ 0) of rotation matrices, differentiable by all nine entries."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (row.unbind(1) for row in matrices.unbind(1))
     candidates = torch.stack(
@@ -71,7 +71,7 @@ def quaternions(matrices: Float[Tensor, "m 3 3"]) -> Float[Tensor, "m 4"]:
     return torch.where(unit[:, :1] < 0, -unit, unit)
 
 
-def _multiplied(left: Float[Tensor, "k 4"], right: Float[Tensor, "k 4"]) -> Float[Tensor, "k 4"]:
+def _multiply_quaternions(left: Float[Tensor, "k 4"], right: Float[Tensor, "k 4"]) -> Float[Tensor, "k 4"]:
     """Hamilton product: rotate by `right`, then by `left`."""
     w, x, y, z = left.unbind(1)
     a, b, c, d = right.unbind(1)
@@ -86,7 +86,7 @@ def _multiplied(left: Float[Tensor, "k 4"], right: Float[Tensor, "k 4"]) -> Floa
     )
 
 
-def sh_colors(
+def evaluate_harmonics(
     means: Float[Tensor, "v 3"],
     sh_dc: Float[Tensor, "v 3"],
     sh_rest: Float[Tensor, "v k 3"],
@@ -94,23 +94,23 @@ def sh_colors(
     nodes: UInt16[ndarray, " v"] | None = None,
     poses: Float64[ndarray, "m 4 4"] | None = None,
 ) -> Float[Tensor, "v 3"]:
-    """See `Backend.sh_colors`. Colours are clamped at 0; channels that are send no gradient back."""
+    """See `Backend.evaluate_harmonics`. Colours are clamped at 0; channels that are send no gradient back."""
     colors = 0.5 + Y0 * sh_dc
     if sh_rest.shape[1]:
         with torch.no_grad():
-            directions = means - on_device(camera_position.astype(np.float32), means.device)
+            directions = means - to_device(camera_position.astype(np.float32), means.device)
             if nodes is not None and poses is not None and len(poses) > 1:
-                turns = on_device(node_rotations(poses).astype(np.float32), means.device)
-                which = on_device(nodes.astype(np.int64), means.device)
+                turns = to_device(extract_node_rotations(poses).astype(np.float32), means.device)
+                which = to_device(nodes.astype(np.int64), means.device)
                 directions = (turns[which] * directions[:, :, None]).sum(dim=1)  # Rᵀ d
             length = directions.square().sum(dim=1, keepdim=True).clamp_min(1e-12).sqrt()
-            basis = rest_basis(directions / length, sh_rest.shape[1])
+            basis = evaluate_basis(directions / length, sh_rest.shape[1])
         colors = colors + (basis[:, :, None] * sh_rest).sum(dim=1)
     return torch.relu(colors)
 
 
-def rest_basis(directions: Float[Tensor, "v 3"], count: int) -> Float[Tensor, "v {count}"]:
-    """The first `count` (3, 8 or 15) values of `maths.spherical_harmonics.rest_basis`, for unit directions."""
+def evaluate_basis(directions: Float[Tensor, "v 3"], count: int) -> Float[Tensor, "v {count}"]:
+    """The first `count` (3, 8 or 15) values of `maths.spherical_harmonics.evaluate_rest_basis`, for unit directions."""
     x, y, z = directions.unbind(1)
     xx, yy, zz = x * x, y * y, z * z
     values = [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
@@ -135,10 +135,10 @@ def rest_basis(directions: Float[Tensor, "v 3"], count: int) -> Float[Tensor, "v
     return torch.stack(values, dim=1)
 
 
-def over_sky(
+def composite_over_sky(
     image: Float[Tensor, "h w 3"], alpha: Float[Tensor, "h w"], faces: Float[Tensor, "6 r r 3"], camera: Camera
 ) -> Float[Tensor, "h w 3"]:
-    """See `Backend.over_sky`; texels are read bilinearly as by `scene.sky.cube_taps`."""
+    """See `Backend.composite_over_sky`; texels are read bilinearly as by `scene.sky.find_cube_taps`."""
     through = 1 - alpha
     through = torch.where(through < _SHOWS, 0, through)
     texels, weights = _cube_taps(_ray_directions(camera, image.device), faces.shape[1])
@@ -154,7 +154,7 @@ def _ray_directions(camera: Camera, device: torch.device) -> Float64[Tensor, "h 
     """World directions through all pixel centres, not normalised."""
     x = (torch.arange(camera.width, dtype=torch.float64, device=device) + 0.5 - camera.cx) / camera.fx
     y = (torch.arange(camera.height, dtype=torch.float64, device=device) + 0.5 - camera.cy) / camera.fy
-    right, down, forward = on_device(camera.world_from_camera[:3, :3], device).unbind(1)
+    right, down, forward = to_device(camera.world_from_camera[:3, :3], device).unbind(1)
     return x[None, :, None] * right + y[:, None, None] * down + forward
 
 
@@ -180,8 +180,8 @@ def _cube_taps(
     return texels, weights.float()
 
 
-def exposed(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
-    """See `Backend.exposed`."""
+def expose(image: Float[Tensor, "h w 3"], exposure: Float[Tensor, "3 4"]) -> Float[Tensor, "h w 3"]:
+    """See `Backend.expose`."""
     return image @ exposure[:, :3].T + exposure[:, 3]
 
 
@@ -192,8 +192,8 @@ def photometric_loss(
     ssim_weight: float,
 ) -> tuple[Float[Tensor, ""], float]:
     """See `Backend.photometric_loss`. Pixels that are not valid count as equal: they add to neither term."""
-    wanted = on_device(target, image.device).to(image.dtype) / 255
-    mask = None if valid is None else on_device(valid, image.device)
+    wanted = to_device(target, image.device).to(image.dtype) / 255
+    mask = None if valid is None else to_device(valid, image.device)
     with torch.no_grad():
         squared = (image.clamp(0, 1) - wanted).square()
         squared = squared if mask is None else squared[mask]
@@ -204,7 +204,7 @@ def photometric_loss(
 
 
 class _Photometric(torch.autograd.Function):
-    """(1 - w) L1 + w (1 - SSIM) with the closed-form gradient of `training.photometric`: nothing is kept but that."""
+    """(1 - w) L1 + w (1 - SSIM) with the closed-form gradient of `backends.photometric`: nothing is kept but that."""
 
     @staticmethod
     def forward(ctx, image: Tensor, target: Tensor, ssim_weight: float) -> Tensor:
@@ -217,7 +217,7 @@ class _Photometric(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return ctx.saved_tensors[0] * grad, None, None
 
 
@@ -225,18 +225,18 @@ def _ssim_and_gradient(
     x: Float[Tensor, "c h w"], y: Float[Tensor, "c h w"]
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "c h w"]]:
     """Mean SSIM and the gradient of the SSIM map's *sum* with respect to `x`."""
-    mx, my, sxx, syy, sxy = _blurred(torch.cat([x, y, x * x, y * y, x * y])).chunk(5)
+    mx, my, sxx, syy, sxy = _blur(torch.cat([x, y, x * x, y * y, x * y])).chunk(5)
     a1, a2 = 2 * mx * my + _C1, 2 * (sxy - mx * my) + _C2
     b1, b2 = mx * mx + my * my + _C1, sxx - mx * mx + syy - my * my + _C2
     inverse = 1 / (b1 * b2)
     similarity = a1 * a2 * inverse
     by_product, by_square = 2 * a1 * inverse, -similarity / b2
     by_mean = 2 * my * a2 * inverse - my * by_product - 2 * mx * similarity / b1 - 2 * mx * by_square
-    mean, square, product = _blurred(torch.cat([by_mean, by_square, by_product])).chunk(3)
+    mean, square, product = _blur(torch.cat([by_mean, by_square, by_product])).chunk(3)
     return similarity.mean(), mean + 2 * x * square + y * product
 
 
-def _blurred(planes: Float[Tensor, "p h w"]) -> Float[Tensor, "p h w"]:
+def _blur(planes: Float[Tensor, "p h w"]) -> Float[Tensor, "p h w"]:
     """Every plane under the Gaussian window, zeros around it."""
     count = len(planes)
     steps = torch.arange(-_RADIUS, _RADIUS + 1, device=planes.device, dtype=planes.dtype)
@@ -255,8 +255,8 @@ def depth_loss(
     lidar_depths: Float[ndarray, " k"],
 ) -> Float[Tensor, ""]:
     """See `Backend.depth_loss`."""
-    where = on_device(pixels.astype(np.int64), depth.device)
-    wanted = on_device(lidar_depths.astype(np.float32), depth.device)
+    where = to_device(pixels.astype(np.int64), depth.device)
+    wanted = to_device(lidar_depths.astype(np.float32), depth.device)
     drawn, opacity = depth.reshape(-1)[where], alpha.reshape(-1)[where]
     counts = opacity.detach() > _DRAWN
     expected = drawn / torch.where(counts, opacity, 1)
@@ -266,4 +266,4 @@ def depth_loss(
 def sky_loss(alpha: Float[Tensor, "h w"], sky: Bool[ndarray, "h w"]) -> Float[Tensor, ""]:
     """See `Backend.sky_loss`."""
     cost = -torch.log((1 - alpha).clamp_min(_SKY_FLOOR))
-    return torch.where(on_device(sky, alpha.device), cost, 0).sum() / alpha.numel()
+    return torch.where(to_device(sky, alpha.device), cost, 0).sum() / alpha.numel()

@@ -1,4 +1,4 @@
-"""Where moving objects are at a time, with learnable corrections of their cuboid tracks."""
+"""Poses of moving objects over time, with learnable corrections of their cuboid tracks."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class NodePoses:
     present: Bool[ndarray, " m"]
     """Which nodes exist at this time."""
     matrices: Float64[ndarray, "m 4 4"]
-    """The same poses, detached."""
+    """world_from_node as arrays, without gradient."""
 
 
 @dataclass(frozen=True)
 class _Between:
-    """Where p times lie between the learned keys of a track."""
+    """Places of p times between the learned keys of tracks."""
 
     before: Int[Tensor, " p"]
     """Row in the corrections of the last key before the time, or of the first key."""
@@ -43,15 +43,15 @@ class _Between:
     fraction: Float[Tensor, "p 1"]
     """How far the time is from `before` to `after`."""
 
-    def of(self, values: Float[Tensor, "k 6"]) -> Float[Tensor, "p 6"]:
-        """Corrections at the times, in float64."""
+    def interpolate(self, values: Float[Tensor, "k 6"]) -> Float[Tensor, "p 6"]:
+        """Interpolate the corrections of keys at the times, in float64."""
         start, end = values.index_select(0, self.before).double(), values.index_select(0, self.after).double()
         return torch.lerp(start, end, self.fraction)
 
 
 @dataclass(frozen=True)
 class _Moment:
-    """What `ActorPoses` keeps of a time; p actors are present."""
+    """Poses at one time, kept by `ActorPoses`; p actors are present."""
 
     plain: NodePoses
     nodes: Int[Tensor, " p"]
@@ -86,8 +86,8 @@ class ActorPoses:
         counts = [len(track.times) for track in tracks]
         self._starts = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)])
         """Row of each track's first key; at the end K."""
-        self._learned = [_learned_keys(track, photo_times) for track in tracks]
-        """Of each track, the keys with a correction of their own."""
+        self._learned = [_find_learned_keys(track, photo_times) for track in tracks]
+        """Keys of each track that have a correction of their own."""
         self._moments: dict[float, _Moment] = {}
 
     @property
@@ -96,15 +96,15 @@ class ActorPoses:
         return int(self._starts[-1])
 
     def initial_corrections(self) -> dict[str, Float[Tensor, "k 3"]]:
-        """No correction: zero `track_shifts` and `track_turns`."""
+        """Make corrections that change nothing: zero `track_shifts` and `track_turns`, (K, 3) each."""
         return {name: torch.zeros(self.key_count, 3) for name in ("track_shifts", "track_turns")}
 
     def at(self, time: float, corrections: Mapping[str, Float[Tensor, "k 3"]] | None = None) -> NodePoses:
-        """All nodes at `time` (seconds); without corrections the tracks as they are."""
+        """Compute the poses of all nodes at `time` (seconds); without corrections the tracks give them."""
         moment = self._moment(time)
         if corrections is None:
             return moment.plain
-        rotations, shifts = _corrected(moment.rotations, moment.shifts, moment.between.of(_on_cpu(corrections)))
+        rotations, shifts = _correct(moment.rotations, moment.shifts, moment.between.interpolate(_on_cpu(corrections)))
         device, count = corrections["track_shifts"].device, len(self.tracks) + 1
         matrices = moment.plain.matrices.copy()
         nodes = moment.nodes.numpy()
@@ -117,18 +117,18 @@ class ActorPoses:
             matrices=matrices,
         )
 
-    def refined_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
-        """The tracks with corrected keys.
+    def correct_tracks(self, corrections: Mapping[str, Float[Tensor, "k 3"]]) -> tuple[Track, ...]:
+        """Copy the tracks with corrected keys.
 
-        `Track.pose_at` gives the pose of `at` at key times; between them it interpolates corrected poses instead of
-        correcting interpolated ones, which differs by products of correction and motion only.
+        `Track.interpolate_pose` gives the pose of `at` at key times; between them it interpolates corrected poses
+        instead of correcting interpolated ones, which differs by products of correction and motion only.
         """
         if not self.tracks:
             return ()
         poses = np.concatenate([track.world_from_box for track in self.tracks])
         rotations, shifts = torch.from_numpy(poses[:, :3, :3].copy()), torch.from_numpy(poses[:, :3, 3].copy())
-        between = _joined([self._between(node, track.times) for node, track in enumerate(self.tracks, start=1)])
-        rotations, shifts = _corrected(rotations, shifts, between.of(_on_cpu(corrections).detach()))
+        between = _join_places([self._between(node, track.times) for node, track in enumerate(self.tracks, start=1)])
+        rotations, shifts = _correct(rotations, shifts, between.interpolate(_on_cpu(corrections).detach()))
         poses[:, :3, :3], poses[:, :3, 3] = rotations.numpy(), shifts.numpy()
         parts = np.split(poses, self._starts[1:-1])
         return tuple(replace(track, world_from_box=part) for track, part in zip(self.tracks, parts, strict=True))
@@ -143,7 +143,7 @@ class ActorPoses:
         nodes = np.flatnonzero(present[1:]) + 1
         matrices = np.tile(np.eye(4), (len(present), 1, 1))
         for node in nodes.tolist():
-            matrices[node] = self.tracks[node - 1].pose_at(time)
+            matrices[node] = self.tracks[node - 1].interpolate_pose(time)
         rotations, shifts = torch.from_numpy(matrices[:, :3, :3].copy()), torch.from_numpy(matrices[:, :3, 3].copy())
         index = torch.from_numpy(nodes)
         return _Moment(
@@ -151,7 +151,7 @@ class ActorPoses:
             nodes=index,
             rotations=rotations[index],
             shifts=shifts[index],
-            between=_joined([self._between(node, np.array([time])) for node in nodes.tolist()]),
+            between=_join_places([self._between(node, np.array([time])) for node in nodes.tolist()]),
         )
 
     def _between(self, node: int, times: Float64[ndarray, " p"]) -> tuple[ndarray, ndarray, ndarray]:
@@ -176,7 +176,7 @@ def rotations_from_vectors(vectors: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3 
     return (1 - cosine * squares) * torch.eye(3) + sine * (vectors @ _SKEW).view(-1, 3, 3) + cosine * outer
 
 
-def _corrected(
+def _correct(
     rotations: Float[Tensor, "n 3 3"], places: Float[Tensor, "n 3"], values: Float[Tensor, "n 6"]
 ) -> tuple[Float[Tensor, "n 3 3"], Float[Tensor, "n 3"]]:
     shifts, turns = values[:, :3], values[:, 3:]
@@ -188,14 +188,14 @@ def _on_cpu(corrections: Mapping[str, Float[Tensor, "k 3"]]) -> Float[Tensor, "k
     return torch.cat([corrections["track_shifts"], corrections["track_turns"]], dim=1).cpu()
 
 
-def _joined(parts: list[tuple[ndarray, ndarray, ndarray]]) -> _Between:
+def _join_places(parts: list[tuple[ndarray, ndarray, ndarray]]) -> _Between:
     empty = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
     before, after, fractions = (np.concatenate(column) for column in zip(empty, *parts, strict=True))
     return _Between(torch.from_numpy(before), torch.from_numpy(after), torch.from_numpy(fractions)[:, None])
 
 
-def _learned_keys(track: Track, photo_times: Sequence[float] | None) -> Int[ndarray, " l"]:
-    """Indices of the keys that are nearest to a photo taken while the track exists; all of them if there is none."""
+def _find_learned_keys(track: Track, photo_times: Sequence[float] | None) -> Int[ndarray, " l"]:
+    """Find the keys nearest to a photo taken while the track exists; all keys where there is no such photo."""
     times = np.unique([time for time in photo_times or () if track.covers(time)])
     if not len(times):
         return np.arange(len(track.times))

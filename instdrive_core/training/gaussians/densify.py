@@ -31,7 +31,7 @@ _RECOVERY = 5
 
 @dataclass
 class GrowthStatistics:
-    """What was seen of each Gaussian since the last refinement."""
+    """Screen-space gradients of each Gaussian since the last refinement."""
 
     gradient_sums: Float[Tensor, " n"]
     """Over the views that saw it: `SeenSplats.gradients`."""
@@ -40,7 +40,7 @@ class GrowthStatistics:
 
     @staticmethod
     def empty(count: int, device: torch.device) -> GrowthStatistics:
-        """Nothing seen of `count` Gaussians."""
+        """Start the statistics of `count` Gaussians that no view has seen."""
         return GrowthStatistics(torch.zeros(count, device=device), torch.zeros(count, device=device))
 
     def __len__(self) -> int:
@@ -60,12 +60,12 @@ class GrowthStatistics:
         """Over the views that saw each Gaussian; 0 for those never seen."""
         return self.gradient_sums / self.view_counts.clamp(min=1)
 
-    def restructured(self, parents: Int64[ndarray, " m"]) -> GrowthStatistics:
+    def rearrange(self, parents: Int64[ndarray, " m"]) -> GrowthStatistics:
         """The statistics after a refinement: they start anew for everyone."""
         return GrowthStatistics.empty(len(parents), self.gradient_sums.device)
 
     def state_tensors(self) -> dict[str, Tensor]:
-        """For checkpoints, not copied."""
+        """Tensors that a checkpoint keeps, by name; not copied."""
         return dict(vars(self))
 
     def load_state_tensors(self, tensors: dict[str, Tensor]) -> None:
@@ -78,7 +78,7 @@ class GrowthStatistics:
 
 
 @dataclass(frozen=True)
-class Refinement:
+class DensifyResult:
     """The Gaussians after growing and pruning."""
 
     parameters: dict[str, Tensor]
@@ -94,13 +94,13 @@ class Refinement:
     """There are now cloned + split - pruned more than before."""
 
 
-def actor_radii(tracks: Sequence[Track]) -> Float64[ndarray, " k"]:
-    """What sizes on each actor are compared with, in metres: the diagonal of its box."""
+def compute_actor_radii(tracks: Sequence[Track]) -> Float64[ndarray, " k"]:
+    """Compute the length (metres) that sizes on each actor are compared with: the diagonal of its box."""
     return np.array([np.linalg.norm(track.dimensions) for track in tracks], np.float64)
 
 
 @torch.no_grad()
-def refined(
+def densify_and_prune(
     parameters: dict[str, Tensor],
     nodes: UInt16[ndarray, " n"],
     statistics: GrowthStatistics,
@@ -109,7 +109,7 @@ def refined(
     rng: np.random.Generator,
     allow_scale_pruning: bool,
     radii: Float64[ndarray, " k"] | None = None,
-) -> Refinement:
+) -> DensifyResult:
     """Grow and prune once. Pure: nothing given is changed.
 
     An actor may lose all its rows: photos have faded them. The scene keeps at least its most opaque Gaussian.
@@ -117,14 +117,15 @@ def refined(
     Args:
         parameters: one row per Gaussian; children inherit whatever is not changed by a split.
         allow_scale_pruning: whether oversized Gaussians go too, which 3DGS does after the first reset.
-        radii: `actor_radii` of nodes 1, 2, …: thresholds there are shares of these, where smaller than the scene's.
+        radii: `compute_actor_radii` of nodes 1, 2, …; thresholds there are shares of these where they are smaller than
+            the scene's.
     """
     device = parameters["means"].device
     lengths = np.full(int(nodes.max(initial=0)) + 1, scene_radius)
     if radii is not None:
         lengths[1:] = np.minimum(scene_radius, radii[: len(lengths) - 1])
     row_lengths = torch.from_numpy(lengths[nodes].astype(np.float32)).to(device)
-    grows, splits, pruned = _chosen(parameters, statistics, config, row_lengths, allow_scale_pruning)
+    grows, splits, pruned = _choose_rows(parameters, statistics, config, row_lengths, allow_scale_pruning)
 
     stays, grown = ~(pruned | splits), np.flatnonzero(grows & ~splits)
     halves = np.repeat(np.flatnonzero(splits)[None], 2, axis=0).ravel()
@@ -133,14 +134,14 @@ def refined(
     order = np.argsort(nodes[parents], kind="stable")
     gathered = torch.from_numpy(parents).to(device)
     children = {name: value.index_select(0, gathered) for name, value in parameters.items()}
-    _spread(children, len(halves), rng)
+    _scatter_halves(children, len(halves), rng)
     arranged = torch.from_numpy(order).to(device)
     result = {
         name: value.index_select(0, arranged).requires_grad_(parameters[name].requires_grad)
         for name, value in children.items()
     }
     parents = parents[order]
-    return Refinement(
+    return DensifyResult(
         result,
         nodes[parents],
         parents,
@@ -151,7 +152,7 @@ def refined(
     )
 
 
-def _chosen(
+def _choose_rows(
     parameters: dict[str, Tensor],
     statistics: GrowthStatistics,
     config: DensifyConfig,
@@ -170,15 +171,15 @@ def _chosen(
     oversized = (sizes > config.prune_scale) & allow_scale_pruning
     pruned |= oversized & ~(wants & large & (sizes <= _SPLIT_SHRINKS * config.prune_scale))
     room = max(0, config.max_gaussians - int((~pruned).sum()))
-    grows = _largest(gradients, wants & ~pruned, room)
+    grows = _choose_largest(gradients, wants & ~pruned, room)
     pruned |= oversized & ~grows
     if bool(pruned.all()) and len(pruned):
         pruned[logits.argmax()] = False
     return grows.cpu().numpy(), (grows & large).cpu().numpy(), pruned.cpu().numpy()
 
 
-def _largest(values: Float[Tensor, " n"], among: Bool[Tensor, " n"], count: int) -> Bool[Tensor, " n"]:
-    """Of the rows `among`, those with the `count` largest values; of equal ones the first."""
+def _choose_largest(values: Float[Tensor, " n"], among: Bool[Tensor, " n"], count: int) -> Bool[Tensor, " n"]:
+    """Choose the rows with the `count` largest values among the given ones; of equal ones the first."""
     rows = torch.nonzero(among)[:, 0]
     if len(rows) <= count:
         return among
@@ -188,7 +189,7 @@ def _largest(values: Float[Tensor, " n"], among: Bool[Tensor, " n"], count: int)
     return chosen
 
 
-def _spread(children: dict[str, Tensor], halves: int, rng: np.random.Generator) -> None:
+def _scatter_halves(children: dict[str, Tensor], halves: int, rng: np.random.Generator) -> None:
     """Turn the last `halves` rows, copies of their parents, into samples from these, smaller by 1.6 (3DGS)."""
     start = len(children["means"]) - halves
     means, log_scales = children["means"][start:], children["log_scales"][start:]
@@ -204,29 +205,29 @@ def _spread(children: dict[str, Tensor], halves: int, rng: np.random.Generator) 
 # The schedule: `iteration` is that of the step just done, counted from 0, in an RGB stage of `total` steps.
 
 
-def refines_at(config: DensifyConfig, iteration: int, total: int) -> bool:
+def is_densifying_due(config: DensifyConfig, iteration: int, total: int) -> bool:
     """Whether Gaussians grow and go after this step; never at a reset or while the scene recovers from one."""
     due = iteration >= max(config.start, 1) and iteration % config.every == 0
-    return due and observes_at(config, iteration, total)
+    return due and counts_gradients(config, iteration, total)
 
 
-def resets_at(config: DensifyConfig, iteration: int, total: int) -> bool:
+def is_reset_due(config: DensifyConfig, iteration: int, total: int) -> bool:
     """Whether opacities are reset after this step; never so late that no refinement would follow recovery."""
-    return 0 < iteration == last_reset(config, iteration, total)
+    return 0 < iteration == find_last_reset(config, iteration, total)
 
 
-def observes_at(config: DensifyConfig, iteration: int, total: int) -> bool:
-    """Whether the gradients of this step belong into the statistics.
+def counts_gradients(config: DensifyConfig, iteration: int, total: int) -> bool:
+    """Whether the statistics count the gradients of this step.
 
     They do not once nothing grows any more, nor while opacities recover: in the dark, everything asks to grow.
     """
-    reset = last_reset(config, iteration, total)
+    reset = find_last_reset(config, iteration, total)
     recovers = reset > 0 and iteration - reset < _recovery(config)
     return config.max_gaussians > 0 and iteration < config.stop * total and not recovers
 
 
-def last_reset(config: DensifyConfig, iteration: int, total: int) -> int:
-    """The step of the latest reset up to `iteration`, this one included; 0 where there was none."""
+def find_last_reset(config: DensifyConfig, iteration: int, total: int) -> int:
+    """Find the step of the latest reset up to `iteration`, this one included; 0 where there was none."""
     if config.max_gaussians == 0:
         return 0
     latest = math.ceil(config.stop * total) - 1 - _recovery(config) - config.every

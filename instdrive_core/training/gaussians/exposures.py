@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -13,8 +13,9 @@ from torch import Tensor
 from instdrive_core.scene.exposure import Exposures
 
 
-class Photo(Protocol):
-    """What names a photo; a training view is one."""
+@runtime_checkable
+class TimedPhoto(Protocol):
+    """A photo with a name and a time; a training view is one."""
 
     @property
     def key(self) -> str:
@@ -27,13 +28,13 @@ class Photo(Protocol):
         ...
 
 
-def initial_exposures(count: int) -> Float[Tensor, "v 3 4"]:
-    """The identity for each of `count` photos."""
+def make_initial_exposures(count: int) -> Float[Tensor, "v 3 4"]:
+    """Make the identity (3, 4) for each of `count` photos."""
     return torch.eye(3, 4).repeat(count, 1, 1)
 
 
 def exposure_penalty(exposures: Float[Tensor, "v 3 4"], photo: int) -> Float[Tensor, ""]:
-    """What the exposure of the photo just drawn costs: its mean squared distance to the identity mirrored at the mean.
+    """Cost of one photo's exposure: its mean squared distance to the identity mirrored at the mean.
 
     With e_i the distances of all V exposures from the identity and ē their mean, steps over all photos descend
     Σ |e_i|² + V |ē|². A change common to all photos could as well be in the Gaussians and the sky; the second term puts
@@ -45,7 +46,7 @@ def exposure_penalty(exposures: Float[Tensor, "v 3 4"], photo: int) -> Float[Ten
     return (exposures[photo] - identity + mean).square().mean()
 
 
-def finished_exposures(exposures: Float[Tensor, "v 3 4"], photos: Sequence[Photo]) -> Exposures:
-    """What the scene carries; `photos` are those of the rows."""
+def export_exposures(exposures: Float[Tensor, "v 3 4"], photos: Sequence[TimedPhoto]) -> Exposures:
+    """Export the exposures in the form that a scene carries; row i belongs to `photos[i]`."""
     keys, times = tuple(photo.key for photo in photos), np.array([photo.time for photo in photos], np.float64)
     return Exposures(keys, times, exposures.detach().cpu().numpy().astype(np.float32))

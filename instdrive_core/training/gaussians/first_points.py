@@ -14,10 +14,11 @@ from numpy import ndarray
 from scipy import ndimage
 
 from instdrive_core.datasets.clip import Clip
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.maths.streams import Stream, make_generator
+from instdrive_core.scene.box_search import find_box_of_points
 from instdrive_core.scene.track import Track
 from instdrive_core.training.settings.config import InitConfig
-from instdrive_core.training.views.lidar_depth import nearest_per_pixel, pixels_of_points
+from instdrive_core.training.views.lidar_depth import find_nearest_per_pixel, find_pixels_of_points
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -27,8 +28,6 @@ BOX_BOTTOM = -0.1
 """Margin of the lower face for what is kept of them: cuts the road off."""
 CROWD = 8
 """Before thinning, this many times as many points as will be kept are gathered at most."""
-_BEYOND, _LIDAR = 1, 2
-"""Streams of random numbers."""
 _GRID_WIDTH = 480
 """Pixels along a row between which points beyond LiDAR are chosen; more would cost time and change little."""
 
@@ -44,12 +43,12 @@ class ColoredPoints:
         return len(self.positions)
 
     def take(self, rows: ndarray) -> ColoredPoints:
-        """Some of the points."""
+        """Select the points of the given rows."""
         return ColoredPoints(self.positions[rows], self.colors[rows])
 
 
-def joined(parts: Sequence[ColoredPoints]) -> ColoredPoints:
-    """All points in order."""
+def concatenate_points(parts: Sequence[ColoredPoints]) -> ColoredPoints:
+    """Concatenate the parts in their order."""
     empty = np.zeros((0, 3), np.float32)
     return ColoredPoints(
         np.concatenate([empty, *(part.positions for part in parts)]),
@@ -59,7 +58,7 @@ def joined(parts: Sequence[ColoredPoints]) -> ColoredPoints:
 
 @dataclass(frozen=True)
 class FirstPoints:
-    """What LiDAR and photos say of the scene."""
+    """Points that LiDAR and photos give of the scene."""
 
     lidar: ColoredPoints
     """Background points of the sweeps that a camera sees, in the world."""
@@ -71,7 +70,7 @@ class FirstPoints:
     """Points of moving objects by track, in their box frames; grey where no camera saw them."""
 
 
-def first_points(
+def gather_first_points(
     clip: Clip, views: ViewStore, config: InitConfig, seed: int, moving_actors: bool = True
 ) -> FirstPoints:
     """Gather the points of a clip from sweeps that may train and all views; each is read once.
@@ -80,44 +79,47 @@ def first_points(
     to the background.
     """
     tracks = [track for track in clip.tracks if track.moving and moving_actors]
-    sweeps = {sweep.index: sweep for sweep in clip.training_sweeps()}
+    sweeps = {sweep.index: sweep for sweep in clip.training_sweeps}
     numbers: dict[int, list[int]] = {step: [] for step in sweeps}
     for number, facts in enumerate(views.facts):
         numbers.setdefault(facts.step, []).append(number)
     crowd = -(-CROWD * config.lidar_points // max(1, len(sweeps)))
 
-    def of_step(step: int) -> FirstPoints:
+    def gather_step(step: int) -> FirstPoints:
         cloud = _SweepColors(sweeps[step].load().points) if step in sweeps else None
-        beyond = [_of_view(number, views, cloud, config, seed) for number in numbers[step]]
-        near, far = joined([near for near, _ in beyond]), joined([far for _, far in beyond])
+        beyond = [_gather_view(number, views, cloud, config, seed) for number in numbers[step]]
+        near, far = concatenate_points([near for near, _ in beyond]), concatenate_points([far for _, far in beyond])
         if cloud is None:
-            return FirstPoints(joined([]), near, far, {})
-        actors, lidar = _split(cloud, sweeps[step].time, tracks)
-        lidar = some(lidar, crowd, np.random.default_rng((seed, _LIDAR, step)))
+            return FirstPoints(concatenate_points([]), near, far, {})
+        actors, lidar = _split_actors(cloud, sweeps[step].time, tracks)
+        lidar = subsample(lidar, crowd, make_generator(seed, Stream.SWEEP_SAMPLE, step))
         return FirstPoints(lidar, near, far, actors)
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        steps = list(pool.map(of_step, sorted(numbers)))
+        steps = list(pool.map(gather_step, sorted(numbers)))
     return FirstPoints(
-        joined([step.lidar for step in steps]),
-        joined([step.near for step in steps]),
-        joined([step.far for step in steps]),
-        {track.id: joined([step.actors[track.id] for step in steps if track.id in step.actors]) for track in tracks},
+        concatenate_points([step.lidar for step in steps]),
+        concatenate_points([step.near for step in steps]),
+        concatenate_points([step.far for step in steps]),
+        {
+            track.id: concatenate_points([step.actors[track.id] for step in steps if track.id in step.actors])
+            for track in tracks
+        },
     )
 
 
-def _of_view(
+def _gather_view(
     number: int, views: ViewStore, cloud: _SweepColors | None, config: InitConfig, seed: int
 ) -> tuple[ColoredPoints, ColoredPoints]:
     """Colour the sweep's points by a view, and return the near and far points beyond LiDAR."""
     view = views.get(number)
     if cloud is not None:
         cloud.add(view)
-    return points_beyond_lidar(view, config, len(views), np.random.default_rng((seed, _BEYOND, number)))
+    return sample_beyond_lidar(view, config, len(views), make_generator(seed, Stream.BEYOND_LIDAR, number))
 
 
-def some(points: ColoredPoints, limit: int, rng: np.random.Generator) -> ColoredPoints:
-    """At most `limit` of the points, chosen at random, in order."""
+def subsample(points: ColoredPoints, limit: int, rng: np.random.Generator) -> ColoredPoints:
+    """Choose at most `limit` of the points at random; they keep their order."""
     if len(points) <= limit:
         return points
     return points.take(np.sort(rng.choice(len(points), limit, replace=False)))
@@ -132,7 +134,7 @@ class _SweepColors:
         self.seen = np.zeros(len(points), bool)
 
     def add(self, view: TrainingView) -> None:
-        pixels, _ = pixels_of_points(self.points, view.camera)
+        pixels, _ = find_pixels_of_points(self.points, view.camera)
         rows = np.flatnonzero(pixels >= 0)
         if view.valid is not None:
             rows = rows[view.valid.ravel()[pixels[rows]]]
@@ -143,13 +145,15 @@ class _SweepColors:
         return ColoredPoints(self.points[rows], self.colors[rows])
 
 
-def _split(cloud: _SweepColors, time: float, tracks: list[Track]) -> tuple[dict[str, ColoredPoints], ColoredPoints]:
-    """A sweep's points on each moving object, in its box frame, and those of the background that a camera sees."""
+def _split_actors(
+    cloud: _SweepColors, time: float, tracks: list[Track]
+) -> tuple[dict[str, ColoredPoints], ColoredPoints]:
+    """Split a sweep into points on each moving object, in its box frame, and background points that a camera sees."""
     tracks = [track for track in tracks if track.covers(time)]
-    poses = np.array([track.pose_at(time) for track in tracks]).reshape(-1, 4, 4)
+    poses = np.array([track.interpolate_pose(time) for track in tracks]).reshape(-1, 4, 4)
     dimensions = np.array([track.dimensions for track in tracks]).reshape(-1, 3)
-    background = cloud.seen & (box_of_points(cloud.points, poses, dimensions, BOX_MARGIN) < 0)
-    holder = box_of_points(cloud.points, poses, dimensions, BOX_MARGIN, BOX_BOTTOM)
+    background = cloud.seen & (find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN) < 0)
+    holder = find_box_of_points(cloud.points, poses, dimensions, BOX_MARGIN, BOX_BOTTOM)
     actors = {}
     for number in np.unique(holder[holder >= 0]):
         points, pose = cloud.take(np.flatnonzero(holder == number)), poses[number]
@@ -158,10 +162,10 @@ def _split(cloud: _SweepColors, time: float, tracks: list[Track]) -> tuple[dict[
     return actors, cloud.take(np.flatnonzero(background))
 
 
-def points_beyond_lidar(
+def sample_beyond_lidar(
     view: TrainingView, config: InitConfig, view_count: int, rng: np.random.Generator
 ) -> tuple[ColoredPoints, ColoredPoints]:
-    """Points on rays of pixels where LiDAR is silent and no sky is known: near ones and far ones.
+    """Sample points on rays of pixels where LiDAR is silent and no sky is known: near ones and far ones.
 
     Near ones take the depth of the nearest LiDAR pixel of that image (facades go on upwards), with 10 % spread;
     far ones are uniform in inverse depth between that depth and ten times as far.
@@ -170,7 +174,7 @@ def points_beyond_lidar(
 
     def on_rays(spread: ndarray) -> ColoredPoints:
         chosen = rng.choice(len(pixels), len(spread), replace=False)
-        return points_on_rays(view, pixels[chosen], depths[chosen] * spread)
+        return place_on_rays(view, pixels[chosen], depths[chosen] * spread)
 
     near, far = (min(len(pixels), -(-count // view_count)) for count in (config.near_points, config.far_points))
     return (
@@ -208,14 +212,14 @@ def _block_depths(view: TrainingView, block: int) -> Float32[ndarray, "h w"]:
     height, width = view.camera.height // block, view.camera.width // block
     rows, columns = (index // block for index in np.divmod(view.depth_pixels, view.camera.width))
     whole = (rows < height) & (columns < width)
-    pixels, depths = nearest_per_pixel(rows[whole] * width + columns[whole], view.depth_values[whole])
+    pixels, depths = find_nearest_per_pixel(rows[whole] * width + columns[whole], view.depth_values[whole])
     depth = np.zeros((height, width), np.float32)
     depth.ravel()[pixels] = depths
     return depth
 
 
-def points_on_rays(view: TrainingView, pixels: Int64[ndarray, " k"], z: ndarray) -> ColoredPoints:
-    """Points at depths `z` (metres along the optical axis) behind pixels, in their colours."""
+def place_on_rays(view: TrainingView, pixels: Int64[ndarray, " k"], z: ndarray) -> ColoredPoints:
+    """Place points at depths `z` (metres along the optical axis) behind pixels, in their colours."""
     camera = view.camera
     v, u = np.divmod(pixels, camera.width)
     local = np.stack([(u + 0.5 - camera.cx) / camera.fx * z, (v + 0.5 - camera.cy) / camera.fy * z, z], axis=1)

@@ -14,7 +14,7 @@ from torch import Tensor
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.track import Track
 from instdrive_core.training.gaussians.actor_poses import ActorPoses
-from instdrive_core.training.gaussians.exposures import initial_exposures
+from instdrive_core.training.gaussians.exposures import make_initial_exposures
 
 
 @dataclass
@@ -42,7 +42,7 @@ class SceneModel:
 
     def tracks(self) -> tuple[Track, ...]:
         """The actors' tracks, corrected."""
-        return self.actor_poses.refined_tracks(self.corrections)
+        return self.actor_poses.correct_tracks(self.corrections)
 
     def gaussians(self) -> Gaussians:
         """A numpy copy, every actor in its box frame."""
@@ -54,19 +54,22 @@ class SceneModel:
         self.shared = {name: value.detach().to(device).requires_grad_(True) for name, value in self.shared.items()}
 
 
-def model_from_gaussians(
+def build_model(
     gaussians: Gaussians,
     nodes: UInt16[ndarray, " n"],
     actors: tuple[Track, ...],
     sky: Float[ndarray, "6 r r 3"],
     photo_times: Sequence[float],
 ) -> SceneModel:
-    """A trainable copy, tracks as given and exposures neutral; `photo_times` are the training photos' seconds."""
+    """Build a trainable copy of Gaussians, with tracks as given and neutral exposures.
+
+    `photo_times` are those of the training photos, in seconds.
+    """
     parameters = {name: torch.from_numpy(array.copy()) for name, array in gaussians.arrays().items()}
     actor_poses = ActorPoses(actors, photo_times)
     shared = {
         "sky": torch.from_numpy(np.array(sky, np.float32)),
-        "exposures": initial_exposures(len(photo_times)),
+        "exposures": make_initial_exposures(len(photo_times)),
         **actor_poses.initial_corrections(),
     }
     for tensor in shared.values():

@@ -50,14 +50,14 @@ class Optimizers:
         for tensor in model.shared.values():
             tensor.grad = None
 
-    def restructured(self, parents: Int64[ndarray, " m"], fresh: Bool[ndarray, " m"], model: SceneModel) -> None:
-        """Follow the model's rows after Gaussians were added and removed."""
+    def rearrange(self, parents: Int64[ndarray, " m"], fresh: Bool[ndarray, " m"], model: SceneModel) -> None:
+        """Rearrange the optimisers' rows as the model's after Gaussians were added and removed."""
         p = model.parameters
-        self.geometry = self.geometry.restructured(parents, fresh, {name: p[name] for name in GEOMETRY})
-        self.features = self.features.restructured(parents, fresh, {"features": p["features"]})
+        self.geometry = self.geometry.rearrange(parents, fresh, {name: p[name] for name in GEOMETRY})
+        self.features = self.features.rearrange(parents, fresh, {"features": p["features"]})
 
     def state_tensors(self) -> dict[str, Tensor]:
-        """Everything that a resumed run needs, by name."""
+        """Tensors that a resumed run needs, by name."""
         tensors: dict[str, Tensor] = {}
         for group, optimizer in self._groups().items():
             tensors |= {f"{group}.{name}": value for name, value in optimizer.state_tensors().items()}

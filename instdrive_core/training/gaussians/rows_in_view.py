@@ -1,4 +1,4 @@
-"""Which Gaussians a camera may see: a cheap test ahead of the rasterizer's own, so that the rest is never touched."""
+"""Cheap test of which Gaussians a camera may see, ahead of the rasterizer's own: the others are never touched."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int64, UInt16
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
-from instdrive_core.rasterize.kernels.project import FLAGS, camera_row
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.project import FLAGS, camera_to_row
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera
 
@@ -28,7 +28,7 @@ _LENGTH = 12
 """A node's row: camera_from_node (3 × 4), then the length that its rounding errors grow with."""
 
 
-def rows_in_view(
+def find_rows_in_view(
     means: Float[ndarray, "n 3"],
     log_scales: Float[ndarray, "n 3"],
     opacity_logits: Float[ndarray, " n"],
@@ -38,7 +38,7 @@ def rows_in_view(
     camera: Camera,
     settings: RasterSettings = DEFAULT_SETTINGS,
 ) -> Int64[ndarray, " v"]:
-    """Rising rows of all Gaussians that `rasterize.project` would keep, and of few that it would not.
+    """Find the rows, rising, of all Gaussians that `kernels.project` would keep, and of few that it would not.
 
     A Gaussian is taken for a ball of its largest standard deviation, so that quaternions need not be read. What is
     kept does not depend on the number of threads.
@@ -51,10 +51,10 @@ def rows_in_view(
     count = len(means)
     kept, counts = np.empty(count, np.uint8), np.zeros(-(-count // _CHUNK) + 1, np.int64)
     found = np.empty(count, np.int32)
-    arrays = (kernel_array(means), kernel_array(log_scales), kernel_array(opacity_logits))
+    arrays = (to_kernel_array(means), to_kernel_array(log_scales), to_kernel_array(opacity_logits))
     places = (np.require(nodes, np.uint16, ["C", "W"]), np.require(present, np.bool_, ["C", "W"]))
     frames, limits = _camera_from_nodes(poses, camera), _limits(camera, settings)
-    _test(*arrays, *places, frames, camera_row(camera), limits, kept, found, counts)
+    _test(*arrays, *places, frames, camera_to_row(camera), limits, kept, found, counts)
     starts = np.cumsum(counts)
     rows = np.empty(starts[-1], np.int64)
     _collect(found, starts, rows)
@@ -75,7 +75,7 @@ def _limits(camera: Camera, settings: RasterSettings) -> Float32[ndarray, "6"]:
     The last two times a variance in metres², over z², are the largest variance on the screen (pixel²): the Jacobian's
     tangents are clamped there.
     """
-    left, right, top, bottom = (float(value) for value in camera_row(camera)[18:22])
+    left, right, top, bottom = (float(value) for value in camera_to_row(camera)[18:22])
     wide_x = _REACH_MARGIN * camera.fx**2 * (1 + max(left**2, right**2))
     wide_y = _REACH_MARGIN * camera.fy**2 * (1 + max(top**2, bottom**2))
     least = math.log(settings.min_alpha / (1 - settings.min_alpha)) - _LOGIT_MARGIN

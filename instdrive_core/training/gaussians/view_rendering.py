@@ -11,18 +11,18 @@ from torch import Tensor
 
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.backends.backend import Backend, SeenSplats
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.actor_poses import NodePoses
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.gaussians.rows_in_view import rows_in_view
+from instdrive_core.training.gaussians.rows_in_view import find_rows_in_view
 
 GEOMETRY = ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest")
 """The attributes that the RGB stage learns."""
 
 
 @dataclass(frozen=True)
-class DrawnView:
-    """What a camera sees, nothing behind the Gaussians, and what its gradients will say."""
+class RenderedView:
+    """Picture of one camera, with nothing behind the Gaussians, and the leaves that gather its gradients."""
 
     rows: Int64[Tensor, " v"]
     """Rows of the model that took part."""
@@ -41,15 +41,20 @@ class DrawnView:
         return {name: leaf.grad for name, leaf in self.splats.items()}
 
 
-def draw_view(model: SceneModel, backend: Backend, camera: Camera, time: float, with_features: bool) -> DrawnView:
-    """Draw the model from one camera at one time; features, where asked for, send no gradient into geometry."""
+def render_view(model: SceneModel, backend: Backend, camera: Camera, time: float, with_features: bool) -> RenderedView:
+    """Render the model from one camera at one time (seconds).
+
+    With `with_features` a feature map is rendered, too; it sends no gradient into geometry.
+    """
     poses = model.actor_poses.at(time, model.corrections)
-    rows = rows_of_view(model, backend, poses, camera)
+    rows = find_rows_of_view(model, backend, poses, camera)
     names = (*GEOMETRY, "features") if with_features else GEOMETRY
-    splats = {name: gathered(model.parameters[name], rows).requires_grad_(True) for name in names}
+    splats = {name: gather_rows(model.parameters[name], rows).requires_grad_(True) for name in names}
     nodes = model.nodes[rows.cpu().numpy()]
-    means, quats = backend.place(splats["means"], splats["quats"], nodes, poses.rotations, poses.shifts)
-    colors = backend.sh_colors(means, splats["sh_dc"], splats["sh_rest"], camera.position, nodes, poses.matrices)
+    means, quats = backend.place_gaussians(splats["means"], splats["quats"], nodes, poses.rotations, poses.shifts)
+    colors = backend.evaluate_harmonics(
+        means, splats["sh_dc"], splats["sh_rest"], camera.position, nodes, poses.matrices
+    )
     channels = torch.cat([colors, splats["features"]], dim=1) if with_features else colors
     seen = SeenSplats()
     drawn, depth, alpha = backend.rasterize(
@@ -58,14 +63,16 @@ def draw_view(model: SceneModel, backend: Backend, camera: Camera, time: float, 
     color, features = (drawn, None)
     if with_features:
         color, features = drawn.split([3, drawn.shape[2] - 3], dim=2)  # slices would each get a gradient of full width
-    return DrawnView(rows, splats, seen, color, features, depth, alpha)
+    return RenderedView(rows, splats, seen, color, features, depth, alpha)
 
 
-def rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera) -> Int64[Tensor, " v"]:
-    """Rows that may be seen. A GPU culls faster than rows are gathered: there, all of the actors that exist."""
+def find_rows_of_view(model: SceneModel, backend: Backend, poses: NodePoses, camera: Camera) -> Int64[Tensor, " v"]:
+    """Find the rows that may be seen; on a GPU, which culls faster than rows are gathered, all of actors that exist."""
     if backend.device.type != "cpu":
         return torch.from_numpy(np.flatnonzero(poses.present[model.nodes])).to(backend.device)
     means, log_scales, logits = (
         model.parameters[name].detach().numpy() for name in ("means", "log_scales", "opacity_logits")
     )
-    return torch.from_numpy(rows_in_view(means, log_scales, logits, model.nodes, poses.matrices, poses.present, camera))
+    return torch.from_numpy(
+        find_rows_in_view(means, log_scales, logits, model.nodes, poses.matrices, poses.present, camera)
+    )

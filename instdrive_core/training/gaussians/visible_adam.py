@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Float32, Int64
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _FIRST, _SECOND, _STEPS = "first.", "second.", "steps"
 _FLAGS = {"nsz", "arcp", "contract", "afn"}
@@ -93,7 +93,7 @@ class VisibleAdam:
             constants = np.array([self.rates[name], *self.betas, self.eps], np.float64)
             state = (self.parameters[name], self.first[name], self.second[name])
             values, first, second = (_flat_rows(tensor.detach().numpy()) for tensor in state)
-            changes = _flat_rows(kernel_array(gradient.detach().numpy()))
+            changes = _flat_rows(to_kernel_array(gradient.detach().numpy()))
             _update(values, first, second, changes, places, seen, steps, corrections, constants)
         _count(places, seen, steps)
 
@@ -115,13 +115,13 @@ class VisibleAdam:
             self.first[name][places], self.second[name][places] = first, second
             self.parameters[name][places] -= move
 
-    def restructured(
+    def rearrange(
         self,
         parents: Int64[Tensor, " m"] | Int64[ndarray, " m"],
         fresh: Bool[Tensor, " m"] | Bool[ndarray, " m"],
         parameters: dict[str, Tensor],
     ) -> VisibleAdam:
-        """The optimiser of `parameters`, whose row i comes from row `parents[i]` of these.
+        """Build the optimiser of `parameters`, whose row i comes from row `parents[i]` of these.
 
         Moments and counts come along; they are zero where `fresh`.
         """
@@ -137,7 +137,7 @@ class VisibleAdam:
         return result
 
     def state_tensors(self) -> dict[str, Tensor]:
-        """Everything a checkpoint needs beside the parameters: moments and counts, not copied."""
+        """Tensors that a checkpoint needs beside the parameters: moments and counts, not copied."""
         first = {_FIRST + name: value for name, value in self.first.items()}
         second = {_SECOND + name: value for name, value in self.second.items()}
         return {**first, **second, _STEPS: self.steps}

@@ -15,10 +15,10 @@ _SMALLEST, _LARGEST = 0.005, 2.0
 _CLOSE_ENOUGH = 0.97
 
 
-def thinned_rows(
+def thin_by_voxels(
     positions: Float32[ndarray, "n 3"], centers: Float32[ndarray, "c 3"], limit: int, rng: np.random.Generator
 ) -> Int64[ndarray, " k"]:
-    """Rows of at most `limit` points, one per voxel, rising.
+    """Choose the rows of at most `limit` points, one per voxel, rising.
 
     Voxels double in size with each doubling of the distance to the nearest of `centers`, in half steps; which point
     of a voxel stays is random.

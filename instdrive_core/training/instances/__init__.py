@@ -1,1 +1,1 @@
-"""Which Gaussians belong together: graph, votes, losses, names."""
+"""Instances of Gaussians, learned from masks: graph, votes, losses, names."""

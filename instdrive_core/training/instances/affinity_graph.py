@@ -10,16 +10,16 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.training.instances.agreement import agreement, summed_by_group
+from instdrive_core.training.instances.mask_agreement import compute_agreements, sum_by_group
 from instdrive_core.training.instances.mask_weights import MaskWeights
-from instdrive_core.training.instances.superpoints import distinct_pairs
+from instdrive_core.training.instances.superpoints import find_distinct_pairs
 from instdrive_core.training.settings.config import GraphConfig
 
 
-def merged_groups(
+def merge_groups(
     observed: MaskWeights, patches: Int64[ndarray, " n"], pairs: Int64[ndarray, "e 2"], config: GraphConfig
 ) -> Int64[ndarray, " n"]:
-    """The group 0 … k - 1 of each row.
+    """Merge patches into groups; returns the group 0 … k - 1 of each row.
 
     Args:
         observed: weights of the rows.
@@ -28,22 +28,22 @@ def merged_groups(
         config: thresholds.
     """
     count = int(patches.max(initial=-1)) + 1
-    of_patches = summed_by_group(observed, patches, count)
-    touching = distinct_pairs(patches[pairs])
+    of_patches = sum_by_group(observed, patches, count)
+    touching = find_distinct_pairs(patches[pairs])
     groups = np.arange(count)
     for threshold in config.merge_agreements:
-        while (merged := _merged_once(of_patches, groups, touching, threshold)) is not None:
+        while (merged := _merge_best_pairs(of_patches, groups, touching, threshold)) is not None:
             groups = merged
     return groups[patches]
 
 
-def _merged_once(
+def _merge_best_pairs(
     of_patches: MaskWeights, groups: Int64[ndarray, " p"], touching: Int64[ndarray, "e 2"], threshold: float
 ) -> Int64[ndarray, " p"] | None:
     """Merge the pairs that are each other's best, from `threshold` on; None where there are none."""
     count = int(groups.max(initial=-1)) + 1
-    pairs = distinct_pairs(groups[touching])
-    agreements = agreement(summed_by_group(of_patches, groups, count), pairs)
+    pairs = find_distinct_pairs(groups[touching])
+    agreements = compute_agreements(sum_by_group(of_patches, groups, count), pairs)
     order = np.argsort(-agreements, kind="stable")
     order = order[agreements[order] >= threshold]
     best = np.full(count, len(order))  # the place of each group's best pair; of equal ones, the first

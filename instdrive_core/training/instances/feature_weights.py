@@ -14,15 +14,15 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.blend_weights import (
     BlendWeights,
     apply_weights,
-    blend_weights,
-    compacted,
-    transposed,
+    compact_weights,
+    compute_blend_weights,
+    transpose_weights,
 )
-from instdrive_core.scene.scene import placed
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.scene.scene import place_in_world
+from instdrive_core.training.backends.row_gather import gather_rows
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.gaussians.rows_in_view import rows_in_view
-from instdrive_core.training.instances.instance_losses import Segments, segments_of
+from instdrive_core.training.gaussians.rows_in_view import find_rows_in_view
+from instdrive_core.training.instances.instance_losses import Segments, segments_from_labels
 from instdrive_core.training.views.training_view import TrainingView
 
 
@@ -31,7 +31,7 @@ class CachedView:
     """Sampled pixels of one view: who contributes how much, and which mask each belongs to."""
 
     number: int
-    """Of the view in its store."""
+    """Number of the view in its store."""
     pixels: Int64[ndarray, " p"]
     """Flat indices into the view's image, rising; all of them in a mask."""
     rows: Int64[Tensor, " v"]
@@ -43,45 +43,50 @@ class CachedView:
     segments: Segments
 
 
-def cached_view(
+def cache_view(
     model: SceneModel, view: TrainingView, number: int, pixels: Int[ndarray, " p"], min_alpha: float
 ) -> CachedView:
-    """Blending weights of `pixels` (flat indices with a mask); those with less than `min_alpha` opacity are dropped."""
+    """Cache the blending weights of `pixels` (flat indices with a mask); those below `min_alpha` are dropped."""
     assert view.labels is not None
-    rows, weights = weights_of_view(model, view, pixels)
+    rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
-    weights, kept = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
-    used, weights = compacted(weights, len(rows))
+    weights, kept = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+    used, weights = compact_weights(weights, len(rows))
     return CachedView(
         number,
         kept.astype(np.int64),
         torch.from_numpy(rows[used]),
         weights,
-        transposed(weights, len(used)),
-        segments_of(view.labels.ravel()[kept]),
+        transpose_weights(weights, len(used)),
+        segments_from_labels(view.labels.ravel()[kept]),
     )
 
 
-def weights_of_view(
+def compute_view_weights(
     model: SceneModel, view: TrainingView, pixels: Int[ndarray, " p"]
 ) -> tuple[Int64[ndarray, " v"], BlendWeights]:
-    """The Gaussians that the view may show, and their weights."""
-    rows, placed_gaussians = gaussians_in_view(model, view)
-    return rows, blend_weights(*placed_gaussians, view.camera, pixels)
+    """Compute the blending weights of pixels (flat indices), and the rows of the Gaussians that they count."""
+    rows, placed_gaussians = place_gaussians_in_view(model, view)
+    return rows, compute_blend_weights(*placed_gaussians, view.camera, pixels)
 
 
-def gaussians_in_view(
+def place_gaussians_in_view(
     model: SceneModel, view: TrainingView
 ) -> tuple[Int64[ndarray, " v"], tuple[ndarray, ndarray, ndarray, ndarray]]:
-    """The Gaussians that the view may show: rows, then means and quaternions in the world, log scales, opacities."""
+    """Place the Gaussians that a view may show in the world.
+
+    Returns their rows, then means, quaternions, log scales and opacities.
+    """
     poses = model.actor_poses.at(view.time, model.corrections)
     p = {name: model.parameters[name].detach().numpy() for name in ("means", "quats", "log_scales", "opacity_logits")}
-    rows = rows_in_view(
+    rows = find_rows_in_view(
         p["means"], p["log_scales"], p["opacity_logits"], model.nodes, poses.matrices, poses.present, view.camera
     )
     chosen = torch.from_numpy(rows)
-    means, quats, log_scales = (gathered(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales"))
-    means, quats = placed(means, quats, model.nodes[rows], poses.matrices)
+    means, quats, log_scales = (
+        gather_rows(model.parameters[n], chosen).numpy() for n in ("means", "quats", "log_scales")
+    )
+    means, quats = place_in_world(means, quats, model.nodes[rows], poses.matrices)
     return rows, (means, quats, log_scales, sigmoid(p["opacity_logits"][rows]))
 
 
@@ -92,10 +97,10 @@ class _WeightedFeatures(torch.autograd.Function):
         return torch.from_numpy(apply_weights(view.weights, features.detach().numpy()))
 
     @staticmethod
-    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:
+    def backward(ctx, grad: Tensor) -> tuple[Tensor, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return torch.from_numpy(apply_weights(ctx.transposed, grad.numpy())), None
 
 
-def weighted_features(features: Float[Tensor, "v d"], view: CachedView) -> Float[Tensor, "p d"]:
-    """W F of the features of `view.rows` and, backwards, its transpose."""
+def blend_features(features: Float[Tensor, "v d"], view: CachedView) -> Float[Tensor, "p d"]:
+    """Blend the features of `view.rows` at the view's pixels: W F and, backwards, its transpose."""
     return _WeightedFeatures.apply(features, view)

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.instances.codebook import code_vectors, quantized
+from instdrive_core.instances.codebook import decode_codewords, quantize_features
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class Segments:
         return len(self.sizes)
 
 
-def segments_of(labels: Int[ndarray, " p"]) -> Segments:
-    """Masks present among the pixels, renumbered from 0. Labels are > 0."""
+def segments_from_labels(labels: Int[ndarray, " p"]) -> Segments:
+    """Group pixels by their masks, renumbered from 0. Labels are > 0."""
     _, segment, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     return Segments(torch.from_numpy(segment.astype(np.int64)), torch.from_numpy(sizes.astype(np.float32)))
 
 
-def segment_means(values: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, "m d"]:
-    """Prototypes: the mean over each segment."""
+def average_segments(values: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, "m d"]:
+    """Average the values over each segment: the prototypes."""
     sums = torch.zeros(segments.count, values.shape[1], dtype=values.dtype).index_add(0, segments.segment, values)
     return sums / segments.sizes[:, None]
 
@@ -42,7 +42,7 @@ def contrastive_loss(
     features: Float[Tensor, "p d"], segments: Segments, repulsion_offset: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
     """Pull and push: mean squared distance to the own prototype, mean 1 / (distance² + offset) between prototypes."""
-    prototypes = segment_means(features, segments)
+    prototypes = average_segments(features, segments)
     squared = (features - prototypes[segments.segment]).square().sum(dim=1)
     weights = 1.0 / (segments.sizes[segments.segment] * segments.count)
     pull = (squared * weights).sum()
@@ -55,9 +55,9 @@ def contrastive_loss(
     return pull, push
 
 
-def voted_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
-    """The most frequent codeword inside each mask (ties: the smaller number)."""
-    codes = quantized(features).astype(np.int64)
+def vote_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[ndarray, " m"]:
+    """Find the most frequent codeword inside each mask (ties: the smaller number)."""
+    codes = quantize_features(features).astype(np.int64)
     keys = segments.segment.numpy() * (1 << 32) + codes
     pairs, counts = np.unique(keys, return_counts=True)
     owner = pairs >> 32
@@ -69,15 +69,15 @@ def voted_codewords(features: Float[ndarray, "p d"], segments: Segments) -> Int[
 def pseudo_loss(features: Float[Tensor, "p d"], segments: Segments) -> Float[Tensor, ""]:
     """Mean squared distance to the codeword that wins the vote inside each pixel's mask; the target has no gradient."""
     values = features.detach().numpy()
-    winners = voted_codewords(values, segments)
-    targets = torch.from_numpy(code_vectors(winners.astype(np.uint32), values.shape[1]))
+    winners = vote_codewords(values, segments)
+    targets = torch.from_numpy(decode_codewords(winners.astype(np.uint32), values.shape[1]))
     return (features - targets[segments.segment]).square().sum(dim=1).mean()
 
 
-def stratified_pixels(
+def sample_stratified_pixels(
     labels: Int[ndarray, "h w"], budget: int, rng: np.random.Generator, min_per_mask: int = 8
 ) -> Int[ndarray, " p"]:
-    """About `budget` flat pixel indices, the same number from every mask (label > 0), without repetition, sorted."""
+    """Sample about `budget` flat pixel indices, as many from every mask (label > 0), without repetition, sorted."""
     flat = labels.ravel()
     inside = np.flatnonzero(flat)
     if not len(inside):

@@ -12,15 +12,17 @@ from jaxtyping import Bool, Float32, Int64
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.training.instances.agreement import end_of_view, summed_by_group
+from instdrive_core.training.instances.mask_agreement import find_end_of_view, sum_by_group
 from instdrive_core.training.instances.mask_weights import MaskWeights
 from instdrive_core.training.settings.config import GraphConfig
 
 
-def voted_groups(
+def vote_groups(
     observed: MaskWeights, groups: Int64[ndarray, " n"], fixed: Bool[ndarray, " n"], config: GraphConfig
 ) -> Int64[ndarray, " n"]:
-    """The group 0 … k - 1 of each row after voting; groups that lost all rows are gone.
+    """Let masks and rows vote in turn; returns the group 0 … k - 1 of each row.
+
+    Groups that lost all rows are gone.
 
     Args:
         observed: weights of the rows.
@@ -28,39 +30,41 @@ def voted_groups(
         fixed: rows that keep their group (moving objects, whose tracks say what belongs to them).
         config: number of rounds, and how well a group must fit masks to stay.
     """
-    groups = _alternated(observed, groups, fixed, config)
-    fits = group_fits(observed, groups)
+    groups = _alternate_votes(observed, groups, fixed, config)
+    fits = measure_group_fits(observed, groups)
     kept = fits >= config.min_fit
     kept[groups[fixed]] = True
     if kept.any() and not kept.all():
         names = np.where(kept, np.cumsum(kept) - 1, -1)
-        groups = _alternated(observed, names[groups], fixed, config)
+        groups = _alternate_votes(observed, names[groups], fixed, config)
     return np.unique(groups, return_inverse=True)[1].astype(np.int64) - (1 if (groups < 0).any() else 0)
 
 
-def group_fits(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Float32[ndarray, " g"]:
-    """How well each group is some mask: the best IoU with a mask of each photo, averaged over the photos with the
-    group's weight in them. Fragments have little of it."""
-    of_groups, areas = _of_groups(observed, groups)
+def measure_group_fits(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Float32[ndarray, " g"]:
+    """Measure how well each group fits masks: its best IoU in each photo, averaged with its weight in the photos.
+
+    Fragments fit badly.
+    """
+    of_groups, areas = _sum_groups(observed, groups)
     fits = np.zeros(len(of_groups), np.float32)
     _fit(*_arrays(of_groups), areas, fits)
     return fits
 
 
-def mask_owners(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
-    """The group that shares most of each mask: the largest IoU in its photo (ties: the lower group), -1 = none.
+def find_mask_owners(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> Int64[ndarray, " m"]:
+    """Find the group that fits each mask best: the largest IoU in its photo (ties: the lower group), -1 = none.
 
     IoU, not the share of the mask alone: a thin pole's mask holds more weight of the wall behind than of the pole.
     """
-    of_groups, areas = _of_groups(observed, groups)
+    of_groups, areas = _sum_groups(observed, groups)
     owners, best = np.full(len(areas), -1, np.int64), np.zeros(len(areas), np.float32)
     _own(*_arrays(of_groups), areas, owners, best)
     return owners
 
 
-def vote_shares(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> csr_array:
-    """(n, g): the share of each row's weight that lies in masks of each group; rows without any are empty."""
-    owners = mask_owners(observed, groups)
+def compute_vote_shares(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> csr_array:
+    """Compute the share (n, g) of each row's weight that lies in masks of each group; rows without any are empty."""
+    owners = find_mask_owners(observed, groups)
     named = np.flatnonzero(owners >= 0)
     entries = (np.ones(len(named), np.float32), (named, owners[named]))
     votes = csr_array(observed.weights @ csr_array(entries, shape=(len(owners), int(groups.max(initial=-1)) + 1)))
@@ -68,12 +72,12 @@ def vote_shares(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> csr_arra
     return csr_array((votes.data / np.repeat(totals, np.diff(votes.indptr)), votes.indices, votes.indptr), votes.shape)
 
 
-def _alternated(
+def _alternate_votes(
     observed: MaskWeights, groups: Int64[ndarray, " n"], fixed: Bool[ndarray, " n"], config: GraphConfig
 ) -> Int64[ndarray, " n"]:
     matrix = observed.weights
     for _ in range(config.vote_rounds):
-        owners = mask_owners(observed, groups)
+        owners = find_mask_owners(observed, groups)
         voted = groups.copy()
         _vote(matrix.indptr.astype(np.int64), matrix.indices, matrix.data, owners, fixed, voted)
         changed = np.count_nonzero(voted != groups)
@@ -83,10 +87,10 @@ def _alternated(
     return groups
 
 
-def _of_groups(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> tuple[MaskWeights, Float32[ndarray, " m"]]:
-    """The weights of the groups, and the masks' areas: the weight of everything in them."""
+def _sum_groups(observed: MaskWeights, groups: Int64[ndarray, " n"]) -> tuple[MaskWeights, Float32[ndarray, " m"]]:
+    """Sum the weights of the groups, and the masks' areas: the weight of everything in them."""
     areas = np.asarray(observed.weights.sum(axis=0), np.float32).ravel()
-    return summed_by_group(observed, groups, int(groups.max(initial=-1)) + 1), areas
+    return sum_by_group(observed, groups, int(groups.max(initial=-1)) + 1), areas
 
 
 def _arrays(of_groups: MaskWeights) -> tuple[ndarray, ndarray, ndarray, ndarray]:
@@ -100,7 +104,7 @@ def _own(starts, masks, values, view_of_mask, areas, owners, best):
     for group in range(len(starts) - 1):
         entry, end = starts[group], starts[group + 1]
         while entry < end:
-            last = end_of_view(masks, view_of_mask, entry, end)
+            last = find_end_of_view(masks, view_of_mask, entry, end)
             total = values[entry:last].sum()
             for e in range(entry, last):
                 iou = values[e] / (total + areas[masks[e]] - values[e])
@@ -115,7 +119,7 @@ def _fit(starts, masks, values, view_of_mask, areas, fits):
         entry, end = starts[group], starts[group + 1]
         weight, fit = np.float32(0), np.float32(0)
         while entry < end:
-            last, best = end_of_view(masks, view_of_mask, entry, end), np.float32(0)
+            last, best = find_end_of_view(masks, view_of_mask, entry, end), np.float32(0)
             total = values[entry:last].sum()
             for e in range(entry, last):
                 best = max(best, values[e] / (total + areas[masks[e]] - values[e]))

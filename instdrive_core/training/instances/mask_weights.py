@@ -1,4 +1,4 @@
-"""How much each Gaussian shows in each mask of each photo: all that the mask graph needs to know of a clip."""
+"""Weight of each Gaussian in each mask of each photo: all that the affinity graph needs to know of a clip."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from jaxtyping import Float32, Int, Int32
 from numpy import ndarray
 from scipy.sparse import csr_array
 
-from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compacted, transposed
+from instdrive_core.rasterize.kernels.blend_weights import apply_weights, compact_weights, transpose_weights
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.feature_weights import weights_of_view
+from instdrive_core.training.instances.feature_weights import compute_view_weights
 from instdrive_core.training.views.training_view import TrainingView
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -33,16 +33,16 @@ class MaskWeights:
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1
 
-    def of_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
-        """Some Gaussians only."""
+    def select_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
+        """Select the given Gaussians."""
         return MaskWeights(self.weights[rows], self.view_of_mask)
 
-    def seen(self) -> Float32[ndarray, " n"]:
-        """The weight of each Gaussian in all masks together."""
+    def sum_weights(self) -> Float32[ndarray, " n"]:
+        """Sum the weight of each Gaussian over all masks."""
         return np.asarray(self.weights.sum(axis=1), np.float32).ravel()
 
 
-def mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
+def measure_mask_weights(model: SceneModel, store: ViewStore, min_alpha: float) -> MaskWeights:
     """Look at every view that has masks; pixels with less than `min_alpha` opacity are left out.
 
     The model is on the CPU. The same input gives the same bits, whatever the number of threads.
@@ -67,12 +67,12 @@ def _weights_in_masks(
     """Gaussians, masks counted from 0 and weights of one view, sorted by Gaussian, then mask; the number of masks."""
     assert view.labels is not None
     pixels = _grid_pixels(view.labels, number)
-    rows, weights = weights_of_view(model, view, pixels)
+    rows, weights = compute_view_weights(model, view, pixels)
     alpha = apply_weights(weights, np.ones((len(rows), 1), np.float32))[:, 0]
-    weights, pixels = weights.of_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
-    used, weights = compacted(weights, len(rows))
+    weights, pixels = weights.select_pixels(alpha >= min_alpha), pixels[alpha >= min_alpha]
+    used, weights = compact_weights(weights, len(rows))
     labels, mask_of_pixel = np.unique(view.labels.ravel()[pixels], return_inverse=True)
-    by_gaussian = transposed(weights, len(used))
+    by_gaussian = transpose_weights(weights, len(used))
     arrays = (by_gaussian.indptr, by_gaussian.rows, by_gaussian.weights, mask_of_pixel.astype(np.int32))
     local, masks, values = _sums_by_mask(*arrays, len(labels))
     return rows[used[local]].astype(np.int32), masks, values, len(labels)

@@ -1,4 +1,4 @@
-"""What each learned instance is called: the class that cuboids and LiDAR semantics give it, where the clip has them."""
+"""Names of learned instances: the class that cuboids and LiDAR semantics give each, where the clip has them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from jaxtyping import Float32, UInt8, UInt16, UInt32
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip, Sweep
-from instdrive_core.instances.neighbors import grown_forest
-from instdrive_core.scene.box_search import box_of_points
+from instdrive_core.instances.neighbors import build_forest
+from instdrive_core.scene.box_search import find_box_of_points
 
 _POINTS_PER_SWEEP = 10_000
 _MAX_DISTANCE = 0.3
@@ -21,14 +21,14 @@ _BOX_MARGINS = 0.2, -0.1
 """Metres by which a parked object's box is grown, and its lower face: a negative one cuts the road off."""
 
 
-def instance_classes(
+def find_instance_classes(
     clip: Clip,
     instance_ids: UInt32[ndarray, " n"],
     means: Float32[ndarray, "n 3"],
     nodes: UInt16[ndarray, " n"],
     actor_labels: list[str],
 ) -> dict[int, str]:
-    """Class name by instance ID; IDs that nothing votes for are left out.
+    """Find the class name of each instance ID; IDs that nothing votes for are left out.
 
     Actors take their track's label. Background instances take the label of a parked object's box that holds more
     than half of their Gaussians, else the majority class of the labelled LiDAR points nearest to them.
@@ -42,8 +42,8 @@ def instance_classes(
     return classes
 
 
-def display_names(instance_ids: UInt32[ndarray, " n"], classes: dict[int, str]) -> dict[int, str]:
-    """A name for each ID: its class, or `instance`, with the ID."""
+def make_display_names(instance_ids: UInt32[ndarray, " n"], classes: dict[int, str]) -> dict[int, str]:
+    """Make a name for each ID: its class, or `instance`, with the ID."""
     ids = np.unique(instance_ids)
     return {i: f"{classes.get(i, 'instance')} {i}" for i in ids[ids > 0].tolist()}
 
@@ -53,12 +53,12 @@ def _classes_by_lidar(
 ) -> dict[int, str]:
     """The class of most LiDAR points that are nearest to one of the ID's Gaussians; the lowest of equals."""
     background = np.flatnonzero((nodes == 0) & np.isfinite(means).all(axis=1))
-    points, labels = _labelled_points(clip)
+    points, labels = _load_labelled_points(clip)
     if not len(background) or not len(points):
         return {}
-    forest = grown_forest(means[background], np.zeros(len(background), np.int64))
+    forest = build_forest(means[background], np.zeros(len(background), np.int64))
     one_tree, reach = np.zeros(len(points), np.int64), np.full(len(points), _MAX_DISTANCE)
-    nearest = forest.nearest(points, one_tree, 1, reach)[1][:, 0]
+    nearest = forest.find_nearest(points, one_tree, 1, reach)[1][:, 0]
     near = nearest >= 0
     ids = instance_ids[background[nearest[near]]].astype(np.int64)
     pairs, counts = np.unique((ids << 8) | labels[near], return_counts=True)
@@ -70,16 +70,16 @@ def _classes_by_lidar(
     return {instance_id: name for instance_id, (count, name) in winners.items() if count >= _MIN_VOTES}
 
 
-def _labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
-    """Some points of each training sweep that has classes, and those."""
+def _load_labelled_points(clip: Clip) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]]:
+    """Load points of each training sweep that has classes, and the classes, thinned."""
     with ThreadPoolExecutor(max_workers=numba.get_num_threads()) as readers:
-        parts = [part for part in readers.map(_thinned, clip.training_sweeps()) if part is not None]
+        parts = [part for part in readers.map(_load_thinned_sweep, clip.training_sweeps) if part is not None]
     if not parts:
         return np.zeros((0, 3), np.float32), np.zeros(0, np.uint8)
     return np.concatenate([points for points, _ in parts]), np.concatenate([labels for _, labels in parts])
 
 
-def _thinned(sweep: Sweep) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]] | None:
+def _load_thinned_sweep(sweep: Sweep) -> tuple[Float32[ndarray, "p 3"], UInt8[ndarray, " p"]] | None:
     loaded = sweep.load()
     if loaded.classes is None:
         return None
@@ -97,12 +97,12 @@ def _classes_by_parked_boxes(
     poses = np.stack([track.world_from_box[len(track.times) // 2] for track in parked])
     dimensions = np.stack([track.dimensions for track in parked])
     # Most Gaussians lie in no box at all: one quick pass leaves few for the boxes one by one, which may overlap.
-    boxed = np.flatnonzero((nodes == 0) & (box_of_points(means, poses, dimensions, *_BOX_MARGINS) >= 0))
+    boxed = np.flatnonzero((nodes == 0) & (find_box_of_points(means, poses, dimensions, *_BOX_MARGINS) >= 0))
     near, ids = means[boxed], instance_ids[boxed]
     classes: dict[int, str] = {}
     for number, track in enumerate(parked):
         alone = slice(number, number + 1)
-        inside = box_of_points(near, poses[alone], dimensions[alone], *_BOX_MARGINS) >= 0
+        inside = find_box_of_points(near, poses[alone], dimensions[alone], *_BOX_MARGINS) >= 0
         counts = np.bincount(ids[inside], minlength=len(sizes))
         for instance_id in np.flatnonzero(counts * 2 > sizes).tolist():
             if instance_id:

@@ -10,22 +10,22 @@ from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.instances.components import split_components
-from instdrive_core.instances.numbering import numbered_by_size
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.id_assignment import number_by_size
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.scene.exposure import Exposures
 from instdrive_core.scene.gaussians import Gaussians
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.instance_stage import LearnedInstances
-from instdrive_core.training.instances.naming import display_names, instance_classes
+from instdrive_core.training.instances.instance_learner import LearnedInstances
+from instdrive_core.training.instances.naming import find_instance_classes, make_display_names
 from instdrive_core.training.settings.config import TrainConfig
 
 
-def finished_scene(
+def export_trained_scene(
     model: SceneModel, clip: Clip, config: TrainConfig, learned: LearnedInstances | None, exposures: Exposures | None
 ) -> Scene:
-    """The editable scene. Without masks nothing was learned about instances: every ID is 0."""
+    """Export the editable scene. Without masks nothing was learned about instances: every ID is 0."""
     gaussians, actors = model.gaussians(), model.tracks()
     count = len(gaussians)
     codewords, ids = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
@@ -33,14 +33,14 @@ def finished_scene(
     if learned is not None:
         gaussians, codewords = replace(gaussians, features=learned.features), learned.codewords
         ids = _instance_ids(gaussians, model.nodes, learned, config)
-        classes = instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
-    names = display_names(ids, classes)
+        classes = find_instance_classes(clip, ids, gaussians.means, model.nodes, [actor.label for actor in actors])
+    names = make_display_names(ids, classes)
     return Scene(
         gaussians=gaussians,
         instance_ids=ids,
         codewords=codewords,
         nodes=model.nodes,
-        table=table_from_ids(ids, gaussians.means, codewords, model.nodes, names, classes),
+        table=build_instance_table(ids, gaussians.means, codewords, model.nodes, names, classes),
         actors=actors,
         sky=Sky(model.shared["sky"].detach().cpu().numpy().clip(0, 1)),
         views=tuple(frame.view for frame in clip.frames),
@@ -54,17 +54,17 @@ def _instance_ids(
     gaussians: Gaussians, nodes: UInt16[ndarray, " n"], learned: LearnedInstances, config: TrainConfig
 ) -> UInt32[ndarray, " n"]:
     if learned.whole:
-        return numbered_by_size(learned.codewords.astype(np.int64))
+        return number_by_size(learned.codewords.astype(np.int64))
     kinds = learned.codewords
     if config.instances.whole_actors:
-        kinds = unified_actor_codewords(kinds, nodes, gaussians.opacities)
+        kinds = unify_actor_codewords(kinds, nodes, gaussians.opacities)
     return split_components(gaussians.means, gaussians.scales, nodes, kinds, gaussians.opacities)
 
 
-def unified_actor_codewords(
+def unify_actor_codewords(
     codewords: UInt32[ndarray, " n"], nodes: UInt16[ndarray, " n"], opacities: Float32[ndarray, " n"]
 ) -> UInt32[ndarray, " n"]:
-    """Each moving object's Gaussians take the codeword with the largest summed opacity among them."""
+    """Give each moving object's Gaussians the codeword with the largest summed opacity among them."""
     unified = codewords.copy()
     for node in np.unique(nodes[nodes > 0]).tolist():
         rows = np.flatnonzero(nodes == node)

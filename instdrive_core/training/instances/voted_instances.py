@@ -12,16 +12,16 @@ import numpy as np
 from jaxtyping import Int64
 from numpy import ndarray
 
-from instdrive_core.instances.codebook import code_vectors
-from instdrive_core.instances.interiors import filled_bodies, nearest_filled
-from instdrive_core.instances.separated_codes import separated_codewords
+from instdrive_core.instances.codebook import decode_codewords
+from instdrive_core.instances.interiors import fill_compact_objects, fill_from_nearest
+from instdrive_core.instances.separated_codes import generate_separated_codewords
 from instdrive_core.maths.activations import sigmoid
 from instdrive_core.training.gaussians.model import SceneModel
-from instdrive_core.training.instances.affinity_graph import merged_groups
-from instdrive_core.training.instances.instance_stage import LearnedInstances
-from instdrive_core.training.instances.mask_votes import vote_shares, voted_groups
-from instdrive_core.training.instances.mask_weights import MaskWeights, mask_weights
-from instdrive_core.training.instances.superpoints import neighbor_pairs, superpoints
+from instdrive_core.training.instances.affinity_graph import merge_groups
+from instdrive_core.training.instances.instance_learner import LearnedInstances
+from instdrive_core.training.instances.mask_votes import compute_vote_shares, vote_groups
+from instdrive_core.training.instances.mask_weights import MaskWeights, measure_mask_weights
+from instdrive_core.training.instances.superpoints import find_neighbor_pairs, join_superpoints
 from instdrive_core.training.settings.config import GraphConfig, TrainConfig
 from instdrive_core.training.views.view_store import ViewStore
 
@@ -29,34 +29,34 @@ _FEATURE = 0.5
 """Features are this multiple of the codeword's vector."""
 
 
-def voted_instances(
+def vote_instances(
     model: SceneModel, store: ViewStore, config: TrainConfig, on_note: Callable[[str], None]
 ) -> LearnedInstances:
-    """An `InstanceLearner`: one codeword per object; a moving object is one by its track."""
+    """Learn one codeword per object by votes (an `InstanceLearner`); a moving object is one by its track."""
     on_note(f"looking at the masks of {sum(photo.has_masks for photo in store.facts)} photos")
-    observed = mask_weights(model, store, config.instances.min_alpha)
+    observed = measure_mask_weights(model, store, config.instances.min_alpha)
     means = model.parameters["means"].detach().numpy()
     groups = _first_groups(observed, means, model.nodes, config.graph)
     voting = np.flatnonzero(groups >= 0)
     fixed = model.nodes[voting] > 0
-    groups[voting] = voted_groups(observed.of_rows(voting), groups[voting], fixed, config.graph)
-    groups = nearest_filled(groups, means, model.nodes)
+    groups[voting] = vote_groups(observed.select_rows(voting), groups[voting], fixed, config.graph)
+    groups = fill_from_nearest(groups, means, model.nodes)
     opacities = sigmoid(model.parameters["opacity_logits"].detach().numpy())
-    groups = filled_bodies(groups, means, opacities, model.nodes == 0, vote_shares(observed, groups))
+    groups = fill_compact_objects(groups, means, opacities, model.nodes == 0, compute_vote_shares(observed, groups))
     _, groups = np.unique(groups, return_inverse=True)
-    codes, bits = separated_codewords(int(groups.max()) + 1)
+    codes, bits = generate_separated_codewords(int(groups.max()) + 1)
     on_note(f"{len(observed.view_of_mask):,} masks show {len(codes)} objects: codewords of {bits} bits")
     codewords = codes[groups]
-    return LearnedInstances(codewords, _FEATURE * code_vectors(codewords, bits), bits, whole=True)
+    return LearnedInstances(codewords, _FEATURE * decode_codewords(codewords, bits), bits, whole=True)
 
 
 def _first_groups(observed: MaskWeights, means: ndarray, nodes: ndarray, config: GraphConfig) -> Int64[ndarray, " n"]:
     """Merged patches of the background, then one group per moving object; -1 where nothing was seen."""
     groups = np.full(len(means), -1, np.int64)
-    rows = np.flatnonzero((observed.seen() >= config.min_weight) & (nodes == 0))
+    rows = np.flatnonzero((observed.sum_weights() >= config.min_weight) & (nodes == 0))
     if len(rows) > 1:
-        seen, pairs = observed.of_rows(rows), neighbor_pairs(means[rows], config.neighbors)
-        groups[rows] = merged_groups(seen, superpoints(seen, pairs, config), pairs, config)
+        seen, pairs = observed.select_rows(rows), find_neighbor_pairs(means[rows], config.neighbors)
+        groups[rows] = merge_groups(seen, join_superpoints(seen, pairs, config), pairs, config)
     on_actor = nodes > 0
     groups[on_actor] = groups.max(initial=-1) + nodes[on_actor].astype(np.int64)
     return np.where(groups >= 0, np.unique(groups, return_inverse=True)[1] - int((groups < 0).any()), -1)

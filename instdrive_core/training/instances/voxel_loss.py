@@ -28,7 +28,7 @@ def voxel_loss(
     losses = np.zeros((len(voxels.starts) + _CHUNK - 2) // _CHUNK, np.float64)
     grad = np.empty(values.shape, values.dtype)
     scale = weight / max(len(voxels.starts) - 1, 1)
-    _spread(values, voxels.order, voxels.starts, values.dtype.type(scale), tanh, losses, grad)
+    _sum_spread(values, voxels.order, voxels.starts, values.dtype.type(scale), tanh, losses, grad)
     return float(losses.sum() * scale), torch.from_numpy(grad).to(features.device)
 
 
@@ -45,6 +45,7 @@ def _tanh_coefficients(degree: int = 4) -> tuple[tuple[np.float32, ...], tuple[n
     x = _FLAT * np.sin(0.5 * np.pi * (np.arange(4000) + 0.5) / 4000)
     z, target, weight = (x / _FLAT) ** 2, np.tanh(x) / x, x / np.tanh(x)
     powers = np.vander(z, degree + 1, increasing=True)
+    solution, q = np.zeros(2 * degree + 1), np.ones(degree + 1)
     for _ in range(6):
         system = np.hstack([powers, -target[:, None] * powers[:, 1:]]) * weight[:, None]
         solution = np.linalg.lstsq(system, target * weight, rcond=None)[0]
@@ -68,7 +69,7 @@ def _tanh(x):
 
 @numba.njit(parallel=True, cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
 @no_type_check
-def _spread(values, order, starts, scale, tanh, losses, grad):
+def _sum_spread(values, order, starts, scale, tanh, losses, grad):
     """Sums each voxel's mean squared distance to its mean by chunks. The part of the gradient that passes through the
     mean sums to zero; that of tanh is 1 - tanh². Until it is known, `grad` holds what the loss acts on."""
     dim, one = np.uint64(values.shape[1]), values.dtype.type(1)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, UInt16
 from numpy import ndarray
 
-from instdrive_core.rasterize.kernels.layout import kernel_array
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
 
 _CHUNK = 1 << 13
 """Rows that one thread takes at a time."""
@@ -28,7 +28,7 @@ class Voxels:
     starts: Int64[ndarray, " v1"]
 
 
-def occupied_voxels(
+def group_by_voxel(
     positions: Float[ndarray, "n 3"], nodes: UInt16[ndarray, " n"], size: float, offset: Float[ndarray, "3"]
 ) -> Voxels:
     """Group Gaussians by the voxel of their own node's frame; `offset` (metres) shifts the grid of cells of `size`.
@@ -39,7 +39,7 @@ def occupied_voxels(
     count = len(positions)
     if not count:
         return Voxels(np.zeros(0, np.int64), np.zeros(1, np.int64))
-    positions, nodes = kernel_array(positions), np.require(nodes, np.uint16, ["C", "W"])
+    positions, nodes = to_kernel_array(positions), np.require(nodes, np.uint16, ["C", "W"])
     chunks, bits = -(-count // _CHUNK), max(0, (count // _BUCKET).bit_length())
     grid = _grid(positions, size, offset, chunks)
     keys, places = np.empty(count, np.int64), np.zeros((chunks, 1 << bits), np.int64)
@@ -82,7 +82,7 @@ def _extremes(positions, lowest, highest):
 
 @numba.njit(cache=True)
 @no_type_check
-def _bucket_of(key, bits):
+def _find_bucket(key, bits):
     return (np.uint64(key) * _HASH) >> np.uint64(48) >> np.uint64(16 - bits)
 
 
@@ -99,7 +99,7 @@ def _count_buckets(positions, nodes, grid, bits, keys, counts):
             z = np.int64(np.floor((positions[row, 2] + grid[0, 2]) / size) - grid[1, 2])
             key = ((nodes[row] * width + x) * depth + y) * height + z
             keys[row] = key
-            counts[chunk, _bucket_of(key, bits)] += 1
+            counts[chunk, _find_bucket(key, bits)] += 1
 
 
 @numba.njit(parallel=True, cache=True)
@@ -109,7 +109,7 @@ def _deal(keys, bits, places, rows, dealt):
     for chunk in numba.prange(len(places)):
         for row in range(chunk * _CHUNK, min(len(keys), (chunk + 1) * _CHUNK)):
             key = keys[row]
-            bucket = _bucket_of(key, bits)
+            bucket = _find_bucket(key, bits)
             place = places[chunk, bucket]
             rows[place], dealt[place] = row, key
             places[chunk, bucket] = place + 1
@@ -118,7 +118,7 @@ def _deal(keys, bits, places, rows, dealt):
 @numba.njit(parallel=True, cache=True)
 @no_type_check
 def _group_buckets(rows, keys, bounds, order, firsts, found):
-    """Inside each bucket: voxels in the order of their first rows. `firsts` holds where each voxel starts."""
+    """Group each bucket's rows by voxel, in the order of their first rows; `firsts` holds where each voxel starts."""
     for bucket in numba.prange(len(bounds) - 1):
         found[bucket + 1] = _group(rows, keys, bounds[bucket], bounds[bucket + 1], order, firsts)
 

@@ -1,1 +1,1 @@
-"""What a run is told: config, schedule, events."""
+"""Settings of a run, its schedule, and the events that it reports."""

@@ -1,4 +1,4 @@
-"""Everything a training run can be told, and the presets and methods that set it."""
+"""Settings of a training run, and the presets and methods that fill them in."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Device = Literal["auto", "cpu", "cuda"]
 
 @dataclass(frozen=True)
 class InitConfig:
-    """Where the first Gaussians come from (drivestudio's Street-Gaussians configuration, scaled down)."""
+    """Sources of the first Gaussians (drivestudio's Street-Gaussians configuration, scaled down)."""
 
     lidar_points: int = 150_000
     """LiDAR points kept for the background, after voxel thinning."""
@@ -41,7 +41,7 @@ class GeometryConfig:
     iterations: int = 4_500
     """Steps of one image each."""
     coarse_iterations: int = 500
-    """Of these, the first so many run at half the resolution."""
+    """First steps, counted in `iterations`, that run at half the resolution."""
     sh_degree: int = 1
     """Degree of the spherical harmonics, 0 to 3."""
     ssim_weight: float = 0.2
@@ -189,12 +189,12 @@ class TrainConfig:
         return self.instances.iterations if trained and self.instances.schedule == "after" else 0
 
     def to_json(self) -> dict[str, Any]:
-        """As nested plain values."""
+        """Nested plain values that `from_json` reads."""
         return asdict(self)
 
     @staticmethod
     def from_json(values: dict[str, Any]) -> TrainConfig:
-        """The inverse of `to_json`."""
+        """Read a configuration back from what `to_json` wrote."""
         return TrainConfig(
             **{
                 **values,
@@ -209,8 +209,8 @@ class TrainConfig:
         )
 
 
-def printed_form(instances: InstanceConfig) -> InstanceConfig:
-    """The paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term."""
+def use_printed_losses(instances: InstanceConfig) -> InstanceConfig:
+    """Set the paper's own choices: raw features, 1/d² (ε = 1e-4), weights 0.1, d = 8, trained with the RGB term."""
     return replace(
         instances,
         learned_by="losses",
@@ -227,8 +227,8 @@ def printed_form(instances: InstanceConfig) -> InstanceConfig:
     )
 
 
-def printed_rates(geometry: GeometryConfig) -> GeometryConfig:
-    """Learning rates as 3DGS prints them, for runs as long as its own."""
+def use_printed_rates(geometry: GeometryConfig) -> GeometryConfig:
+    """Set the learning rates that 3DGS prints, for runs as long as its own."""
     return replace(
         geometry,
         means_lr=1.6e-4,
@@ -240,8 +240,8 @@ def printed_rates(geometry: GeometryConfig) -> GeometryConfig:
     )
 
 
-def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: int = 0) -> TrainConfig:
-    """The configuration behind `--method` and `--preset`."""
+def build_train_config(method: Method = "instdrive", preset: Preset = "quick", seed: int = 0) -> TrainConfig:
+    """Build the configuration behind `--method` and `--preset`."""
     config = TrainConfig(method=method, preset=preset, seed=seed)
     if preset == "demo":
         config = replace(
@@ -255,17 +255,20 @@ def train_config(method: Method = "instdrive", preset: Preset = "quick", seed: i
         config = replace(
             config,
             init=InitConfig(lidar_points=800_000, near_points=100_000, far_points=100_000, actor_points=5_000),
-            geometry=printed_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
+            geometry=use_printed_rates(replace(config.geometry, iterations=30_000, coarse_iterations=0, sh_degree=3)),
             densify=replace(config.densify, max_gaussians=1_500_000),
             instances=replace(config.instances, iterations=10_000),
         )
     if method == "paper":
-        config = replace(config, instances=printed_form(config.instances))
+        config = replace(config, instances=use_printed_losses(config.instances))
     return config
 
 
-def on_frozen_geometry(config: TrainConfig) -> TrainConfig:
-    """Instances alone. The `joint` schedule keeps its losses and its number of steps, on cached blending weights."""
+def keep_geometry(config: TrainConfig) -> TrainConfig:
+    """Copy a configuration so that it learns instances alone, on the geometry that the run starts from.
+
+    The `joint` schedule keeps its losses and its number of steps, on cached blending weights.
+    """
     instances = config.instances
     if instances.schedule == "joint":
         instances = replace(instances, schedule="after", iterations=config.geometry.iterations)

@@ -1,4 +1,4 @@
-"""What a trainer tells whoever listens: a progress bar, a log file, the editor."""
+"""Events that a trainer reports to a progress bar, a log file, the editor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class StepDone:
     total: int
     loss: float
     psnr: float | None
-    """Of the training image of the last step, dB; None in the instance stage."""
+    """PSNR of the last step's training image, dB; None in the instance stage."""
     gaussians: int
     seconds: float
     """Since training started, resumed parts included."""
@@ -45,7 +45,7 @@ class CheckpointDue:
 
 
 @dataclass(frozen=True)
-class Refined:
+class DensifyDone:
     """Gaussians were added and removed."""
 
     iteration: int
@@ -56,4 +56,4 @@ class Refined:
     pruned: int
 
 
-Event = StepDone | StageStarted | CheckpointDue | Refined
+Event = StepDone | StageStarted | CheckpointDue | DensifyDone

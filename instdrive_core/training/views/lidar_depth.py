@@ -24,8 +24,8 @@ Depths = tuple[Int32[ndarray, " k"], Float32[ndarray, " k"]]
 """Flat indices of pixels, rising, and their depths in metres along the optical axis."""
 
 
-def depths_of_frames(clip: Clip, frames: Sequence[Frame]) -> list[Depths]:
-    """LiDAR depth of each frame, in metres up to `MAX_LIDAR_DEPTH`, from sweeps that may train; none on the ego car.
+def load_frame_depths(clip: Clip, frames: Sequence[Frame]) -> list[Depths]:
+    """Load the LiDAR depth of each frame from sweeps that may train: metres up to `MAX_LIDAR_DEPTH`, no ego car.
 
     Sweeps are read once each where frames are ordered by time step, while the photos' depths of the step before are
     computed in other threads.
@@ -37,32 +37,32 @@ def depths_of_frames(clip: Clip, frames: Sequence[Frame]) -> list[Depths]:
     running: list[Future[Depths]] = []
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         for index, of_step in groupby(frames, key=lambda frame: frame.view.index):
-            points = sweeps.points_at(index)
+            points = sweeps.load_positions(index)
             depths += [future.result() for future in running]
-            running = [pool.submit(frame_depths, frame, points) for frame in of_step]
+            running = [pool.submit(compute_frame_depths, frame, points) for frame in of_step]
         depths += [future.result() for future in running]
     return depths
 
 
-def frame_depths(frame: Frame, points: Float32[ndarray, "n 3"]) -> Depths:
-    """LiDAR depth of a frame, given the points of its time step; none on the ego car."""
-    pixels, depths = projected_depths(points, frame.view.camera)
+def compute_frame_depths(frame: Frame, points: Float32[ndarray, "n 3"]) -> Depths:
+    """Compute the LiDAR depth of a frame, given the points of its time step; none on the ego car."""
+    pixels, depths = project_depths(points, frame.view.camera)
     if frame.valid is None:
         return pixels, depths
     on_scene = frame.valid.ravel()[pixels]
     return pixels[on_scene], depths[on_scene]
 
 
-def projected_depths(points: Float32[ndarray, "n 3"], camera: Camera) -> Depths:
-    """Nearest LiDAR depth per pixel that a point falls on, at most `MAX_LIDAR_DEPTH`."""
-    pixels, depths = pixels_of_points(points, camera, MAX_LIDAR_DEPTH)
+def project_depths(points: Float32[ndarray, "n 3"], camera: Camera) -> Depths:
+    """Compute the nearest LiDAR depth of each pixel that a point falls on, at most `MAX_LIDAR_DEPTH`."""
+    pixels, depths = find_pixels_of_points(points, camera, MAX_LIDAR_DEPTH)
     return _nearest(pixels, depths, camera.width * camera.height)
 
 
-def pixels_of_points(
+def find_pixels_of_points(
     points: Float32[ndarray, "n 3"], camera: Camera, farthest: float = np.inf
 ) -> tuple[Int32[ndarray, " n"], Float32[ndarray, " n"]]:
-    """Flat index of the pixel that each point falls on, -1 outside of the photo, and depths in metres.
+    """Find the flat index of the pixel that each point falls on, -1 outside of the photo, and depths in metres.
 
     The interpreter's lock is released while it computes.
     """
@@ -72,8 +72,8 @@ def pixels_of_points(
     return _pixels_of_points(points, matrix, intrinsics, camera.width, camera.height, NEAREST_DEPTH, float(farthest))
 
 
-def nearest_per_pixel(pixels: Int32[ndarray, " n"], depths: Float32[ndarray, " n"]) -> Depths:
-    """The smallest depth of each pixel that occurs; pixels come out sorted."""
+def find_nearest_per_pixel(pixels: Int32[ndarray, " n"], depths: Float32[ndarray, " n"]) -> Depths:
+    """Find the smallest depth of each pixel that occurs; pixels come out sorted."""
     return _nearest(pixels.astype(np.int32), depths.astype(np.float32), int(pixels.max(initial=-1)) + 1)
 
 

@@ -1,4 +1,4 @@
-"""What a training step needs of one photo: image, LiDAR depth, masks, held in memory in compact form."""
+"""One photo for training: image, LiDAR depth and masks, held in memory in compact form."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Frame
 from instdrive_core.masks.label_map_folder import FrameMasks
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.views.lidar_depth import Depths, nearest_per_pixel
+from instdrive_core.training.views.lidar_depth import Depths, find_nearest_per_pixel
 
 
 @dataclass(frozen=True)
@@ -32,20 +32,14 @@ class TrainingView:
     depth_values: Float32[ndarray, " k"]
     """Metres along the optical axis."""
 
-    def depth_map(self) -> Float32[ndarray, "h w"]:
-        """LiDAR depth per pixel, 0 = unknown."""
-        depth = np.zeros(self.image.shape[:2], np.float32)
-        depth.ravel()[self.depth_pixels] = self.depth_values
-        return depth
-
-    def halved(self) -> TrainingView:
-        """The same view at half the resolution, for the coarse part of training."""
+    def halve(self) -> TrainingView:
+        """Copy the view at half the resolution, for the coarse part of training."""
         height, width = self.image.shape[0] // 2, self.image.shape[1] // 2
-        image = _halved_image(self.image[: height * 2, : width * 2])
+        image = _halve_image(self.image[: height * 2, : width * 2])
         rows, columns = np.divmod(self.depth_pixels, self.image.shape[1])
         inside = (rows < height * 2) & (columns < width * 2)
         pixels = (rows[inside] // 2) * width + columns[inside] // 2
-        pixels, depths = nearest_per_pixel(pixels, self.depth_values[inside])
+        pixels, depths = find_nearest_per_pixel(pixels, self.depth_values[inside])
         camera = Camera(
             self.camera.fx / 2,
             self.camera.fy / 2,
@@ -56,7 +50,7 @@ class TrainingView:
             self.camera.world_from_camera,
         )
 
-        def thinned(array: ndarray | None) -> ndarray | None:
+        def thin(array: ndarray | None) -> ndarray | None:
             return None if array is None else np.ascontiguousarray(array[: height * 2 : 2, : width * 2 : 2])
 
         return TrainingView(
@@ -64,16 +58,16 @@ class TrainingView:
             camera,
             self.time,
             image,
-            thinned(self.valid),
-            thinned(self.labels),
-            thinned(self.sky),
+            thin(self.valid),
+            thin(self.labels),
+            thin(self.sky),
             pixels,
             depths,
         )
 
 
-def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """The mean of each block of 2×2 pixels, rounded half up."""
+def _halve_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
+    """Average each block of 2×2 pixels, rounded half up."""
     total = image[::2, ::2].astype(np.uint16)
     for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
         total += corner
@@ -82,7 +76,7 @@ def _halved_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]
     return total.astype(np.uint8)
 
 
-def joined_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
+def build_training_view(frame: Frame, masks: FrameMasks | None, depths: Depths) -> TrainingView:
     """Read a frame's photo and join it with its masks (void on the ego car) and its LiDAR depths.
 
     Raises DataError where the photo is damaged.

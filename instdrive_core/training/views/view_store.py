@@ -6,14 +6,13 @@ import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
 
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import SIDECAR, MaskFolder
 from instdrive_core.scene.camera import Camera
-from instdrive_core.training.views.lidar_depth import depths_of_frames
-from instdrive_core.training.views.training_view import TrainingView, joined_view
+from instdrive_core.training.views.lidar_depth import load_frame_depths
+from instdrive_core.training.views.training_view import TrainingView, build_training_view
 
 DEFAULT_BUDGET = 2**30
 """Bytes of photos and masks kept in memory."""
@@ -30,7 +29,7 @@ Key = tuple[int, bool]
 
 @dataclass(frozen=True)
 class ViewFacts:
-    """What is known of a view without reading its photo."""
+    """Facts of a view that need no look at its photo."""
 
     key: str
     """``camera/NN``."""
@@ -70,7 +69,7 @@ class ViewStore:
         self._kept_bytes = 0
         self._reading: set[Key] = set()
         self._failed: dict[Key, Exception] = {}
-        """What went wrong while reading ahead, until the view is asked for."""
+        """Errors met while reading ahead, until the view is asked for."""
         self._wanted: deque[Key] = deque()
         self._worker: threading.Thread | None = None
         self._closed = False
@@ -78,8 +77,8 @@ class ViewStore:
         """Guards everything above; told whenever a view has been read."""
 
     @staticmethod
-    def of(views: Sequence[TrainingView], budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
-        """A store of views that are in memory already."""
+    def from_views(views: Sequence[TrainingView], budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+        """Make a store of views that are in memory already."""
         facts = [
             ViewFacts(view.key, view.camera, view.time, view.labels is not None and bool(view.labels.any()))
             for view in views
@@ -89,7 +88,7 @@ class ViewStore:
     def __len__(self) -> int:
         return len(self.facts)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> ViewStore:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -106,7 +105,7 @@ class ViewStore:
         return self._kept_bytes
 
     def get(self, number: int, coarse: bool = False) -> TrainingView:
-        """A view, at half the resolution with `coarse`. Do not write into its arrays.
+        """Get a view, at half the resolution with `coarse`. Do not write into its arrays.
 
         Raises DataError where its photo or a mask is missing or damaged, IndexError where there is no such view.
         """
@@ -128,7 +127,7 @@ class ViewStore:
             self._finish(key)
 
     def prefetch(self, views: Sequence[Key]) -> None:
-        """What will be asked for next, soonest first; replaces earlier hints. Returns at once.
+        """Hint which views will be asked for next, soonest first; replaces earlier hints. Returns at once.
 
         A thread reads ahead as far as half the budget goes; an error that it meets is raised when the view is asked
         for.
@@ -159,7 +158,7 @@ class ViewStore:
 
     def _read_ahead(self) -> None:
         """The worker: ends when nothing is wanted any more, so that no thread outlives its use."""
-        while (key := self._next_wanted()) is not None:
+        while (key := self._take_next_wanted()) is not None:
             try:
                 self._read_and_keep(key)
             except Exception as error:  # raised where the view is asked for
@@ -168,7 +167,7 @@ class ViewStore:
             finally:
                 self._finish(key)
 
-    def _next_wanted(self) -> Key | None:
+    def _take_next_wanted(self) -> Key | None:
         """The next view for the worker, entered into `_reading`; None ends the worker."""
         with self._changed:
             while self._wanted:
@@ -184,9 +183,9 @@ class ViewStore:
         with self._changed:
             kept = self._kept.get((number, False))
         full = self._read(number) if kept is None else kept[0]
-        view = full.halved() if coarse else full
+        view = full.halve() if coarse else full
         with self._changed:
-            if coarse and self._kept_bytes + _bytes_of(full, False) <= self._budget // 2:
+            if coarse and self._kept_bytes + _count_bytes(full, False) <= self._budget // 2:
                 self._keep((number, False), full)  # spares reading it again, but must not cost other views their place
             self._keep(key, view)
         return view
@@ -199,7 +198,7 @@ class ViewStore:
     # With the lock held:
 
     def _keep(self, key: Key, view: TrainingView) -> None:
-        size = _bytes_of(view, key[1])
+        size = _count_bytes(view, key[1])
         if size > self._budget or key in self._kept or self._closed:
             return
         while self._kept_bytes + size > self._budget:
@@ -227,22 +226,22 @@ class ViewStore:
         return key in self._kept or key in self._reading or key in self._failed
 
 
-def view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
-    """The training photos of a clip with the LiDAR depth of their time steps and their masks.
+def open_view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT_BUDGET) -> ViewStore:
+    """Open the training photos of a clip with the LiDAR depth of their time steps and their masks.
 
     LiDAR is read here, from sweeps that may train, and its depths stay in memory (some 0.1 MB per photo); photos and
     masks are read when asked for.
 
     Raises DataError where a sweep is damaged or the masks lack a photo.
     """
-    frames = clip.training_frames()
+    frames = clip.training_frames
     if masks is not None:
         _check_masks(masks, frames)
-    depths = depths_of_frames(clip, frames)
+    depths = load_frame_depths(clip, frames)
 
     def read(number: int) -> TrainingView:
         frame = frames[number]
-        return joined_view(frame, masks.load(frame) if masks else None, depths[number])
+        return build_training_view(frame, masks.load(frame) if masks else None, depths[number])
 
     facts = [
         ViewFacts(frame.key, frame.view.camera, frame.view.time, masks is not None and masks.counts[frame.key] > 0)
@@ -252,15 +251,15 @@ def view_store(clip: Clip, masks: MaskFolder | None, budget_bytes: int = DEFAULT
 
 
 def _check_masks(masks: MaskFolder, frames: Sequence[Frame]) -> None:
-    """Masks are read late; that some are missing should be told before training starts."""
+    """Check that no photo lacks its masks: they are read late, but the user should know before training starts."""
     missing = [frame.key for frame in frames if frame.key not in masks.counts]
     if missing:
         problem = f"{len(missing)} of {len(frames)} training photos have no masks, e.g. '{missing[0]}'"
         raise DataError(masks.path / SIDECAR, problem, "Write the masks again with `instdrive masks`")
 
 
-def _bytes_of(view: TrainingView, coarse: bool) -> int:
-    """What keeping a view costs: its own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
+def _count_bytes(view: TrainingView, coarse: bool) -> int:
+    """Count the bytes of a view's own arrays. At full resolution, depths and `valid` are held elsewhere anyway."""
     arrays = [view.image, view.labels, view.sky]
     if coarse:
         arrays += [view.valid, view.depth_pixels, view.depth_values]

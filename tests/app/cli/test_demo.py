@@ -17,14 +17,14 @@ from instdrive_app.cli.demo import prepare_run
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.formats.folder.scenes import read_scene_folder
 from instdrive_core.instances.colormap import ids_from_colors
-from instdrive_core.training.settings.config import InitConfig, train_config
+from instdrive_core.training.settings.config import InitConfig, build_train_config
 
 
 @pytest.fixture(scope="module")
 def demo_folder(tmp_path_factory):
     """Five small steps, of which step 4 is held out."""
     out = tmp_path_factory.mktemp("demo")
-    config = train_config("instdrive", "demo")
+    config = build_train_config("instdrive", "demo")
     config = replace(
         config,
         init=InitConfig(lidar_points=40_000, near_points=2_000, far_points=2_000, actor_points=500),
@@ -57,7 +57,7 @@ def test_the_run_is_a_scene_with_named_instances_and_views(demo_folder):
 def test_a_second_demo_uses_what_is_there(demo_folder):
     before = (demo_folder / "run" / "run.json").stat().st_mtime_ns
     console = Console(record=True, quiet=True)
-    prepare_run(demo_folder, StreetConfig(seed=7), train_config("instdrive", "demo"), console)
+    prepare_run(demo_folder, StreetConfig(seed=7), build_train_config("instdrive", "demo"), console)
     assert (demo_folder / "run" / "run.json").stat().st_mtime_ns == before
 
 

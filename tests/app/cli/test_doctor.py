@@ -20,7 +20,7 @@ def working_gl(gl):
 @pytest.fixture
 def no_torch(monkeypatch):
     """Loading torch takes longer than all else that is tested here."""
-    monkeypatch.setattr(doctor_command, "_cuda_state", lambda: "not asked")
+    monkeypatch.setattr(doctor_command, "_describe_cuda", lambda: "not asked")
 
 
 def test_a_working_machine(working_gl, capsys):
@@ -41,7 +41,7 @@ def test_a_working_machine(working_gl, capsys):
 
 def test_a_display_that_does_not_open_is_told(no_torch, monkeypatch, capsys):
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(doctor_command, "_opengl_render", lambda: "not asked")
+    monkeypatch.setattr(doctor_command, "_check_opengl_render", lambda: "not asked")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.delenv("DISPLAY", raising=False)
     assert main(["doctor"]) == 0
@@ -68,31 +68,31 @@ def test_a_machine_without_opengl_is_told_so_and_the_rest_still_checked(no_torch
 
 
 def test_one_missing_splat_is_noticed(no_torch, working_gl, monkeypatch, capsys):
-    whole = offscreen.drawn_blend
+    whole = offscreen.draw_blended
 
     def careless(context, document, snapshot):
         fewer = scene_from_gaussians(document.scene.gaussians.select(slice(1, None)))
         fewer.sky = document.scene.sky
         return whole(context, Document(fewer), snapshot)
 
-    monkeypatch.setattr(offscreen, "drawn_blend", careless)
+    monkeypatch.setattr(offscreen, "draw_blended", careless)
     assert main(["doctor"]) == 2
     assert "differs from the CPU's" in capsys.readouterr().out
 
 
 def test_every_splat_of_the_tested_scene_counts():
-    scene, snapshot = doctor_command._test_scene(), doctor_command._snapshot()
-    whole = doctor_command._cpu_picture(scene, snapshot)
+    scene, snapshot = doctor_command._create_test_scene(), doctor_command._create_snapshot()
+    whole = doctor_command._render_on_cpu(scene, snapshot)
     for row in range(len(scene)):
         fewer = scene_from_gaussians(scene.gaussians.select(np.arange(len(scene)) != row))
         fewer.sky = scene.sky
-        difference = np.abs(doctor_command._cpu_picture(fewer, snapshot) - whole).mean()
+        difference = np.abs(doctor_command._render_on_cpu(fewer, snapshot) - whole).mean()
         assert difference > 1.5 * doctor_command.LARGEST_MEAN_DIFFERENCE, row
 
 
 def test_a_wrong_cpu_picture_and_a_bug_are_both_reported(no_torch, monkeypatch, capsys):
-    monkeypatch.setattr(doctor_command, "_cpu_picture", lambda scene, snapshot: np.zeros((120, 160, 4), np.float32))
-    monkeypatch.setattr(doctor_command, "_opengl_render", lambda: 1 / 0)
+    monkeypatch.setattr(doctor_command, "_render_on_cpu", lambda scene, snapshot: np.zeros((120, 160, 4), np.float32))
+    monkeypatch.setattr(doctor_command, "_check_opengl_render", lambda: 1 / 0)
     assert main(["doctor"]) == 2
     out, err = capsys.readouterr()
     assert "a splat of opacity 0.5 came out as" in out
@@ -103,6 +103,6 @@ def test_a_wrong_cpu_picture_and_a_bug_are_both_reported(no_torch, monkeypatch, 
 def test_a_torch_that_does_not_load_is_no_failure_of_the_editor(monkeypatch):
     # None in its place makes an import fail.
     monkeypatch.setitem(sys.modules, "torch", None)
-    text = doctor_command._cuda_state()
+    text = doctor_command._describe_cuda()
     assert "torch cannot be loaded" in text
     assert "the editor does not" in text

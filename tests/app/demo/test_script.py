@@ -12,10 +12,10 @@ from PIL import Image
 from plyfile import PlyData
 from procedural_street import procedural_street
 
-from instdrive_app.demo.script import ScriptError, middle_of
-from instdrive_app.demo.showpiece import is_car, is_object_sized, ranked_things
+from instdrive_app.demo.script import ScriptError, find_inner_pixel
+from instdrive_app.demo.showpiece import is_car, is_object_sized, rank_objects
 from instdrive_app.shell.display import DisplayError
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.instances.colormap import ids_from_colors
 from instdrive_core.instances.table import Instance
@@ -74,21 +74,21 @@ def test_the_middle_of_a_mask_is_its_deepest_pixel():
     mask = np.zeros((40, 60), bool)
     mask[10:31, 20:31] = True
     mask[0, 59] = True
-    x, y = middle_of(mask)
+    x, y = find_inner_pixel(mask)
     assert x == 25.5
     assert 15 <= y <= 26
-    assert middle_of(np.ones((3, 3), bool)) == (1.5, 1.5)
+    assert find_inner_pixel(np.ones((3, 3), bool)) == (1.5, 1.5)
     with pytest.raises(ScriptError):
-        middle_of(np.zeros((3, 3), bool))
+        find_inner_pixel(np.zeros((3, 3), bool))
 
 
 def test_cars_rank_before_other_things_and_surfaces_are_none():
     scene = procedural_street(0.5)
     ids = np.zeros((100, 100), np.uint32)
     ids[:30], ids[30:60], ids[60:64], ids[64:70], ids[70:] = 1, 31, 10, 11, 0
-    assert ranked_things(scene, ids) == [11, 10, 31]
+    assert rank_objects(scene, ids) == [11, 10, 31]
     ids[:] = 11
-    assert ranked_things(scene, ids) == [], "too near to make a picture"
+    assert rank_objects(scene, ids) == [], "too near to make a picture"
 
 
 @pytest.mark.parametrize(
@@ -107,5 +107,5 @@ def test_object_sizes():
 
 def test_without_xvfb_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(DisplayError, match="apt install xvfb"), virtual_display():
+    with pytest.raises(DisplayError, match="apt install xvfb"), open_virtual_display():
         pass

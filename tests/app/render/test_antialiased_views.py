@@ -5,7 +5,7 @@ import pytest
 from clicks import clicks_that_miss
 
 from instdrive_app import camera
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.software.renderer import SoftwareRenderer
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.rasterize.scene_view import view_scene
@@ -14,21 +14,21 @@ SIZE = (240, 136)
 
 
 @pytest.fixture
-def marked(street):
+def mark_antialiased(street):
     """From far away, where most splats are smaller than a pixel."""
     street.scene.antialiased = True
     street.scene.gaussians.log_scales -= np.float32(1.0)
     return street
 
 
-def snapshot_of(document):
+def take_snapshot(document):
     view = document.scene.views[0]
-    return resolve(EditorState(viewpoint=camera.through(view), time=view.time), *SIZE)
+    return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=view.time), *SIZE)
 
 
 def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):
-    snapshot = snapshot_of(marked)
-    by_gl, by_cpu = Renderer(gl, marked), SoftwareRenderer(gl, marked)
+    snapshot = take_snapshot(marked)
+    by_gl, by_cpu = GlRenderer(gl, marked), SoftwareRenderer(gl, marked)
     by_gl.render(snapshot)
     by_cpu.render(snapshot)
     difference = np.abs(by_gl.read_picture().astype(int) - by_cpu.read_picture())
@@ -44,4 +44,4 @@ def test_opengl_and_the_cpu_draw_the_same_and_less_than_unmarked(gl, marked):
 
 
 def test_clicks_find_the_winner_of_the_frame(marked):
-    assert clicks_that_miss(marked, snapshot_of(marked), 150) == 0
+    assert clicks_that_miss(marked, take_snapshot(marked), 150) == 0

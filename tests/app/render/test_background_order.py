@@ -9,9 +9,9 @@ from procedural_street import FIRST_CAR
 
 from instdrive_app import camera
 from instdrive_app.render import depth_order as orders
-from instdrive_app.render.depth_order import OrderSorter, depth_order
+from instdrive_app.render.depth_order import OrderSorter, sort_by_depth
 from instdrive_app.render.gl import gpu_scene
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import EditorState, resolve
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
@@ -33,12 +33,12 @@ class Gate:
     def __init__(self, monkeypatch):
         self._open, self.calls = threading.Event(), 0
         self._open.set()
-        monkeypatch.setattr(orders, "depth_order", self._sort)
+        monkeypatch.setattr(orders, "sort_by_depth", self._sort)
 
     def _sort(self, *arguments):
         self.calls += 1
         assert self._open.wait(120)
-        return depth_order(*arguments)
+        return sort_by_depth(*arguments)
 
     def shut(self):
         self._open.clear()
@@ -62,7 +62,7 @@ def eventually(condition):
 
 
 def test_what_is_in_front_comes_farthest_first_then_what_is_behind():
-    order = depth_order("key", points([3.0, -1.0, 8.0, 0.1, np.nan, 5.0]), AXIS, NEAR)
+    order = sort_by_depth("key", points([3.0, -1.0, 8.0, 0.1, np.nan, 5.0]), AXIS, NEAR)
     assert order.rows[: order.in_front].tolist() == [2, 5, 0]
     assert sorted(order.rows[order.in_front :].tolist()) == [1, 3]
     near, far = order.depth_range
@@ -71,62 +71,62 @@ def test_what_is_in_front_comes_farthest_first_then_what_is_behind():
 
 def test_nothing_in_front_is_an_order_too():
     for depths in ([], [-1.0]):
-        order = depth_order("key", points(depths), AXIS, NEAR)
+        order = sort_by_depth("key", points(depths), AXIS, NEAR)
         assert (order.in_front, len(order.rows)) == (0, len(depths))
 
 
 def test_soon_gives_the_last_order_until_the_next_is_there_and_sorts_one_at_a_time(gate):
     sorter, means = OrderSorter(), points([3.0, 5.0])
-    assert len(sorter.soon("a", means, AXIS, NEAR).rows) == 0, "there is none yet, and nobody waits"
-    assert sorter.now("a", means, AXIS, NEAR).key == "a"
+    assert len(sorter.sort_soon("a", means, AXIS, NEAR).rows) == 0, "there is none yet, and nobody waits"
+    assert sorter.sort_now("a", means, AXIS, NEAR).key == "a"
     gate.shut()
     for key in "bcd":
-        assert sorter.soon(key, means, AXIS, NEAR).key == "a"
+        assert sorter.sort_soon(key, means, AXIS, NEAR).key == "a"
     eventually(lambda: gate.calls == 2)
     gate.open()
-    eventually(lambda: sorter.soon("d", means, AXIS, NEAR).key == "d")
+    eventually(lambda: sorter.sort_soon("d", means, AXIS, NEAR).key == "d")
     assert gate.calls == 3, "c was never sorted: the camera had moved on"
-    assert sorter.soon("d", means, AXIS, NEAR) is sorter.now("d", means, AXIS, NEAR)
+    assert sorter.sort_soon("d", means, AXIS, NEAR) is sorter.sort_now("d", means, AXIS, NEAR)
     sorter.release()
 
 
 def test_now_waits_for_the_sort_that_runs_and_sorts_what_does_not(gate):
     sorter, means = OrderSorter(), points([3.0, 5.0])
-    sorter.now("a", means, AXIS, NEAR)
+    sorter.sort_now("a", means, AXIS, NEAR)
     gate.shut()
-    sorter.soon("b", means, AXIS, NEAR)
+    sorter.sort_soon("b", means, AXIS, NEAR)
     threading.Timer(0.05, gate.open).start()
-    assert sorter.now("b", means, AXIS, NEAR).key == "b"
-    assert sorter.now("c", means, AXIS, NEAR).key == "c"
+    assert sorter.sort_now("b", means, AXIS, NEAR).key == "b"
+    assert sorter.sort_now("c", means, AXIS, NEAR).key == "c"
     assert gate.calls == 3
     sorter.release()
 
 
 def test_a_sort_that_fails_is_heard_of(monkeypatch):
     sorter, means = OrderSorter(), points([3.0, 5.0])
-    sorter.now("a", means, AXIS, NEAR)
+    sorter.sort_now("a", means, AXIS, NEAR)
 
     def fail(*arguments):
         raise MemoryError("no memory to sort")
 
-    monkeypatch.setattr(orders, "depth_order", fail)
-    sorter.soon("b", means, AXIS, NEAR)
+    monkeypatch.setattr(orders, "sort_by_depth", fail)
+    sorter.sort_soon("b", means, AXIS, NEAR)
     with pytest.raises(MemoryError, match="no memory"):
-        eventually(lambda: sorter.soon("b", means, AXIS, NEAR).key == "b")
+        eventually(lambda: sorter.sort_soon("b", means, AXIS, NEAR).key == "b")
     sorter.release()
 
 
 @pytest.fixture
 def renderer(gl, street):
-    made = Renderer(gl, street)
+    made = GlRenderer(gl, street)
     yield made
     made.release()
     assert gl.error == "GL_NO_ERROR"
 
 
-def snapshot_of(document, index):
+def take_snapshot(document, index):
     view = document.scene.views[index]
-    return resolve(EditorState(viewpoint=camera.through(view), time=0.0), *SIZE)
+    return resolve(EditorState(viewpoint=camera.view_from_camera(view), time=0.0), *SIZE)
 
 
 def blend(renderer, snapshot, **options):
@@ -135,7 +135,7 @@ def blend(renderer, snapshot, **options):
 
 
 def test_a_frame_never_waits_and_settles_on_the_exact_picture(street, renderer, gate):
-    first, second = snapshot_of(street, 0), snapshot_of(street, 1)
+    first, second = take_snapshot(street, 0), take_snapshot(street, 1)
     exact = blend(renderer, second)
     ahead = blend(renderer, first, wait=True)
     assert renderer.settled
@@ -161,7 +161,7 @@ def test_a_frame_never_waits_and_settles_on_the_exact_picture(street, renderer, 
 
 
 def test_a_large_scene_appears_over_some_frames_that_do_not_wait(street, renderer, monkeypatch):
-    snapshot = snapshot_of(street, 0)
+    snapshot = take_snapshot(street, 0)
     monkeypatch.setattr(gpu_scene, "UPLOADED_AT_ONCE", 5000)
     covered = []
     while not renderer.settled:
@@ -170,13 +170,13 @@ def test_a_large_scene_appears_over_some_frames_that_do_not_wait(street, rendere
     assert len(covered) >= 4
     assert covered[0] < 0.9 * covered[-1]
     one_by_one = blend(renderer, snapshot, wait=False)
-    fresh = Renderer(renderer.picture.ctx, street)
+    fresh = GlRenderer(renderer.picture.ctx, street)
     np.testing.assert_array_equal(one_by_one, blend(fresh, snapshot))
     fresh.release()
 
 
 def test_an_order_older_than_an_undo_shows_no_row_that_is_gone(street, renderer, gate):
-    snapshot = snapshot_of(street, 0)
+    snapshot = take_snapshot(street, 0)
     before = blend(renderer, snapshot)
     street.apply(DuplicateInstances((FIRST_CAR,), (2.0, 2.0, 0.0)))
     assert (blend(renderer, snapshot) != before).any()
@@ -188,13 +188,13 @@ def test_an_order_older_than_an_undo_shows_no_row_that_is_gone(street, renderer,
 
 
 def test_exact_reads_wait_even_where_frames_do_not(gl, street, renderer, gate):
-    snapshot = snapshot_of(street, 0)
+    snapshot = take_snapshot(street, 0)
     renderer.render(snapshot, wait=False)
     street.apply(MoveInstances((FIRST_CAR,), (1.5, 0.0, 0.0)))
     gate.shut()
     renderer.render(snapshot, wait=False)
     threading.Timer(0.05, gate.open).start()
-    ids = renderer.instance_ids(snapshot)
-    fresh = Renderer(gl, street)
-    np.testing.assert_array_equal(ids, fresh.instance_ids(snapshot))
+    ids = renderer.read_instance_ids(snapshot)
+    fresh = GlRenderer(gl, street)
+    np.testing.assert_array_equal(ids, fresh.read_instance_ids(snapshot))
     fresh.release()

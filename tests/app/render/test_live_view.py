@@ -9,8 +9,8 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, procedural_street
 
 from instdrive_app import camera
 from instdrive_app.pointer import Click
-from instdrive_app.render.frame_renderer import CHOICE, chosen_kind
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.frame_renderer import CHOICE, choose_renderer_kind
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.live_view import SETTLE_SECONDS, LiveView
 from instdrive_app.render.picking import Picker
 from instdrive_app.render.software import renderer as software
@@ -44,11 +44,11 @@ BLUE_CAR = FIRST_CAR + 1
     ],
 )
 def test_the_driver_chooses_the_renderer_and_the_environment_overrules_it(driver, kind):
-    assert chosen_kind(driver, {}) == kind
-    assert chosen_kind(driver, {CHOICE: " GL "}) == "gl"
-    assert chosen_kind(driver, {CHOICE: "cpu"}) == "cpu"
+    assert choose_renderer_kind(driver, {}) == kind
+    assert choose_renderer_kind(driver, {CHOICE: " GL "}) == "gl"
+    assert choose_renderer_kind(driver, {CHOICE: "cpu"}) == "cpu"
     with pytest.raises(OptionError, match="INSTDRIVE_RENDERER is 'vulkan'"):
-        chosen_kind(driver, {CHOICE: "vulkan"})
+        choose_renderer_kind(driver, {CHOICE: "vulkan"})
 
 
 @pytest.fixture(params=["gl", "cpu"])
@@ -70,7 +70,7 @@ def cpu_view(gl, monkeypatch):
 
 def state_at(document, index=0, **changes):
     seen = document.scene.views[index]
-    return EditorState(viewpoint=camera.through(seen), time=seen.time, **changes)
+    return EditorState(viewpoint=camera.view_from_camera(seen), time=seen.time, **changes)
 
 
 def settle(view, document, state, size=SIZE):
@@ -85,32 +85,32 @@ def settle(view, document, state, size=SIZE):
 def test_every_renderer_shows_picture_depth_and_instances(view, street):
     state = state_at(street)
     picture = settle(view, street, state)
-    assert isinstance(view.renderer, (Renderer, SoftwareRenderer))
+    assert isinstance(view.renderer, (GlRenderer, SoftwareRenderer))
     assert picture is view.renderer.picture
     pixels = view.renderer.read_picture()
     assert pixels.shape == (*SIZE[::-1], 3)
     assert pixels.std() > 20
     assert view.frame_seconds > 0
-    rows = view.renderer.rows(view.snapshot)
+    rows = view.renderer.read_rows(view.snapshot)
     y, x = np.argwhere(rows > 0)[len(rows)]
     row = int(rows[y, x]) - 1
-    assert view.renderer.row_at(view.snapshot, x, y) == row
+    assert view.renderer.read_row_at(view.snapshot, x, y) == row
     place = view.snapshot.camera.camera_from_world @ np.append(street.scene.gaussians.means[row], 1)
     if street.scene.nodes[row] == 0:
-        assert view.depth_at(x, y) == pytest.approx(place[2], rel=1e-5)
-    assert view.depth_at(SIZE[0] / 2, 1) is None, "the sky"
-    assert {FIRST_CAR, BLUE_CAR} <= set(np.unique(view.renderer.instance_ids(view.snapshot)))
+        assert view.measure_depth_at(x, y) == pytest.approx(place[2], rel=1e-5)
+    assert view.measure_depth_at(SIZE[0] / 2, 1) is None, "the sky"
+    assert {FIRST_CAR, BLUE_CAR} <= set(np.unique(view.renderer.read_instance_ids(view.snapshot)))
 
 
 def test_depth_follows_the_drive(view, street):
     state = state_at(street, 3)
     settle(view, street, state)
-    ids = view.renderer.instance_ids(view.snapshot)
+    ids = view.renderer.read_instance_ids(view.snapshot)
     y, x = np.argwhere(ids == DRIVING_CAR).mean(axis=0).round().astype(int)
     assert ids[y, x] == DRIVING_CAR
-    pose, _ = street.scene.at(state.time)
+    pose, _ = street.scene.find_node_poses(state.time)
     center = view.snapshot.camera.camera_from_world @ pose[street.scene.nodes.max()][:, 3]
-    assert view.depth_at(x, y) == pytest.approx(center[2], abs=3.0)
+    assert view.measure_depth_at(x, y) == pytest.approx(center[2], abs=3.0)
 
 
 def test_another_document_and_another_size(view, street):
@@ -181,7 +181,7 @@ def test_nobody_waits_for_a_frame_and_what_is_shown_is_what_pointing_reads(slow,
 
 
 def test_clicks_read_the_frame_and_ask_the_splats_only_where_it_cannot_tell(cpu_view, street, monkeypatch):
-    asked, instances_at = [], Picker.instances_at
+    asked, instances_at = [], Picker.find_instances_at
 
     def counted(self, *arguments):
         asked.append(arguments)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from instdrive_app.session.recents import KEPT, RecentFiles
-from instdrive_app.session.view_memory import remembered, restore
+from instdrive_app.session.view_memory import restore_view, store_view
 from instdrive_app.state import ViewMode
 
 
@@ -36,17 +36,17 @@ def test_a_damaged_list_is_an_empty_one(tmp_path, content):
 def test_a_view_comes_back(session, street):
     session.navigation.look_from(session.state.viewpoint)
     session.state.view_mode, session.state.time = ViewMode.DEPTH, 1.0
-    kept, pose = remembered(session.state), session.state.viewpoint.world_from_camera
+    kept, pose = store_view(session.state), session.state.viewpoint.world_from_camera
     session.navigation.look_through(2)
     session.state.view_mode = ViewMode.COLOR
-    assert restore(kept, session.state, session.navigation, len(street.scene.views))
+    assert restore_view(kept, session.state, session.navigation, len(street.scene.views))
     np.testing.assert_array_equal(session.state.viewpoint.world_from_camera, pose)
     assert (session.state.view_mode, session.state.time) == (ViewMode.DEPTH, 1.0)
     assert session.state.dataset_view is None
     session.navigation.look_through(3)
-    kept = remembered(session.state)
+    kept = store_view(session.state)
     session.navigation.look_through(0)
-    assert restore(kept, session.state, session.navigation, len(street.scene.views))
+    assert restore_view(kept, session.state, session.navigation, len(street.scene.views))
     assert session.state.dataset_view == 3
 
 
@@ -64,6 +64,6 @@ def test_a_view_comes_back(session, street):
     ],
 )
 def test_what_does_not_fit_changes_nothing(session, street, change):
-    before = remembered(session.state)
-    assert not restore(before | change, session.state, session.navigation, len(street.scene.views))
-    assert remembered(session.state) == before
+    before = store_view(session.state)
+    assert not restore_view(before | change, session.state, session.navigation, len(street.scene.views))
+    assert store_view(session.state) == before

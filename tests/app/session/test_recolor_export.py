@@ -6,12 +6,12 @@ from ply_painter import painted
 from plyfile import PlyData
 from procedural_street import FIRST_CAR, procedural_street
 
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import EditorState, Intrinsics, Viewpoint, resolve
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.absolute_adjustment import SetAdjustment
 from instdrive_core.edits.kinds.color import RecolorInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.formats.registry import save_scene
 from instdrive_core.scene.camera import look_at
 
@@ -34,7 +34,7 @@ EDITS = {
     ],
 }
 TOLERANCE = 1.0 / 255
-"""Of the mean difference of two pictures of the car; right before the camera renderers cut splats differently."""
+"""Largest mean difference of two pictures of the car; right before the camera renderers cut splats differently."""
 
 
 def glossy_street():
@@ -53,10 +53,10 @@ def frame_from(place):
 
 
 def editor_picture(gl, document, snapshot):
-    renderer = Renderer(gl, document)
+    renderer = GlRenderer(gl, document)
     renderer.render(snapshot)
     blended = renderer.read_blended()
-    car = renderer.instance_ids(snapshot) == FIRST_CAR
+    car = renderer.read_instance_ids(snapshot) == FIRST_CAR
     renderer.release()
     return blended[..., :3], car
 
@@ -67,8 +67,8 @@ def test_another_program_shows_the_exported_car_as_the_editor_does(gl, tmp_path,
     for edit in edits:
         document.apply(edit)
     exported, trained = tmp_path / "edited.ply", tmp_path / "trained.ply"
-    save_scene(exported, baked(document, 0.0))
-    save_scene(trained, baked(before, 0.0))
+    save_scene(exported, bake_document(document, 0.0))
+    save_scene(trained, bake_document(before, 0.0))
     old_rest = rest_columns(trained)
     for side, place in SIDES.items():
         snapshot = frame_from(place)

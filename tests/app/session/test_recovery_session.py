@@ -7,6 +7,7 @@ from procedural_street import FIRST_CAR, procedural_street
 from session_driver import errors, finish
 
 from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskChangedScene, OfferRecovery
 from instdrive_core.formats.registry import save_scene
 
 
@@ -19,14 +20,14 @@ def left_behind(tmp_path, monkeypatch):
     editor = EditorSession()
     editor.files.open(path)
     finish(editor)
-    editor.delete((FIRST_CAR,))
+    editor.deletion.delete((FIRST_CAR,))
     editor.tick(0.0)
     journals, end = tmp_path / "state" / "recovery", time.monotonic() + 60
     while not any("delete_instances" in journal.read_text() for journal in journals.glob("*/*.jsonl")):
         assert time.monotonic() < end, list(journals.glob("*/*"))
         time.sleep(0.01)
     editor.close(by_choice=False)
-    editor.autosave._recovery._lock.release()
+    editor.files.autosave._recovery._lock.release()
     return path
 
 
@@ -35,18 +36,19 @@ def test_of_a_changed_scene_it_is_asked_and_can_be_had_all_the_same(left_behind)
     scene.gaussians.means[0, 0] += 1
     save_scene(left_behind, scene)
     editor = EditorSession()
-    editor.offer_recovery()
+    editor.files.offer_recovery()
     finish(editor)
-    (session,) = editor.autosave.recoverable
-    editor.recover(session)
+    assert editor.requests.waiting == (OfferRecovery(),)
+    (session,) = editor.files.autosave.recoverable
+    editor.files.recover(session)
     finish(editor)
-    changed = editor.files.changed_scene
+    changed = editor.requests.take(AskChangedScene)
     assert editor.document is None
     assert errors(editor) == []
-    assert str(left_behind) in changed.said
+    assert str(left_behind) in changed.reason
     changed.open_anyway()
     finish(editor)
-    assert FIRST_CAR not in editor.document.visible_instances()
-    assert editor.is_unsaved
-    assert editor.autosave.recoverable == []
+    assert FIRST_CAR not in editor.document.find_visible_instances()
+    assert editor.files.is_unsaved
+    assert editor.files.autosave.recoverable == []
     editor.close()

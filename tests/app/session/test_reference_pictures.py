@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from instdrive_app.session.reference_pictures import ReferencePictures, mask_colors, masks_of, reference_picture
+from instdrive_app.session.reference_pictures import ReferencePictures, color_masks, find_masks, load_reference_picture
 from instdrive_app.state import Reference
 from instdrive_core.errors import DataError
 from instdrive_core.instances.colormap import ids_from_colors
@@ -30,10 +30,10 @@ def view(street, tmp_path):
 
 
 def test_photo_and_masks_are_read(view):
-    photo = reference_picture(view, Reference.PHOTO)
+    photo = load_reference_picture(view, Reference.PHOTO)
     np.testing.assert_array_equal(photo[..., :3], np.asarray(Image.open(view.photo)))
     assert (photo[..., 3] == 255).all()
-    masks = reference_picture(view, Reference.MASKS)
+    masks = load_reference_picture(view, Reference.MASKS)
     assert masks.shape == (27, 48, 4)
     assert masks[12, 20, 3] == 255
     assert ids_from_colors(masks[12:13, 20, :3])[0] > 0
@@ -43,16 +43,16 @@ def test_photo_and_masks_are_read(view):
 
 def test_what_is_missing_is_named(view, tmp_path):
     with pytest.raises(DataError, match="does not say where"):
-        reference_picture(replace(view, photo=""), Reference.PHOTO)
+        load_reference_picture(replace(view, photo=""), Reference.PHOTO)
     with pytest.raises(DataError, match="no longer there"):
-        reference_picture(replace(view, photo=str(tmp_path / "gone.png")), Reference.PHOTO)
+        load_reference_picture(replace(view, photo=str(tmp_path / "gone.png")), Reference.PHOTO)
     photo = tmp_path / "elsewhere" / "00.png"
     with pytest.raises(DataError, match="no longer there"):
-        masks_of(photo)
+        find_masks(photo)
     photo.parent.mkdir()
     photo.touch()
     with pytest.raises(DataError, match="no folder masks/"):
-        masks_of(photo)
+        find_masks(photo)
 
 
 def test_pictures_are_read_beside_the_window_and_failures_told_once(view, tmp_path):
@@ -80,13 +80,13 @@ def test_photos_that_were_held_out_have_no_masks_and_nobody_is_told_off(view):
     pictures.get(view, Reference.MASKS)
     assert ready.wait(120)
     masks = pictures.get(view, Reference.MASKS)
-    assert pictures.missing(view, Reference.MASKS) == ""
+    assert pictures.explain_missing(view, Reference.MASKS) == ""
     ready.clear()
     held_out = replace(view, index=1, held_out=True)
     pictures.get(held_out, Reference.MASKS)
     assert ready.wait(120)
     assert pictures.get(held_out, Reference.MASKS) is None
-    assert "Held out" in pictures.missing(held_out, Reference.MASKS)
+    assert "Held out" in pictures.explain_missing(held_out, Reference.MASKS)
     assert told == []
     assert pictures.get(view, Reference.MASKS) is masks
     ready.clear()
@@ -100,5 +100,5 @@ def test_photos_that_were_held_out_have_no_masks_and_nobody_is_told_off(view):
 
 def test_borders_between_masks_are_dark():
     labels = np.repeat(np.array([[1, 1, 2, 2]], np.uint16), 3, axis=0)
-    picture = mask_colors(FrameMasks(labels, np.zeros(labels.shape, bool)))
+    picture = color_masks(FrameMasks(labels, np.zeros(labels.shape, bool)))
     assert picture[1, 2, :3].sum() < picture[1, 3, :3].sum()

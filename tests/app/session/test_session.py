@@ -8,15 +8,15 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, SHARED_CODEWORD, procedural_street
 from session_driver import errors, finish
 
-from instdrive_app.actions import register_commands
-from instdrive_app.commands import Command, Commands
+from instdrive_app.action import Action, ActionRegistry
+from instdrive_app.actions import register_actions
 from instdrive_app.messages import Messages
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import ViewMode
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.progress import part_of_work, report
+from instdrive_core.progress import report, report_span
 
 
 def test_opening_looks_through_the_first_dataset_camera(session, street):
@@ -40,56 +40,56 @@ def test_regions_select_splats_where_there_are_no_instances(session):
 
 
 def test_delete_undo_redo_and_jump(session, street):
-    session.select((FIRST_CAR,))
-    assert session.commands.run("edit.delete")
-    assert FIRST_CAR not in street.visible_instances()
-    session.commands.run("edit.undo")
-    assert FIRST_CAR in street.visible_instances()
-    session.commands.run("edit.redo")
-    assert FIRST_CAR not in street.visible_instances()
-    assert not session.commands.run("edit.redo")
-    session.jump(0)
+    session.selection.select((FIRST_CAR,))
+    assert session.actions.run("edit.delete")
+    assert FIRST_CAR not in street.find_visible_instances()
+    session.actions.run("edit.undo")
+    assert FIRST_CAR in street.find_visible_instances()
+    session.actions.run("edit.redo")
+    assert FIRST_CAR not in street.find_visible_instances()
+    assert not session.actions.run("edit.redo")
+    session.history.jump(0)
     assert street.history.cursor == 0
-    session.jump(2)
-    assert FIRST_CAR not in street.visible_instances()
+    session.history.jump(2)
+    assert FIRST_CAR not in street.find_visible_instances()
 
 
 def test_selection_modes_and_codeword(session):
-    session.select((FIRST_CAR,))
-    session.select((FIRST_CAR + 2,), "add")
-    session.select((FIRST_CAR,), "remove")
-    assert session.selected == (FIRST_CAR + 2,)
-    session.select_codeword_of(FIRST_CAR)
-    assert session.selected == (FIRST_CAR, FIRST_CAR + 1)
+    session.selection.select((FIRST_CAR,))
+    session.selection.select((FIRST_CAR + 2,), "add")
+    session.selection.select((FIRST_CAR,), "remove")
+    assert session.selection.ids == (FIRST_CAR + 2,)
+    session.selection.select_codeword(FIRST_CAR)
+    assert session.selection.ids == (FIRST_CAR, FIRST_CAR + 1)
     assert session.document.scene.table[FIRST_CAR].codeword == SHARED_CODEWORD
-    session.clear_selection()
+    session.selection.clear()
     steps = session.document.history.cursor
-    session.clear_selection()
+    session.selection.clear()
     assert session.document.history.cursor == steps, "clearing nothing is no step"
 
 
 def test_hide_solo_and_show_all(session, street):
-    everything = street.visible_instances()
-    session.hide((FIRST_CAR,))
-    assert FIRST_CAR not in street.visible_instances()
-    session.show_all()
-    session.solo.toggle((FIRST_CAR,))
-    assert street.visible_instances() == (FIRST_CAR,)
-    session.solo.toggle((FIRST_CAR,))
-    assert street.visible_instances() == everything
+    everything = street.find_visible_instances()
+    session.visibility.hide((FIRST_CAR,))
+    assert FIRST_CAR not in street.find_visible_instances()
+    session.visibility.show_all()
+    session.visibility.solo.toggle((FIRST_CAR,))
+    assert street.find_visible_instances() == (FIRST_CAR,)
+    session.visibility.solo.toggle((FIRST_CAR,))
+    assert street.find_visible_instances() == everything
 
 
 def test_a_drag_of_the_color_picker_is_one_step(session, street):
     before = street.history.cursor
     for red in (0.1, 0.5, 0.9):
-        session.recolor((FIRST_CAR,), "solid", (red, 0.0, 0.0), "drag 1")
+        session.colors.recolor((FIRST_CAR,), "solid", (red, 0.0, 0.0), "drag 1")
     assert street.history.cursor == before + 1
-    session.recolor((FIRST_CAR,), "solid", (0.0, 1.0, 0.0), "drag 2")
+    session.colors.recolor((FIRST_CAR,), "solid", (0.0, 1.0, 0.0), "drag 2")
     assert street.history.cursor == before + 2
 
 
 def test_what_cannot_be_done_is_told_and_changes_nothing(session, street):
-    session.delete((999,))
+    session.deletion.delete((999,))
     assert "999" in errors(session)[-1]
     session.labels.rename(FIRST_CAR, "two\nlines")
     assert "printable" in errors(session)[-1]
@@ -109,12 +109,12 @@ def test_the_dataset_camera_follows_the_time_and_orbiting_leaves_it(session, str
 
 
 def test_playing_steps_at_the_pace_of_the_drive(session):
-    session.commands.run("time.play")
+    session.actions.run("time.play")
     session.tick(0.3)
     assert session.state.time == 0.0
     session.tick(0.3)
     assert session.state.time == 0.5
-    session.commands.run("time.play")
+    session.actions.run("time.play")
     session.tick(5.0)
     assert session.state.time == 0.5
 
@@ -122,16 +122,16 @@ def test_playing_steps_at_the_pace_of_the_drive(session):
 def test_framing_a_moving_car_looks_at_where_it_is_now(session, street):
     session.navigation.set_time(1.0)
     session.navigation.frame((DRIVING_CAR,))
-    place = street.scene.actors[0].pose_at(1.0)[:3, 3]
+    place = street.scene.actors[0].interpolate_pose(1.0)[:3, 3]
     assert np.linalg.norm(session.state.viewpoint.pivot - place) < 0.5
 
 
 def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(session, street, tmp_path):
     session.navigation.look_from(session.state.viewpoint)
     session.navigation.set_time(1.0)
-    session.delete((FIRST_CAR,))
+    session.deletion.delete((FIRST_CAR,))
     for name in ("edited.compressed.ply", "edited.splat", "edited.ply", "edited_run"):
-        session.export(tmp_path / name)
+        session.export.write(tmp_path / name)
         finish(session)
         assert session.files.last_export == tmp_path / name
     file, folder = open_scene(tmp_path / "edited.ply"), open_scene(tmp_path / "edited_run")
@@ -141,14 +141,14 @@ def test_export_bakes_the_shown_moment_into_a_file_and_keeps_tracks_in_a_folder(
     for name in ("edited.compressed.ply", "edited.splat"):
         assert len(open_scene(tmp_path / name)) == len(file)
     center = file.gaussians.means[file.instance_ids == DRIVING_CAR].mean(axis=0)
-    assert np.linalg.norm(center - street.scene.actors[0].pose_at(1.0)[:3, 3]) < 0.5
+    assert np.linalg.norm(center - street.scene.actors[0].interpolate_pose(1.0)[:3, 3]) < 0.5
 
 
 def test_opening_and_exporting_run_beside_the_window_and_failures_become_messages(session, tmp_path):
-    save_scene(tmp_path / "other.ply", frozen_at(procedural_street(0.4), 0.0))
+    save_scene(tmp_path / "other.ply", freeze_at_time(procedural_street(0.4), 0.0))
     session.files.open(tmp_path / "other.ply")
-    assert session.jobs.blocking
-    session.delete((FIRST_CAR,))
+    assert session.jobs.is_blocking
+    session.deletion.delete((FIRST_CAR,))
     assert "wait" in errors(session)[-1]
     finish(session)
     assert session.files.path == tmp_path / "other.ply"
@@ -173,7 +173,7 @@ def test_a_job_tells_how_far_it_is_and_can_be_cancelled(session):
     reached = threading.Event()
 
     def work():
-        with part_of_work(0.0, 0.5):
+        with report_span(0.0, 0.5):
             report(1.0)
         reached.set()
         while True:
@@ -199,11 +199,11 @@ def test_of_jobs_aside_only_the_newest_counts_and_nothing_waits_for_them(session
         report(0.5)
         return "old"
 
-    session.jobs.submit_aside("Looking", slow, results.append)
+    session.jobs.submit_in_background("Looking", slow, results.append)
     assert begun.wait(120)
-    session.jobs.submit_aside("Looking", lambda: "new", results.append)
+    session.jobs.submit_in_background("Looking", lambda: "new", results.append)
     session.jobs.submit("Saving", lambda: "saved", results.append)
-    assert session.jobs.blocking
+    assert session.jobs.is_blocking
     while not results:
         session.tick(0.0)
     assert results == ["saved"], "what stands aside holds nothing up"
@@ -215,11 +215,11 @@ def test_of_jobs_aside_only_the_newest_counts_and_nothing_waits_for_them(session
 
 def test_view_modes_and_switches(session):
     for mode in ViewMode:
-        command = session.commands[f"view.{mode.name.lower()}"]
+        command = session.actions[f"view.{mode.name.lower()}"]
         command.run()
         assert session.state.view_mode is mode
         assert command.checked()
-    session.commands.run("view.sky")
+    session.actions.run("view.sky")
     assert not session.state.show_sky
 
 
@@ -228,21 +228,21 @@ def test_a_scene_without_cameras_tracks_or_instances_can_be_shown(tmp_path):
     scene.views, scene.actors, scene.sky = (), (), None
     scene.nodes[:] = 0
     session = EditorSession()
-    register_commands(session)
+    register_actions(session)
     session.show(Document(scene))
     assert session.state.dataset_view is None
-    assert not session.commands.run("time.next")
-    assert not session.commands.run("edit.delete")
+    assert not session.actions.run("time.next")
+    assert not session.actions.run("edit.delete")
     session.close()
 
 
 def test_commands_refuse_ids_and_shortcuts_that_are_taken():
-    commands = Commands()
-    commands.add(Command("a", "A", print, shortcuts=("Ctrl+A",)))
+    commands = ActionRegistry()
+    commands.add(Action("a", "A", print, shortcuts=("Ctrl+A",)))
     with pytest.raises(ValueError, match="twice"):
-        commands.add(Command("a", "A again", print))
+        commands.add(Action("a", "A again", print))
     with pytest.raises(ValueError, match=r"Ctrl\+A"):
-        commands.add(Command("b", "B", print, shortcuts=("Ctrl+A",)))
+        commands.add(Action("b", "B", print, shortcuts=("Ctrl+A",)))
 
 
 def test_toasts_fade_and_the_log_stays():

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from procedural_street import FIRST_CAR, ROAD, procedural_street
 
-from instdrive_app.actions import register_commands
-from instdrive_app.panels.overlays.region_outline import DASH, dashes
+from instdrive_app.actions import register_actions
+from instdrive_app.panels.overlays.region_outline import DASH, compute_dashes
 from instdrive_app.pointer import Click
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.session.editor_session import EditorSession
 from instdrive_app.state import resolve
-from instdrive_app.tools.registry import TOOLS, created_tools
-from instdrive_core.edits.bases.relabel import MergeInstances
+from instdrive_app.tools.registry import TOOLS, create_tools
 from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.scene.selection import Flag
 
 SIZE = (480, 270)
@@ -26,9 +26,8 @@ SIZE = (480, 270)
 @pytest.fixture
 def session():
     session = EditorSession()
-    register_commands(session)
-    session.document = Document(procedural_street())
-    session.navigation.enter(session.document)
+    register_actions(session)
+    session.show(Document(procedural_street()))
     yield session
     session.close()
 
@@ -42,7 +41,7 @@ def snapshot(session):
 def tools(session, snapshot):
     """The tools, with every splat standing for the pixel that its centre is in, nearest last written."""
     document = session.document
-    means, drawn = shown_means(document, snapshot.time)
+    means, drawn = compute_shown_means(document, snapshot.time)
     pixels, depth = snapshot.camera.project(means)
     columns, rows = np.floor(pixels).astype(int).T
     seen = drawn & (depth > 0.1) & (columns >= 0) & (columns < SIZE[0]) & (rows >= 0) & (rows < SIZE[1])
@@ -54,20 +53,20 @@ def tools(session, snapshot):
         assert not asked.draft, "a draft has fewer pixels"
         return winners
 
-    return created_tools(session, winners_of)
+    return create_tools(session, winners_of)
 
 
-def selected_rows(session):
-    return session.document.state.rows_with(Flag.SELECTED)
+def find_selected_rows(session):
+    return session.document.state.find_rows(Flag.SELECTED)
 
 
 def car_box(session, snapshot, car=FIRST_CAR + 1):
-    means, _ = shown_means(session.document, snapshot.time)
+    means, _ = compute_shown_means(session.document, snapshot.time)
     pixels, _ = snapshot.camera.project(means[session.document.scene.instance_ids == car])
     return tuple(pixels.min(axis=0) - 1), tuple(pixels.max(axis=0) + 1)
 
 
-def dragged(tool, session, snapshot, **keys):
+def drag_over(tool, session, snapshot, **keys):
     low, high = car_box(session, snapshot)
     tool.drag(low, high)
     tool.release(Click(*high, **keys), snapshot)
@@ -81,24 +80,24 @@ def test_a_rectangle_takes_whole_instances(session, tools, snapshot):
     assert len(tool.outline) == 4
     tool.release(Click(*high), snapshot)
     assert tool.outline == ()
-    assert FIRST_CAR + 1 in session.selected
-    assert ROAD not in session.selected
+    assert FIRST_CAR + 1 in session.selection.ids
+    assert ROAD not in session.selection.ids
     ids = session.document.scene.instance_ids
-    assert set(selected_rows(session)) == set(np.flatnonzero(np.isin(ids, session.selected)))
+    assert set(find_selected_rows(session)) == set(np.flatnonzero(np.isin(ids, session.selection.ids)))
 
 
 def test_keys_add_remove_and_intersect(session, tools, snapshot):
     tool = tools["rectangle"]
-    dragged(tool, session, snapshot)
-    inside = set(session.selected)
-    session.select((ROAD,))
-    dragged(tool, session, snapshot, shift=True)
-    assert set(session.selected) == inside | {ROAD}
-    dragged(tool, session, snapshot, ctrl=True)
-    assert session.selected == (ROAD,)
-    session.commands.run("select.all")
-    dragged(tool, session, snapshot, shift=True, ctrl=True)
-    assert set(session.selected) == inside
+    drag_over(tool, session, snapshot)
+    inside = set(session.selection.ids)
+    session.selection.select((ROAD,))
+    drag_over(tool, session, snapshot, shift=True)
+    assert set(session.selection.ids) == inside | {ROAD}
+    drag_over(tool, session, snapshot, ctrl=True)
+    assert session.selection.ids == (ROAD,)
+    session.actions.run("select.all")
+    drag_over(tool, session, snapshot, shift=True, ctrl=True)
+    assert set(session.selection.ids) == inside
 
 
 def test_an_empty_region_clears_or_keeps_as_its_mode_says(session, tools, snapshot):
@@ -106,27 +105,27 @@ def test_an_empty_region_clears_or_keeps_as_its_mode_says(session, tools, snapsh
     for keys, left in (({"shift": True}, 1), ({"ctrl": True}, 1), ({"shift": True, "ctrl": True}, 0), ({}, 0)):
         for splats in (False, True):
             session.state.region_splats = splats
-            session.select((FIRST_CAR,))
+            session.selection.select((FIRST_CAR,))
             tool.drag((1.0, 1.0), (1.2, 1.2))
             tool.release(Click(1.2, 1.2, **keys), snapshot)
-            assert len(session.selected) == left, (keys, splats)
+            assert len(session.selection.ids) == left, (keys, splats)
 
 
 def test_splats_through_everything_or_visible_ones_only(session, tools, snapshot):
-    session.commands.run("tool.single_splats")
+    session.actions.run("tool.single_splats")
     tool = tools["rectangle"]
-    dragged(tool, session, snapshot)
-    visible = set(selected_rows(session))
-    session.commands.run("tool.visible_only")
-    dragged(tool, session, snapshot)
-    everything = set(selected_rows(session))
+    drag_over(tool, session, snapshot)
+    visible = set(find_selected_rows(session))
+    session.actions.run("tool.visible_only")
+    drag_over(tool, session, snapshot)
+    everything = set(find_selected_rows(session))
     assert visible < everything
     low, high = car_box(session, snapshot)
-    means, _ = shown_means(session.document, snapshot.time)
+    means, _ = compute_shown_means(session.document, snapshot.time)
     pixels, _ = snapshot.camera.project(means[list(everything)])
     assert (pixels >= np.floor(low) - 1).all()
     assert (pixels <= np.ceil(high) + 1).all()
-    session.commands.run("tool.whole_instances")
+    session.actions.run("tool.whole_instances")
     assert not session.state.region_splats
 
 
@@ -137,7 +136,7 @@ def test_a_lasso_follows_the_pointer_and_skips_jitter(session, tools, snapshot):
         tool.drag((left, bottom), (x, y))
     assert len(tool.outline) == 4
     tool.release(Click(left, top), snapshot)
-    assert FIRST_CAR + 1 in session.selected
+    assert FIRST_CAR + 1 in session.selection.ids
     tool.drag((0, 0), (50, 50))
     tool.cancel()
     assert tool.outline == ()
@@ -149,49 +148,49 @@ def test_a_lasso_follows_the_pointer_and_skips_jitter(session, tools, snapshot):
 def test_every_tool_has_a_command_and_takes_itself_in_hand(session, tools):
     assert set(tools) == {record.name for record in TOOLS}
     for record in TOOLS:
-        assert session.commands.run(f"tool.{record.name}")
+        assert session.actions.run(f"tool.{record.name}")
         assert session.state.tool == record.name
-        assert session.commands[f"tool.{record.name}"].checked()
-        assert all(session.commands[option].icon for option in tools[record.name].options)
+        assert session.actions[f"tool.{record.name}"].checked()
+        assert all(session.actions[option].icon for option in tools[record.name].options)
 
 
 def test_delete_takes_the_selected_splats_only(session):
     car = np.flatnonzero(session.document.scene.instance_ids == FIRST_CAR)
-    session.select((FIRST_CAR,))
-    session.commands.run("edit.delete")
+    session.selection.select((FIRST_CAR,))
+    session.actions.run("edit.delete")
     assert session.document.history.edits[-1].title == f"Delete instance {FIRST_CAR}"
-    session.undo()
-    session.commands.run("select.shrink")
-    kept = set(car) - set(selected_rows(session))
+    session.history.undo()
+    session.actions.run("select.shrink")
+    kept = set(car) - set(find_selected_rows(session))
     assert 0 < len(kept) < len(car)
-    session.commands.run("edit.delete")
+    session.actions.run("edit.delete")
     assert set(car[session.document.state.flags[car] == 0]) == kept
-    session.undo()
-    assert not session.document.state.mask(Flag.DELETED).any()
+    session.history.undo()
+    assert not session.document.state.find_mask(Flag.DELETED).any()
 
 
-def orphaned(session):
+def orphan_splats(session):
     """Take a car's splats out of their instance and select them."""
-    session.select((FIRST_CAR + 1,))
-    rows = selected_rows(session)
+    session.selection.select((FIRST_CAR + 1,))
+    rows = find_selected_rows(session)
     session.document.apply(ReassignSelected(0))
     session.document.apply(SelectRows(rows))
-    assert session.selected == ()
+    assert session.selection.ids == ()
     return rows
 
 
 def test_splats_of_no_instance_can_be_deselected_and_deleted(session):
-    rows = orphaned(session)
-    session.commands.run("select.none")
-    assert not session.has_selection
-    session.undo()
-    session.commands.run("edit.delete")
-    assert session.document.state.rows_with(Flag.DELETED).tolist() == rows.tolist()
+    rows = orphan_splats(session)
+    session.actions.run("select.none")
+    assert session.selection.is_empty
+    session.history.undo()
+    session.actions.run("edit.delete")
+    assert session.document.state.find_rows(Flag.DELETED).tolist() == rows.tolist()
 
 
 def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
-    rows = orphaned(session)
-    renderer = Renderer(gl, session.document)
+    rows = orphan_splats(session)
+    renderer = GlRenderer(gl, session.document)
     asked = replace(snapshot, draft=False)
     try:
         renderer.render(asked)
@@ -204,37 +203,37 @@ def test_splats_of_no_instance_are_outlined(gl, session, snapshot):
 
 
 def test_growing_and_inverting_by_command(session):
-    session.select((FIRST_CAR,))
-    before = len(selected_rows(session))
-    assert session.commands.run("select.grow")
-    assert len(selected_rows(session)) > before
-    session.undo()
-    assert session.commands.run("select.invert")
-    assert len(selected_rows(session)) == len(session.document.scene) - before
-    session.commands.run("select.none")
-    assert not session.commands.run("select.grow"), "nothing to grow"
+    session.selection.select((FIRST_CAR,))
+    before = len(find_selected_rows(session))
+    assert session.actions.run("select.grow")
+    assert len(find_selected_rows(session)) > before
+    session.history.undo()
+    assert session.actions.run("select.invert")
+    assert len(find_selected_rows(session)) == len(session.document.scene) - before
+    session.actions.run("select.none")
+    assert not session.actions.run("select.grow"), "nothing to grow"
 
 
 def test_a_selection_extends_to_its_classes(session):
     table = session.document.scene.table
-    session.select((FIRST_CAR, 30))
-    assert session.commands.run("select.class")
-    assert set(session.selected) == {i.id for i in table if i.class_name in ("Car", "Tree")}
+    session.selection.select((FIRST_CAR, 30))
+    assert session.actions.run("select.class")
+    assert set(session.selection.ids) == {i.id for i in table if i.class_name in ("Car", "Tree")}
     assert session.document.history.edits[-1].title == "Select classes Car, Tree"
     session.document.apply(MergeInstances((FIRST_CAR, FIRST_CAR + 1), FIRST_CAR))
-    session.select((FIRST_CAR,))
-    session.commands.run("select.class")
-    assert FIRST_CAR + 2 in session.selected
+    session.selection.select((FIRST_CAR,))
+    session.actions.run("select.class")
+    assert FIRST_CAR + 2 in session.selection.ids
 
 
 def test_dashes_cover_half_of_the_line_and_march():
     outline = ((0.0, 0.0), (100.0, 0.0), (100.0, 60.0))
     length = 160 + np.hypot(100, 60)
     for shift in (0.0, 3.0, 1234.5):
-        pieces = dashes(outline, shift)
+        pieces = compute_dashes(outline, shift)
         lengths = np.hypot(pieces[:, 2] - pieces[:, 0], pieces[:, 3] - pieces[:, 1])
         assert lengths.max() <= DASH + 1e-9
         assert lengths.sum() == pytest.approx(length / 2, abs=DASH)
-    first, later = dashes(outline, 0.0), dashes(outline, 1.0)
+    first, later = compute_dashes(outline, 0.0), compute_dashes(outline, 1.0)
     assert first[1].tolist() == [10, 0, 15, 0]
     assert [11, 0, 16, 0] in later.tolist()

@@ -65,7 +65,7 @@ def test_of_several_files_the_first_is_opened_and_the_others_are_told(empty_wind
         assert source.drop([files / name for name in ("notes.txt", HARD_NAME, "van.ply", "car.ply")], PLACE)
         empty_window.wait_for_message(f"Opened {HARD_NAME}")
         state = empty_window.wait_for_message("Left out: van.ply and car.ply")
-        assert "notes.txt is no scene or project that can be opened" in state["messages"]
+        assert "notes.txt is not a scene or project that can be opened" in state["messages"]
         assert empty_window.quit() == 0
 
 
@@ -110,10 +110,10 @@ def test_several_files_are_inserted_side_by_side_and_what_cannot_be_is_told(wind
 
 def test_what_cannot_be_opened_is_told_and_the_window_lives(window, source, files):
     expected = {
-        files / "notes.txt": "notes.txt is no scene or project",
-        files / "empty folder": "The folder empty folder holds no scene",
-        files / "nothing.ply": f"{files / 'nothing.ply'} cannot be found",
-        files / ("x" * 300 + ".ply"): "x.ply cannot be found",
+        files / "notes.txt": "notes.txt is not a scene or project",
+        files / "empty folder": "The folder empty folder contains no scene",
+        files / "nothing.ply": f"{files / 'nothing.ply'} was not found",
+        files / ("x" * 300 + ".ply"): "x.ply was not found",
         files / "caf\udce9.ply": "caf\ufffd.ply cannot be opened: its path is not UTF-8 text",
     }
     for path, told in expected.items():
@@ -133,7 +133,7 @@ def test_what_cannot_be_opened_is_told_and_the_window_lives(window, source, file
 
 
 def test_paths_that_are_typed_or_listed_may_be_odd_too(window, tmp_path):
-    """As those that are dropped."""
+    """Names that are dropped may be odd; so may these."""
     for name in (HARD_NAME, "caf\udce9.ply"):
         (tmp_path / name).touch()
     window.key("ctrl+o")

@@ -15,7 +15,7 @@ RED_CAR, BLUE_CAR = FIRST_CAR, FIRST_CAR + 1
 
 
 @pytest.fixture
-def opened(tmp_path):
+def open_window(tmp_path):
     """A function that opens the editor on a path; all editors share one state folder."""
     drivers = []
 
@@ -62,7 +62,7 @@ def test_save_reopen_and_go_on_undoing(opened, street_folder, tmp_path):
     again.click_widget("question.Save")
     assert again.wait_for_end() == 0
     document, _ = open_document(project)
-    assert RED_CAR in document.visible_instances()
+    assert RED_CAR in document.find_visible_instances()
     assert document.history.edits, "what was undone can be redone"
 
 

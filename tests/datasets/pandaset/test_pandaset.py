@@ -31,7 +31,7 @@ from small_clip import (
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError, OptionError, UntrustedDataError
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.track import find_points_inside
 
 ALL = "front_camera,back_camera"
 
@@ -63,8 +63,8 @@ def test_frames_are_the_photos_there_are_ordered_by_step(root):
     assert clip.camera_names == ("front_camera", "back_camera")
     assert [frame.key for frame in clip.frames[:3]] == ["front_camera/02", "back_camera/02", "front_camera/03"]
     assert len(clip.frames) == 2 * len(STEPS)
-    assert {frame.view.index for frame in clip.held_out_frames()} == {4}
-    assert {frame.view.index for frame in clip.training_frames()} == set(STEPS) - {4}
+    assert {frame.view.index for frame in clip.held_out_frames} == {4}
+    assert {frame.view.index for frame in clip.training_frames} == set(STEPS) - {4}
     assert clip.frames[0].view.time == pytest.approx(0.2, abs=1e-6), "since the first listed step, not the first photo"
     assert clip.name == "clip"
 
@@ -105,7 +105,7 @@ def test_the_recording_car_is_invalid_in_the_back_camera(root):
 def test_sweeps_are_in_float32_around_the_origin(root):
     clip = load(root)
     assert [sweep.index for sweep in clip.sweeps] == list(LIDAR_STEPS)
-    assert [sweep.index for sweep in clip.training_sweeps()] == [2, 6]
+    assert [sweep.index for sweep in clip.training_sweeps] == [2, 6]
     sweep = clip.sweeps[0].load()
     expected, classes, sensors = sweep_at(2)
     assert sweep.points.dtype == np.float32
@@ -235,7 +235,7 @@ def test_an_empty_frame_range_is_refused(root):
 
 
 def test_a_folder_that_is_no_clip_is_refused(tmp_path):
-    with pytest.raises(DataError, match="the folder 'camera' is missing"):
+    with pytest.raises(DataError, match=r"is no driving clip of a known layout.*PandaSet: folders 'camera'"):
         load(tmp_path)
     (tmp_path / "camera").mkdir()
     with pytest.raises(DataError, match="no timestamps"):
@@ -295,7 +295,9 @@ def test_a_camera_without_photos_is_left_out_and_said(root, caplog):
         clip = load(root)
     assert clip.camera_names == ("front_camera",)
     assert {frame.view.name for frame in clip.frames} == {"front_camera"}
-    assert "back_camera: no photo of the chosen frames; going on without it" in caplog.text
+    note = "back_camera has no photo of the chosen frames; going on without it"
+    assert note in caplog.text
+    assert note in clip.notes
 
 
 @pytest.mark.parametrize("name", ["05.jpg", "05.png"])
@@ -362,9 +364,9 @@ def test_hostile_cuboids_stop_the_loader(root):
 def test_the_real_clip(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions())
     assert len(clip.frames) == 180
-    assert len(clip.training_frames()) == 162
-    assert [sweep.index for sweep in clip.sweeps] == list(range(30, 56, 2))
-    assert {sweep.index for sweep in clip.sweeps} - {sweep.index for sweep in clip.training_sweeps()} == {34, 44, 54}
+    assert len(clip.training_frames) == 162
+    assert [sweep.index for sweep in clip.sweeps] == list(range(30, 56))
+    assert {sweep.index for sweep in clip.sweeps} - {sweep.index for sweep in clip.training_sweeps} == {34, 44, 54}
     assert clip.frames[0].view.camera.width == 480
     assert clip.frames[0].view.time == pytest.approx(3.0, abs=0.01)
     assert sum(track.moving for track in clip.tracks) >= 20
@@ -378,7 +380,9 @@ def test_boxes_of_the_real_clip_hold_the_points_of_their_class(pandaset_clip):
     inside = np.zeros(len(sweep.points), bool)
     for track in clip.tracks:
         if track.label == "Car":
-            inside |= points_inside(sweep.points, track.pose_at(clip.sweeps[0].time), track.dimensions, 0.1)
+            inside |= find_points_inside(
+                sweep.points, track.interpolate_pose(clip.sweeps[0].time), track.dimensions, 0.1
+            )
     assert inside[(sweep.classes == 13) & (sweep.sensor == 0)].mean() > 0.8
     assert inside[sweep.classes == 41].mean() < 0.01
 

@@ -14,16 +14,16 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.datasets.synthetic import StreetConfig, write_street
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
-from instdrive_core.datasets.synthetic.sensors.render import subsample_directions
+from instdrive_core.datasets.synthetic.sensors.render import compute_subsample_directions
 from instdrive_core.datasets.synthetic.world.layout import build_street
-from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, beam_elevations
+from instdrive_core.datasets.synthetic.world.rig import CAMERAS, EGO_HEIGHT, compute_beam_elevations
 from instdrive_core.datasets.synthetic.world.street import Street
-from instdrive_core.datasets.synthetic.write import STEP_SECONDS, ego_pose
+from instdrive_core.datasets.synthetic.write import STEP_SECONDS, compute_ego_pose
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.files.restricted_pickle import read_pickle
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.scene.camera import Camera
-from instdrive_core.scene.track import points_inside
+from instdrive_core.scene.track import find_points_inside
 
 CONFIG = StreetConfig(seed=3, steps=3, width=192, height=108, lidar_azimuths=500)
 STANDARD = StreetConfig(seed=7)
@@ -138,15 +138,15 @@ def test_a_seed_gives_the_same_files_and_another_seed_others(tmp_path: Path) -> 
 def test_poses_put_every_camera_where_the_rig_has_it(clip: Path, street: Street) -> None:
     world = street.world_from_street()
     for step in range(CONFIG.steps):
-        ego = world @ ego_pose(street, step * STEP_SECONDS)
+        ego = world @ compute_ego_pose(street, step * STEP_SECONDS)
         for rig_camera in CAMERAS:
-            expected = rig_camera.posed(ego, CONFIG.width, CONFIG.height)
+            expected = rig_camera.place(ego, CONFIG.width, CONFIG.height)
             actual = camera_of(clip, rig_camera.name, step)
             np.testing.assert_allclose(actual.world_from_camera, expected.world_from_camera, atol=1e-9)
             np.testing.assert_allclose(actual.intrinsics, expected.intrinsics)
             above_road = actual.position[2] - ego[2, 3] + EGO_HEIGHT
             assert 1.8 < above_road < 2.3
-    np.testing.assert_allclose((world @ ego_pose(street, 0.0))[:3, 3], 0, atol=1e-9)
+    np.testing.assert_allclose((world @ compute_ego_pose(street, 0.0))[:3, 3], 0, atol=1e-9)
 
 
 def test_intrinsics_are_the_real_ones_scaled(clip: Path, pandaset_clip: Path) -> None:
@@ -164,7 +164,7 @@ def seen_from(rays: RayScene, camera: Camera, points: np.ndarray) -> np.ndarray:
     distance = np.linalg.norm(offset, axis=1)
     directions = (offset / distance[:, None]).astype(np.float32)
     origins = np.repeat(camera.position[None].astype(np.float32), len(points), axis=0)
-    return np.abs(rays.first_hits(origins, directions).distances - distance) < 0.15
+    return np.abs(rays.find_first_hits(origins, directions).distances - distance) < 0.15
 
 
 def test_pixel_labels_agree_with_lidar_labels_where_the_camera_sees_the_points(clip: Path, street: Street) -> None:
@@ -177,7 +177,7 @@ def test_pixel_labels_agree_with_lidar_labels_where_the_camera_sees_the_points(c
         pixels, depth = camera_of(clip, rig_camera.name, 1).project(points)
         column, row = np.floor(pixels).astype(int).T
         inside = (depth > 0.5) & (column >= 0) & (column < CONFIG.width) & (row >= 0) & (row < CONFIG.height)
-        posed = rig_camera.posed(ego_pose(street, 1 * STEP_SECONDS), CONFIG.width, CONFIG.height)
+        posed = rig_camera.place(compute_ego_pose(street, 1 * STEP_SECONDS), CONFIG.width, CONFIG.height)
         chosen = np.flatnonzero(inside)
         chosen = chosen[seen_from(rays, posed, local[chosen])]
         label_map = np.asarray(Image.open(clip / "labels" / rig_camera.name / "01.png"))
@@ -267,7 +267,7 @@ def test_sweeps_are_noisy_returns_of_64_beams_within_range(clip: Path) -> None:
     ranges = np.linalg.norm(local, axis=1)
     elevations = np.arcsin(local[:, 2] / ranges)
     assert ranges.max() < 120.2
-    assert np.abs(elevations[:, None] - beam_elevations()).min(axis=1).max() < 1e-3
+    assert np.abs(elevations[:, None] - compute_beam_elevations()).min(axis=1).max() < 1e-3
     assert table["i"].min() >= 0
     assert 20 < table["i"].std() < 100
     assert table["i"].max() <= 255
@@ -281,10 +281,10 @@ def pixels_per_instance(street: Street, times: tuple[float, ...]) -> dict[int, i
         geometry = street.geometry(time)
         rays = RayScene(geometry.mesh.corners)
         for rig_camera in CAMERAS:
-            camera = rig_camera.posed(ego_pose(street, time), 160, 90)
-            directions = subsample_directions(camera, slice(0, 90))
+            camera = rig_camera.place(compute_ego_pose(street, time), 160, 90)
+            directions = compute_subsample_directions(camera, slice(0, 90))
             origins = np.repeat(camera.position[None].astype(np.float32), len(directions), axis=0)
-            triangles = rays.first_hits(origins, directions).triangles
+            triangles = rays.find_first_hits(origins, directions).triangles
             ids, pixels = np.unique(geometry.instances[triangles[triangles >= 0]], return_counts=True)
             for key, count in zip(ids.tolist(), pixels.tolist(), strict=True):
                 counts[key] = counts.get(key, 0) + count
@@ -313,7 +313,7 @@ def test_vehicles_keep_clear_of_each_other(street: Street) -> None:
         for actor, pose in zip(vehicles, poses, strict=True):
             outline = corners * actor.dimensions @ pose[:3, :3].T + pose[:3, 3]
             others = [(other, box) for other, box in zip(vehicles, poses, strict=True) if other is not actor]
-            assert not any(points_inside(outline, box, other.dimensions).any() for other, box in others)
+            assert not any(find_points_inside(outline, box, other.dimensions).any() for other, box in others)
 
 
 def test_refuses_a_folder_that_holds_something(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.insert import InsertScene
 from instdrive_core.edits.kinds.move import MoveInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
 from instdrive_core.scene.row_buffers import RowBuffers
@@ -33,19 +33,21 @@ def test_a_duplicate_is_coloured_and_moved_as_its_original():
     document = Document(random_scene())
     document.apply(RecolorInstances((2,), "solid", (1.0, 0.0, 0.0)))
     document.apply(MoveInstances((2,), (1.0, 0.0, 0.0), rotation=(0.7, 0.0, 0.0, 0.7)))
-    rows = document.rows_of((2,))
+    rows = document.find_rows((2,))
     document.apply(DuplicateInstances((2,), (0.0, 5.0, 0.0)))
     copies = np.arange(200, 200 + len(rows))
-    np.testing.assert_array_equal(document.rows_of((9,)), copies)
+    np.testing.assert_array_equal(document.find_rows((9,)), copies)
     table = document.scene.table
     assert (table[9].name, table[9].count, table[9].codeword) == ("a b\\n (9)", len(rows), table[2].codeword)
-    np.testing.assert_allclose(document.means_of(copies), document.means_of(rows) + np.float32([0, 5, 0]), atol=1e-5)
-    result = baked(document).gaussians
+    np.testing.assert_allclose(
+        document.compute_means(copies), document.compute_means(rows) + np.float32([0, 5, 0]), atol=1e-5
+    )
+    result = bake_document(document).gaussians
     np.testing.assert_array_equal(result.sh_dc[copies], result.sh_dc[rows])
     np.testing.assert_allclose(result.sh_rest[copies], result.sh_rest[rows], atol=1e-7)
     np.testing.assert_array_equal(result.quats[copies], result.quats[rows])
     document.apply(DeleteInstances((2,)))
-    assert document.instance_flags(9).drawn == len(rows)
+    assert document.summarize_instance(9).drawn == len(rows)
     for _ in range(4):
         document.undo()
     untouched(document)
@@ -57,7 +59,7 @@ def test_a_duplicated_actor_drives_a_track_of_its_own():
     old, new = document.scene.actors[0], document.scene.actors[2]
     assert new.id == "actor-0 copy"
     np.testing.assert_allclose(new.world_from_box[:, :3, 3], old.world_from_box[:, :3, 3] + [0, 5, 0])
-    copies = document.rows_of((10,)) if document.scene.table[10].node else document.rows_of((9,))
+    copies = document.find_rows((10,)) if document.scene.table[10].node else document.find_rows((9,))
     assert (document.scene.nodes[copies] == 3).all()
     assert not document.transforms.indices[copies].any(), "the track carries the shift"
     document.apply(DuplicateInstances((7,)))
@@ -89,7 +91,7 @@ def test_another_scene_is_inserted_under_new_ids():
     assert not scene.gaussians.sh_rest[rows][:, 3:].any()
     still = other.nodes == 0
     np.testing.assert_allclose(
-        document.means_of(rows[still]), other.gaussians.means[still] + np.float32([0, 0, 1]), atol=1e-6
+        document.compute_means(rows[still]), other.gaussians.means[still] + np.float32([0, 0, 1]), atol=1e-6
     )
     np.testing.assert_array_equal(scene.extra["confidence"][rows], other.extra["confidence"])
     document.undo()
@@ -126,21 +128,21 @@ def test_a_bare_file_becomes_one_instance_that_can_be_moved():
 def test_buffers_grow_in_place_and_never_write_into_foreign_memory():
     buffers, foreign = RowBuffers(), np.arange(20.0)
     view = foreign[:8]
-    first = buffers.extended("x", view, np.array([1.0]))
+    first = buffers.extend("x", view, np.array([1.0]))
     np.testing.assert_array_equal(foreign, np.arange(20.0))
-    second = buffers.extended("x", first, np.array([2.0]))
+    second = buffers.extend("x", first, np.array([2.0]))
     assert np.shares_memory(first, second)
     np.testing.assert_array_equal(second, [*range(8), 1, 2])
-    third = buffers.extended("x", second, np.arange(50.0))
+    third = buffers.extend("x", second, np.arange(50.0))
     assert not np.shares_memory(second, third)
     np.testing.assert_array_equal(third[8:12], [1, 2, 0, 1])
-    other = buffers.extended("x", third[:3].copy(), np.array([7.0]))
+    other = buffers.extend("x", third[:3].copy(), np.array([7.0]))
     np.testing.assert_array_equal(other, [0, 1, 2, 7])
 
 
 def test_dirty_rows_never_reach_beyond_the_last_row():
     document = Document(random_scene())
-    readers = [part.dirty_reader() for part in (document.state, document.colors, document.transforms)]
+    readers = [part.create_dirty_reader() for part in (document.state, document.colors, document.transforms)]
     for reader in readers:
         reader.take()
     document.apply(DuplicateInstances((2,)))

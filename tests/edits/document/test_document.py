@@ -7,11 +7,12 @@ import pytest
 from document_snapshot import snapshot
 from random_scene import random_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.classes import SetInstanceClass
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteRows, DeleteSelected
+from instdrive_core.edits.kinds.merge import MergeInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectCodeword, SelectInstances, SelectNone
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances, ShowAll
 from instdrive_core.edits.serialize import edit_from_json
@@ -25,7 +26,7 @@ def document():
 
 
 def flagged(document, flag):
-    return set(document.state.rows_with(flag).tolist())
+    return set(document.state.find_rows(flag).tolist())
 
 
 def rows(document, *ids):
@@ -39,20 +40,20 @@ def test_selecting_replaces_adds_and_removes(document):
     document.apply(SelectInstances((2,)))
     assert flagged(document, Flag.SELECTED) == rows(document, 2)
     document.apply(SelectInstances((3, 1), "add"))
-    assert document.selected_instances() == (1, 2, 3)
+    assert document.find_selected_instances() == (1, 2, 3)
     document.apply(SelectInstances((2,), "remove"))
-    assert document.selected_instances() == (1, 3)
+    assert document.find_selected_instances() == (1, 3)
     document.apply(SelectInstances((4,)))
-    assert document.selected_instances() == (4,)
+    assert document.find_selected_instances() == (4,)
     document.apply(SelectNone())
-    assert document.selected_instances() == ()
+    assert document.find_selected_instances() == ()
 
 
 def test_codeword_selection_crosses_instances(document):
     document.apply(SelectCodeword(11))
     carriers = np.flatnonzero(document.scene.codewords == 11)
     assert flagged(document, Flag.SELECTED) == set(carriers.tolist())
-    assert len(document.selected_instances()) > 1
+    assert len(document.find_selected_instances()) > 1
     with pytest.raises(EditError, match="codeword 999"):
         document.apply(SelectCodeword(999))
 
@@ -62,9 +63,9 @@ def test_hidden_locked_and_deleted_splats_are_not_selected(document):
     document.apply(LockInstances((2,)))
     document.apply(DeleteInstances((3,)))
     document.apply(SelectInstances((1, 2, 3, 4)))
-    assert document.selected_instances() == (4,)
+    assert document.find_selected_instances() == (4,)
     document.apply(HideInstances((4,)))
-    assert document.selected_instances() == (), "what is hidden leaves the selection"
+    assert document.find_selected_instances() == (), "what is hidden leaves the selection"
 
 
 def test_selecting_the_same_again_is_no_step(document):
@@ -120,10 +121,10 @@ def test_locked_instances_are_spared(document):
 
 def test_hide_show_and_show_all(document):
     document.apply(HideInstances((1, 2)))
-    assert set(document.visible_instances()) == {3, 4, 5, 6, 7, 8}
+    assert set(document.find_visible_instances()) == {3, 4, 5, 6, 7, 8}
     document.apply(HideInstances((1,), False))
-    assert document.instance_flags(2).is_hidden
-    assert not document.instance_flags(1).is_hidden
+    assert document.summarize_instance(2).is_hidden
+    assert not document.summarize_instance(1).is_hidden
     document.apply(ShowAll())
     assert document.state.drawn.all()
 
@@ -183,11 +184,11 @@ def test_a_slider_drag_is_one_step(document):
 
 
 def test_rename_and_class(document):
-    version = document.table_version
+    version = document.versions.table
     document.apply(RenameInstance(3, " tram "))
     document.apply(SetInstanceClass(3, "Rail"))
     assert (document.scene.table[3].name, document.scene.table[3].class_name) == ("tram", "Rail")
-    assert document.table_version == version + 2
+    assert document.versions.table == version + 2
     document.undo()
     document.undo()
     assert document.scene.table[3].name == "instance 3"
@@ -200,7 +201,7 @@ def test_merge_gives_all_splats_to_one(document):
     before, union = snapshot(document), rows(document, 1, 2, 3)
     document.apply(MergeInstances((1, 2, 3), 2))
     assert rows(document, 2) == union
-    assert set(document.rows_of([2]).tolist()) == union
+    assert set(document.find_rows([2]).tolist()) == union
     assert document.scene.table[2].count == len(union)
     assert 1 not in document.scene.table
     means = document.scene.gaussians.means[sorted(union)]
@@ -209,7 +210,7 @@ def test_merge_gives_all_splats_to_one(document):
         document.apply(SelectInstances((1,)))
     document.undo()
     assert snapshot(document) == before
-    assert set(document.rows_of([1]).tolist()) == rows(document, 1)
+    assert set(document.find_rows([1]).tolist()) == rows(document, 1)
 
 
 def test_merging_across_tracks_is_refused(document):
@@ -226,33 +227,33 @@ def test_unknown_instances_are_named(document):
             document.apply(edit)
     assert document.history.cursor == 0
     with pytest.raises(EditError, match="77"):
-        document.instance_flags(77)
+        document.summarize_instance(77)
 
 
 def test_summaries_count_splats(document):
     document.apply(SelectInstances((1,)))
     document.state.change(np.array(sorted(rows(document, 1)))[:3], Flag.HIDDEN, True)
-    summary = document.instance_flags(1)
+    summary = document.summarize_instance(1)
     count = len(rows(document, 1))
     assert (summary.count, summary.hidden, summary.selected, summary.drawn) == (count, 3, count, count - 3)
     assert summary.selected > 0
     assert not summary.is_hidden
     document.apply(DeleteInstances((1,)))
-    summary = document.instance_flags(1)
+    summary = document.summarize_instance(1)
     assert summary.is_deleted
     assert not any((summary.is_hidden, summary.is_locked, summary.selected))
 
 
 def test_versions_rise_only_with_changes(document):
-    versions = (document.state.version, document.colors.version, document.table_version)
+    versions = (document.versions.states, document.versions.colors, document.versions.table)
     document.apply(SelectInstances((1,)))
-    assert document.state.version > versions[0]
-    assert (document.colors.version, document.table_version) == versions[1:]
+    assert document.versions.states > versions[0]
+    assert (document.versions.colors, document.versions.table) == versions[1:]
     document.apply(RecolorInstances((1,), "solid", (1.0, 0.0, 0.0)))
-    assert document.colors.version > versions[1]
-    version = document.colors.version
+    assert document.versions.colors > versions[1]
+    version = document.versions.colors
     document.undo()
-    assert document.colors.version > version
+    assert document.versions.colors > version
 
 
 def test_edits_remember_only_what_they_touch():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, parked_street
 
-from instdrive_core.edits.deletion_report import deletion_report, deletion_report_of_rows
+from instdrive_core.edits.deletion_report import report_deletion, report_row_deletion
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.holes.ground_grid import GroundGrid
-from instdrive_core.edits.holes.kept_footprint import under_kept
+from instdrive_core.edits.holes.kept_footprint import find_kept_footprint
 from instdrive_core.edits.kinds.delete import DeleteSelected
 from instdrive_core.edits.kinds.select_rows import SelectRows
 
@@ -32,19 +32,19 @@ def street(request):
 @pytest.mark.parametrize("cut", UNCOVERED)
 def test_only_what_the_deleted_part_stood_on_is_a_hole(street, cut):
     document = Document(deepcopy(street.scene))
-    whole = deletion_report(document, (CAR,), 0.0).hole_area
+    whole = report_deletion(document, (CAR,), 0.0).hole_area
     takes, share = UNCOVERED[cut]
-    rows = document.rows_of((CAR,))
-    offsets = document.means_of(rows) - CAR_CENTER - [0, 0, 0.02 * CAR_CENTER[1]]
+    rows = document.find_rows((CAR,))
+    offsets = document.compute_means(rows) - CAR_CENTER - [0, 0, 0.02 * CAR_CENTER[1]]
     deleted = rows[takes(offsets)]
-    before = deletion_report_of_rows(document, deleted, 0.0)
+    before = report_row_deletion(document, deleted, 0.0)
     document.apply(SelectRows(deleted))
     document.apply(DeleteSelected())
-    report = deletion_report_of_rows(document, deleted, 0.0)
+    report = report_row_deletion(document, deleted, 0.0)
     assert report.hole_area == pytest.approx(share * whole, abs=0.25 * whole if share else 0.01)
     assert report.hole_area == before.hole_area, "what is reported before a deletion is what is found after it"
     if 0 < share < 1:
-        cells = np.abs(report.hole.grid.centers(report.hole.cells) - CAR_CENTER[:2])
+        cells = np.abs(report.hole.grid.compute_centers(report.hole.cells) - CAR_CENTER[:2])
         inside = (cells < CAR_SIZE[:2] / 2).all(axis=1)
         assert inside.mean() > 0.7
 
@@ -55,17 +55,17 @@ def box(low, high, count=400, seed=0):
 
 def test_pieces_are_covered_one_by_one_and_only_where_they_stand():
     front, back = box([-2, -1, 0], [-1, 1, 1]), box([1, -1, 0], [2, 1, 1])
-    under = under_kept([np.concatenate([front, back])], GRID)
-    places = GRID.centers(np.argwhere(under))
+    under = find_kept_footprint([np.concatenate([front, back])], GRID)
+    places = GRID.compute_centers(np.argwhere(under))
     assert np.count_nonzero(under) * GRID.size**2 == pytest.approx(4.0, rel=0.35)
     assert (np.abs(places[:, 0]) > 0.8).all(), "nothing stands between the pieces"
     floating = box([-2, -1, 0.6], [2, 1, 0.9])
-    assert not under_kept([floating], GRID).any()
-    assert not under_kept([box([-2, -1, 1.2], [2, 1, 1.5]), np.zeros((0, 3))], GRID).any()
+    assert not find_kept_footprint([floating], GRID).any()
+    assert not find_kept_footprint([box([-2, -1, 1.2], [2, 1, 1.5]), np.zeros((0, 3))], GRID).any()
 
 
 def test_scraps_without_an_outline_cover_their_own_cells():
-    assert np.count_nonzero(under_kept([np.array([[0.1, 0.1, 0.1]])], GRID)) == 1
+    assert np.count_nonzero(find_kept_footprint([np.array([[0.1, 0.1, 0.1]])], GRID)) == 1
     row = np.c_[np.linspace(-1, 1, 30), np.full(30, 0.1), np.full(30, 0.1)]
-    assert np.count_nonzero(under_kept([row], GRID)) >= 10
-    assert not under_kept([np.array([[900.0, 0.1, 0.1]])], GRID).any()
+    assert np.count_nonzero(find_kept_footprint([row], GRID)) >= 10
+    assert not find_kept_footprint([np.array([[900.0, 0.1, 0.1]])], GRID).any()

@@ -8,18 +8,19 @@ import pytest
 from parked_street import CAR, CAR_CENTER, CAR_SIZE, KERB, parked_street
 from random_scene import assert_same_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances
-from instdrive_core.edits.deletion_report import deletion_report
+from instdrive_core.edits.deletion_report import report_deletion
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import fingerprint, frozen_copy
-from instdrive_core.edits.holes.inpainting import source_cells
+from instdrive_core.edits.document.fingerprint import CONTENT, fingerprint
+from instdrive_core.edits.document.frozen_copy import freeze_document
+from instdrive_core.edits.holes.inpainting import choose_source_cells
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
 from instdrive_core.edits.kinds.fill_hole import FillHole
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import SelectInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.edits.serialize import edit_from_json
 from instdrive_core.errors import EditError
 from instdrive_core.formats.registry import open_scene, save_scene
@@ -34,7 +35,7 @@ def emptied(street):
     document = Document(deepcopy(street.scene))
     document.apply(DeleteInstances((CAR,)))
     document.apply(AbsorbFloaters(CAR))
-    return document, deletion_report(document, (CAR,), 0.0)
+    return document, report_deletion(document, (CAR,), 0.0)
 
 
 def psnr(scene, truth, mask, camera):
@@ -66,9 +67,9 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
     camera = Camera(260.0, 260.0, 160.0, 100.0, 320, 200, look_at(np.array(eye), CAR_CENTER - [0, 0, 0.7]))
     mask = place_of_car(camera)
     assert mask.sum() > 500
-    before = psnr(baked(document), street.empty, mask, camera)
-    document.apply(report.filling())
-    after = psnr(baked(document), street.empty, mask, camera)
+    before = psnr(bake_document(document), street.empty, mask, camera)
+    document.apply(report.make_fill_edit())
+    after = psnr(bake_document(document), street.empty, mask, camera)
     assert after > 30, (before, after)
     assert before < 15, (before, after)
 
@@ -76,30 +77,30 @@ def test_the_filled_street_looks_like_the_street_without_the_car(street, eye):
 def test_copies_lie_on_the_ground_in_its_colours(street):
     document, report = emptied(street)
     count = len(document.scene)
-    document.apply(report.filling())
+    document.apply(report.make_fill_edit())
     fill = document.scene.table[int(document.scene.instance_ids[count])]
     assert (fill.name, fill.class_name, fill.count) == ("fill of Car 7", "synthetic", len(document.scene) - count)
     rows = np.arange(count, len(document.scene))
-    means, colors = document.means_of(rows), color_from_dc(document.scene.gaussians.sh_dc[rows])
+    means, colors = document.compute_means(rows), color_from_dc(document.scene.gaussians.sh_dc[rows])
     road, pavement = means[:, 0] < 2.9, means[:, 0] > 3.1
     heights = means[:, 2] - 0.02 * means[:, 1]
     assert abs(np.median(heights[road])) < 0.03
     if pavement.any():
         assert abs(np.median(heights[pavement]) - KERB) < 0.05
     np.testing.assert_allclose(np.median(colors[road], axis=0), [0.33, 0.33, 0.35], atol=0.04)
-    left = deletion_report(document, (CAR,), 0.0).hole_area
+    left = report_deletion(document, (CAR,), 0.0).hole_area
     assert left < 0.05 * report.hole_area, "nothing much is left to be filled"
 
 
 def test_copies_are_marked_also_in_files(street, tmp_path):
     document, report = emptied(street)
     count = len(document.scene)
-    document.apply(report.filling())
+    document.apply(report.make_fill_edit())
     column = document.scene.extra["synthetic"]
     assert not column[:count].any()
     assert column[count:].all()
     for name in ("filled.ply", "filled"):
-        save_scene(tmp_path / name, baked(document))
+        save_scene(tmp_path / name, bake_document(document))
         again = open_scene(tmp_path / name)
         assert again.extra["synthetic"].sum() == len(column) - count
     fill = next(entry for entry in again.table if entry.class_name == "synthetic")
@@ -110,9 +111,9 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
     document, report = emptied(street)
     same, _ = emptied(street)
     state = same.state.flags.copy(), same.first_free_id
-    edit = report.filling(seed=3)
+    edit = report.make_fill_edit(seed=3)
     document.apply(edit)
-    assert document.state.mask(Flag.DELETED).sum() > (state[0] & Flag.DELETED > 0).sum(), "noise in the hole goes"
+    assert document.state.find_mask(Flag.DELETED).sum() > (state[0] & Flag.DELETED > 0).sum(), "noise in the hole goes"
     replayed, _ = emptied(street)
     replayed.apply(edit_from_json(json.loads(json.dumps(edit.to_json()))))
     assert_same_scene(replayed.scene, document.scene)
@@ -129,10 +130,10 @@ def test_undo_takes_everything_back_and_a_replay_does_the_same(street):
 
 def test_a_second_fill_keeps_the_column_of_the_first(street):
     document, report = emptied(street)
-    first = report.filling()
+    first = report.make_fill_edit()
     document.apply(first)
     count = len(document.scene)
-    document.apply(report.filling(seed=1))
+    document.apply(report.make_fill_edit(seed=1))
     assert document.scene.extra["synthetic"][count:].all()
     document.undo()
     assert len(document.scene.extra["synthetic"]) == count
@@ -144,8 +145,8 @@ def test_copies_wear_the_colour_of_recoloured_ground(street):
     document, report = emptied(street)
     document.apply(RecolorInstances((1,), "solid", (0.0, 0.0, 1.0)))
     count = len(document.scene)
-    document.apply(report.filling())
-    copied = np.isin(document.colors.indices[count:], np.unique(document.colors.indices[document.rows_of((1,))]))
+    document.apply(report.make_fill_edit())
+    copied = np.isin(document.colors.indices[count:], np.unique(document.colors.indices[document.find_rows((1,))]))
     assert copied.mean() > 0.5
 
 
@@ -154,7 +155,7 @@ def test_a_fill_without_ground_around_is_refused(street):
     document.apply(DeleteInstances((1, 2, 3)))
     count = len(document.scene)
     with pytest.raises(EditError, match="no ground"):
-        document.apply(report.filling())
+        document.apply(report.make_fill_edit())
     assert len(document.scene) == count
     assert "synthetic" not in document.scene.extra
 
@@ -186,51 +187,51 @@ def test_pieces_continue_what_runs_along_the_lane():
     hole = np.zeros((60, 30), bool)
     hole[25:35, 8:20] = True
     known = ~hole
-    sources = source_cells(np.where(hole[..., None], 0.5, values), known, hole, np.random.default_rng(0))
+    sources = choose_source_cells(np.where(hole[..., None], 0.5, values), known, hole, np.random.default_rng(0))
     assert (sources[~hole] == -1).all()
     cells = sources[hole]
     assert known[tuple(cells.T)].all()
     np.testing.assert_array_equal(values[tuple(cells.T)], values[hole])
-    assert source_cells(values, np.zeros_like(known), hole, np.random.default_rng(0)) is None
+    assert choose_source_cells(values, np.zeros_like(known), hole, np.random.default_rng(0)) is None
 
 
 def test_a_fill_prepared_beside_the_document_is_the_same_and_quick(street, monkeypatch):
     document, report = emptied(street)
     expected, _ = emptied(street)
-    expected.apply(report.filling())
-    frozen, edit = frozen_copy(document), report.filling()
+    expected.apply(report.make_fill_edit())
+    frozen, edit = freeze_document(document), report.make_fill_edit()
     document.apply(SelectInstances((1,)))
     edit.prepare(frozen)
     with monkeypatch.context() as patch:
-        patch.setattr("instdrive_core.edits.kinds.fill_hole.planned_filling", None)
+        patch.setattr("instdrive_core.edits.kinds.fill_hole.plan_fill", None)
         document.apply(edit)
         document.undo()
         document.redo()
     np.testing.assert_array_equal(document.scene.gaussians.means, expected.scene.gaussians.means)
     late, _ = emptied(street)
-    edit = report.filling()
-    edit.prepare(frozen_copy(late))
+    edit = report.make_fill_edit()
+    edit.prepare(freeze_document(late))
     late.apply(DeleteInstances((8,)))
     late.apply(edit)
     fresh, _ = emptied(street)
     fresh.apply(DeleteInstances((8,)))
-    fresh.apply(report.filling())
+    fresh.apply(report.make_fill_edit())
     assert_same_scene(late.scene, fresh.scene)
 
 
 def test_a_frozen_copy_does_not_follow_the_document(street):
     document, _ = emptied(street)
     document.apply(MoveInstances((8,), (1.0, 0.0, 0.0)))
-    frozen, before = frozen_copy(document), fingerprint(document)
-    assert fingerprint(frozen) == before
-    means = frozen.means_of(frozen.rows_of((8,))).copy()
+    frozen, before = freeze_document(document), fingerprint(document, CONTENT)
+    assert fingerprint(frozen, CONTENT) == before
+    means = frozen.compute_means(frozen.find_rows((8,))).copy()
     document.apply(MoveInstances((8,), (0.0, 1.0, 0.0)))
-    assert fingerprint(document) != before
+    assert fingerprint(document, CONTENT) != before
     document.undo()
-    assert fingerprint(document) == before
+    assert fingerprint(document, CONTENT) == before
     document.apply(MergeInstances((1,), 2))
     document.apply(DeleteInstances((8,)))
-    np.testing.assert_array_equal(frozen.means_of(frozen.rows_of((8,))), means)
-    assert frozen.instance_flags(8).drawn == len(means)
+    np.testing.assert_array_equal(frozen.compute_means(frozen.find_rows((8,))), means)
+    assert frozen.summarize_instance(8).drawn == len(means)
     assert 1 in frozen.scene.table
-    assert fingerprint(frozen) == before
+    assert fingerprint(frozen, CONTENT) == before

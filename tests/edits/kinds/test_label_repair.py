@@ -4,22 +4,23 @@ import numpy as np
 import pytest
 from random_scene import random_gaussians, random_scene
 
-from instdrive_core.edits.bases.relabel import MergeInstances, RenameInstance
 from instdrive_core.edits.document.document import Document
-from instdrive_core.edits.document.frozen_copy import frozen_copy
+from instdrive_core.edits.document.frozen_copy import freeze_document
 from instdrive_core.edits.kinds import split
 from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.edits.kinds.classes import SetClass, SetInstanceClass
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.visibility import LockInstances
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.errors import EditError
 from instdrive_core.instances.components import split_components
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.spherical_harmonics import dc_from_color
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
@@ -36,7 +37,7 @@ def scene_of(means, ids, colors=None, nodes=None):
     ids = np.asarray(ids, np.uint32)
     zeros = np.zeros(len(ids), np.uint32)
     nodes = np.zeros(len(ids), np.uint16) if nodes is None else nodes
-    table = table_from_ids(ids, gaussians.means, zeros, nodes, {1: "car"}, {1: "Car"})
+    table = build_instance_table(ids, gaussians.means, zeros, nodes, {1: "car"}, {1: "Car"})
     return Scene(gaussians, ids, zeros, nodes, table)
 
 
@@ -97,7 +98,7 @@ def test_parts_found_on_a_copy_are_used_only_while_they_hold(monkeypatch):
 
     monkeypatch.setattr(split, "split_components", components)
     edit = SplitInstance(1)
-    assert edit.prepare(frozen_copy(document)) == (60, 40, 20)
+    assert edit.prepare(freeze_document(document)) == (60, 40, 20)
     document.apply(edit)
     document.undo()
     document.redo()
@@ -208,7 +209,7 @@ def test_floaters_of_a_deleted_car_are_deleted_with_it():
     selected = state_of(document)
     document.apply(AbsorbFloaters(CAR))
     assert (document.state.flags[where["inside"]] == Flag.DELETED).all()
-    assert document.instance_flags(CAR).is_deleted
+    assert document.summarize_instance(CAR).is_deleted
     document.undo()
     assert state_of(document) == selected
     document.undo()

@@ -9,7 +9,7 @@ from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reset_moves import ResetMoves
 from instdrive_core.edits.kinds.visibility import LockInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import EditError
 
 
@@ -21,13 +21,13 @@ def state(document):
 
 def test_moves_of_parked_and_driving_things_are_taken_back_to_the_bit():
     document = Document(random_scene())
-    first, trained = state(document), baked(document)
+    first, trained = state(document), bake_document(document)
     document.apply(MoveInstances((2,), (1.0, 2.0, 0.0), (0.9, 0.1, 0.2, 0.3), 1.5))
     document.apply(MoveInstances((2, 7), (0.0, 1.0, 0.5), scale=0.7, time=0.1))
     moved = state(document)
     document.apply(ResetMoves((2, 7)))
     assert state(document) == first
-    assert_same_scene(baked(document), trained)
+    assert_same_scene(bake_document(document), trained)
     document.undo()
     assert state(document) == moved
     document.redo()
@@ -38,8 +38,8 @@ def test_others_stay_where_they_were_moved_to():
     document = Document(random_scene())
     document.apply(MoveInstances((2, 3), (1.0, 0.0, 0.0)))
     document.apply(ResetMoves((2,)))
-    assert not document.transforms.indices[document.rows_of((2,))].any()
-    assert document.transforms.indices[document.rows_of((3,))].all()
+    assert not document.transforms.indices[document.find_rows((2,))].any()
+    assert document.transforms.indices[document.find_rows((3,))].all()
 
 
 def test_what_was_never_moved_is_no_step_and_what_is_locked_stays():

@@ -12,7 +12,7 @@ from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.select import InvertSelection, SelectAll, SelectClass, SelectInstances, SelectNone
 from instdrive_core.edits.kinds.select_rows import SelectRows
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances
-from instdrive_core.edits.queries.shown_means import shown_means
+from instdrive_core.edits.queries.shown_means import compute_shown_means
 from instdrive_core.edits.serialize import edits_from_lines, edits_to_lines
 from instdrive_core.errors import EditError
 from instdrive_core.scene.gaussians import Gaussians
@@ -26,7 +26,7 @@ def document():
 
 
 def selected(document):
-    return document.state.rows_with(Flag.SELECTED).tolist()
+    return document.state.find_rows(Flag.SELECTED).tolist()
 
 
 def rows_of(document, *ids):
@@ -55,7 +55,7 @@ def grid_document(count=20, spacing=0.1):
 
 @pytest.mark.parametrize("rows", [[], [0], [3, 4, 5], [0, 2, 3, 9, 10, 11]])
 def test_runs_give_their_rows_back(rows):
-    runs = RowRuns.of_rows(np.array(rows, np.int64))
+    runs = RowRuns.from_rows(np.array(rows, np.int64))
     assert runs.rows.tolist() == rows
     assert len(runs) == len(rows)
     assert RowRuns.from_json(runs.to_json()) == runs
@@ -63,7 +63,7 @@ def test_runs_give_their_rows_back(rows):
 
 
 def test_runs_of_rows_in_any_order_are_the_same():
-    assert RowRuns.of_rows(np.array([5, 1, 2, 5], np.int32)).to_json() == [[1, 2], [5, 1]]
+    assert RowRuns.from_rows(np.array([5, 1, 2, 5], np.int32)).to_json() == [[1, 2], [5, 1]]
 
 
 @pytest.mark.parametrize(
@@ -90,9 +90,9 @@ def test_rows_replace_add_remove_and_intersect(document):
 def test_intersecting_spares_only_what_both_hold(document):
     document.apply(SelectInstances((1, 2)))
     document.apply(SelectInstances((2, 3), "intersect"))
-    assert document.selected_instances() == (2,)
+    assert document.find_selected_instances() == (2,)
     document.undo()
-    assert document.selected_instances() == (1, 2)
+    assert document.find_selected_instances() == (1, 2)
 
 
 def test_rows_beyond_the_scene_are_refused_before_anything_changes(document):
@@ -143,9 +143,9 @@ def test_all_and_inverse_leave_out_what_cannot_be_selected(document):
 def test_a_class_is_all_its_instances(document):
     document.apply(SetInstanceClass(4, "Car"))
     document.apply(SelectClass("Car"))
-    assert document.selected_instances() == (1, 4)
+    assert document.find_selected_instances() == (1, 4)
     document.apply(SelectClass(""))
-    assert not {1, 4} & set(document.selected_instances())
+    assert not {1, 4} & set(document.find_selected_instances())
     with pytest.raises(EditError, match=r"'Bus'.*classes are: Car"):
         document.apply(SelectClass("Bus"))
 
@@ -201,14 +201,14 @@ def test_neighbours_are_those_of_the_moment_and_of_the_moved_place():
     document = Document(scene)
     document.apply(MoveInstances((1,), (50.0, 0.0, 0.0)))
     document.apply(SelectInstances((1,)))
-    means, drawn = shown_means(document, 0.2)
+    means, drawn = compute_shown_means(document, 0.2)
     inside = np.isin(scene.instance_ids, [1])
     apart = np.linalg.norm(means[:, None] - means[None, inside], axis=2).min(axis=1)
     assert apart[~inside].min() > 20
     document.apply(GrowSelection(10.0, 0.2))
     assert selected(document) == np.flatnonzero(inside).tolist()
     document.apply(SelectInstances((7,)))
-    means, drawn = shown_means(document, 0.2)
+    means, drawn = compute_shown_means(document, 0.2)
     inside = scene.instance_ids == 7
     apart = np.linalg.norm(means[:, None] - means[None, inside], axis=2).min(axis=1)
     document.apply(GrowSelection(0.8, 0.2))

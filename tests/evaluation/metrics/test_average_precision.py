@@ -10,11 +10,11 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from instdrive_core.evaluation.metrics.average_precision import AP_THRESHOLDS, average_precision
-from instdrive_core.evaluation.metrics.segmentation import confusion
+from instdrive_core.evaluation.metrics.segmentation import count_confusion
 
 
 def ap(truth, predicted, confidences, thresholds=(0.5,), min_size=0):
-    counts = confusion(np.array(truth), np.array(predicted))
+    counts = count_confusion(np.array(truth), np.array(predicted))
     return average_precision(counts, np.array(confidences, float), thresholds, min_size)
 
 
@@ -57,7 +57,7 @@ def encoded(mask):
 
 
 def coco_ap(truth, predicted, confidences, min_size):
-    """Of points as an image one pixel wide; recall in steps of a thousandth."""
+    """Average precision by COCO's code: points are an image one pixel wide, recall in steps of a thousandth."""
     objects, found = np.unique(truth[truth > 0]), np.unique(predicted[predicted > 0])
     size = {"height": len(truth), "width": 1}
     annotations = [

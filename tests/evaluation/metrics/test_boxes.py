@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from instdrive_core.evaluation.metrics.box_pixels import box_silhouette, moving_box_pixels
+from instdrive_core.evaluation.metrics.box_pixels import find_box_silhouette, find_moving_box_pixels
 from instdrive_core.scene.camera import Camera, look_at
 from instdrive_core.scene.track import Track
 
@@ -15,7 +15,7 @@ def camera() -> Camera:
 
 
 def test_silhouette_spans_the_projected_front_face(camera):
-    silhouette = box_silhouette(camera, np.eye(4), np.array([4.0, 2.0, 3.0]))
+    silhouette = find_box_silhouette(camera, np.eye(4), np.array([4.0, 2.0, 3.0]))
     corners, _ = camera.project(np.array([[-2.0, -1, 1.5], [2.0, -1, -1.5]]))
     (left, top), (right, bottom) = corners
     rows, columns = np.nonzero(silhouette)
@@ -31,8 +31,8 @@ def test_boxes_around_and_behind_the_camera(camera):
     around, behind = np.eye(4), np.eye(4)
     around[:3, 3] = camera.position
     behind[:3, 3] = [0, -30, 0]
-    assert box_silhouette(camera, around, np.full(3, 2.0)).all()
-    assert not box_silhouette(camera, behind, np.full(3, 2.0)).any()
+    assert find_box_silhouette(camera, around, np.full(3, 2.0)).all()
+    assert not find_box_silhouette(camera, behind, np.full(3, 2.0)).any()
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -46,7 +46,7 @@ def test_silhouette_holds_every_point_of_the_box_in_view(seed):
     pixels, depths = camera.project(points)
     seen = (depths > 0) & (pixels >= 0).all(axis=1) & (pixels < [80, 60]).all(axis=1)
     columns, rows = np.floor(pixels[seen]).astype(int).T
-    grown = binary_dilation(box_silhouette(camera, box, size), np.ones((3, 3)))
+    grown = binary_dilation(find_box_silhouette(camera, box, size), np.ones((3, 3)))
     assert grown[rows, columns].all()
 
 
@@ -54,6 +54,6 @@ def test_only_moving_boxes_that_exist_count(camera):
     poses = np.stack([np.eye(4)] * 2)
     parked = Track("a", "car", np.full(3, 2.0), np.array([0.0, 1.0]), poses, moving=False)
     driving = Track("b", "car", np.full(3, 2.0), np.array([0.0, 1.0]), poses, moving=True)
-    assert not moving_box_pixels(camera, [parked], 0.5).any()
-    assert moving_box_pixels(camera, [parked, driving], 0.5).any()
-    assert not moving_box_pixels(camera, [parked, driving], 3.0).any()
+    assert not find_moving_box_pixels(camera, [parked], 0.5).any()
+    assert find_moving_box_pixels(camera, [parked, driving], 0.5).any()
+    assert not find_moving_box_pixels(camera, [parked, driving], 3.0).any()

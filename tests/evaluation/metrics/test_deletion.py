@@ -6,8 +6,8 @@ from evaluation_scene import DRIVING, PARKED, POLE, ROAD, ToyDrive
 
 from instdrive_core.evaluation.metrics import deletion
 from instdrive_core.evaluation.metrics.clicks import Clicks
-from instdrive_core.evaluation.metrics.deletion import deletion_scores
-from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.metrics.deletion import score_deletions
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
 
 
 def quiet(stage: str, done: int, total: int) -> None:
@@ -15,7 +15,7 @@ def quiet(stage: str, done: int, total: int) -> None:
 
 
 def held_out(drive: ToyDrive) -> list[HeldOutView]:
-    return [held_out_view(drive.scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames()]
+    return [measure_held_out_view(drive.scene, drive.clip, frame, drive.truth) for frame in drive.clip.held_out_frames]
 
 
 def boxes(drive: ToyDrive) -> dict:
@@ -24,7 +24,7 @@ def boxes(drive: ToyDrive) -> dict:
 
 
 def scores(drive: ToyDrive, clicks: list[Clicks]) -> dict:
-    return deletion_scores(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
+    return score_deletions(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
 
 
 def test_exact_selection_leaves_nothing_and_harms_nothing(drive):
@@ -80,10 +80,10 @@ def test_hits_weigh_by_clicks_and_misses_delete_nothing(drive):
 def test_many_selections_are_sampled(drive, monkeypatch):
     clicks = [Clicks(view, label, label, 1, 1.0) for view in range(4) for label in (ROAD, PARKED, DRIVING)]
     drawn = []
-    real = deletion.without_rows
-    monkeypatch.setattr(deletion, "without_rows", lambda *args: drawn.append(1) or real(*args))
+    real = deletion.redraw_without_rows
+    monkeypatch.setattr(deletion, "redraw_without_rows", lambda *args: drawn.append(1) or real(*args))
     monkeypatch.setattr(deletion, "MAX_DELETIONS", 5)
-    sampled = deletion_scores(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
+    sampled = score_deletions(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
     assert len(drawn) == 5
-    again = deletion_scores(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
+    again = score_deletions(drive.scene, held_out(drive), clicks, boxes(drive), 0, quiet)
     assert sampled == again

@@ -7,21 +7,21 @@ import pytest
 from evaluation_scene import DRIVING, ToyDrive
 
 from instdrive_core.datasets.clip import Clip, Frame
-from instdrive_core.evaluation.metrics.box_pixels import moving_box_pixels
-from instdrive_core.evaluation.metrics.held_out import HeldOutView, held_out_view
+from instdrive_core.evaluation.metrics.box_pixels import find_moving_box_pixels
+from instdrive_core.evaluation.metrics.held_out import HeldOutView, measure_held_out_view
 from instdrive_core.evaluation.metrics.image_metrics import psnr
 from instdrive_core.evaluation.protocol import evaluate_scene
 from instdrive_core.rasterize.scene_view import view_scene
-from instdrive_core.scene.exposure import Exposures, exposed
+from instdrive_core.scene.exposure import Exposures, apply_exposure
 from instdrive_core.scene.scene import Scene
 
 
 def seen(drive: ToyDrive, scene: Scene, frame: Frame, clip: Clip | None = None) -> HeldOutView:
-    return held_out_view(scene, clip or drive.clip, frame, drive.truth)
+    return measure_held_out_view(scene, clip or drive.clip, frame, drive.truth)
 
 
 def held_out(drive: ToyDrive, index: int = 4) -> Frame:
-    return next(frame for frame in drive.clip.held_out_frames() if frame.view.index == index)
+    return next(frame for frame in drive.clip.held_out_frames if frame.view.index == index)
 
 
 def repainted(frame: Frame, change) -> Frame:
@@ -39,7 +39,7 @@ def darkening(time: float) -> np.ndarray:
 
 
 def exposures_of_training(drive: ToyDrive) -> Exposures:
-    frames = drive.clip.training_frames()
+    frames = drive.clip.training_frames
     times = np.array([frame.view.time for frame in frames])
     return Exposures(tuple(frame.key for frame in frames), times, np.stack([darkening(time) for time in times]))
 
@@ -49,13 +49,13 @@ def test_a_held_out_photo_is_exposed_between_its_cameras_neighbours(drive):
     exposures = exposures_of_training(drive)
     assert frame.key not in exposures.keys
     scene = replace(drive.scene, exposures=exposures)
-    darkened = repainted(frame, lambda photo: exposed(photo, darkening(frame.view.time)))
+    darkened = repainted(frame, lambda photo: apply_exposure(photo, darkening(frame.view.time)))
     plain, with_exposures = seen(drive, drive.scene, darkened), seen(drive, scene, darkened)
     assert with_exposures.psnr > plain.psnr + 1
     assert with_exposures.ssim > plain.ssim
     assert with_exposures.psnr_actors > plain.psnr_actors + 0.5
     image = view_scene(drive.scene, frame.view.camera, frame.view.time).color
-    image = np.clip(exposed(image, darkening(frame.view.time)), 0, 1)
+    image = np.clip(apply_exposure(image, darkening(frame.view.time)), 0, 1)
     expected = psnr(image, darkened.load_image().astype(np.float32) / 255, frame.valid)
     assert with_exposures.psnr == pytest.approx(expected, abs=1e-3)
 
@@ -84,7 +84,7 @@ def without_actors(scene: Scene) -> Scene:
 
 def test_actors_are_measured_in_the_clips_boxes_only_whatever_the_scene_holds(drive):
     frame, static = held_out(drive), without_actors(drive.scene)
-    boxes = moving_box_pixels(frame.view.camera, drive.clip.tracks, frame.view.time)
+    boxes = find_moving_box_pixels(frame.view.camera, drive.clip.tracks, frame.view.time)
     assert boxes.any()
     assert not boxes[drive.truth.load(frame) == 2].any(), "the parked car is beside"
     outside = repainted(frame, lambda photo: np.where(boxes[..., None], photo, 1 - photo))
@@ -109,7 +109,7 @@ def test_views_without_moving_objects_count_for_nothing_not_for_zero(drive):
     assert early.psnr_actors is not None
     assert late.psnr_actors is None
     figures = evaluate_scene(drive.scene, clip, drive.truth, FACTS).figures
-    views = [seen(drive, drive.scene, frame, clip) for frame in clip.held_out_frames()]
+    views = [seen(drive, drive.scene, frame, clip) for frame in clip.held_out_frames]
     known = [view.psnr_actors for view in views if view.psnr_actors is not None]
     assert len(known) == 2, "both cameras of step 4"
     assert figures["psnr_actors"] == pytest.approx(np.mean(known))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from sklearn.metrics import v_measure_score
 
-from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS, lidar_scores, mean_shares, v_measure
+from instdrive_core.evaluation.metrics.lidar_scores import LIDAR_KEYS, compute_mean_shares, score_points, v_measure
 from instdrive_core.evaluation.metrics.point_ids import PointIds, PointSupport
 from instdrive_core.evaluation.metrics.point_truth import LabelledSweep
-from instdrive_core.evaluation.metrics.segmentation import confusion
+from instdrive_core.evaluation.metrics.segmentation import count_confusion
 
 
 def labelled(truth) -> LabelledSweep:
@@ -22,7 +22,7 @@ def supported(rows) -> PointSupport:
 
 def scores(truth, rows, ids, codes=None):
     found = None if codes is None else np.array(codes, np.uint64)
-    return lidar_scores([labelled(truth)], [supported(rows)], np.array(ids, np.uint32), found)
+    return score_points([labelled(truth)], [supported(rows)], np.array(ids, np.uint32), found)
 
 
 def test_true_ids_are_perfect():
@@ -32,12 +32,12 @@ def test_true_ids_are_perfect():
 
 def test_an_object_must_keep_its_id_in_all_sweeps():
     sweeps, supports = [labelled([1] * 60)] * 2, [supported([0] * 60), supported([1] * 60)]
-    figures = lidar_scores(sweeps, supports, np.array([7, 8], np.uint32))
+    figures = score_points(sweeps, supports, np.array([7, 8], np.uint32))
     assert figures["miou"] == 0.5
     assert figures["instances_per_object"] == figures["instances_to_cover"] == 2
     assert figures["ap50"] == 1, "half of it is enough, and the other half comes later"
     assert figures["ap"] == pytest.approx(0.1)
-    assert lidar_scores(sweeps, supports, np.array([7, 7], np.uint32))["miou"] == 1
+    assert score_points(sweeps, supports, np.array([7, 7], np.uint32))["miou"] == 1
 
 
 def test_a_merge_is_a_collision():
@@ -55,13 +55,13 @@ def test_what_has_no_id_is_missed():
 
 
 def test_no_points_no_figures():
-    assert lidar_scores([], [], np.zeros(3, np.uint32)) == dict.fromkeys(LIDAR_KEYS)
+    assert score_points([], [], np.zeros(3, np.uint32)) == dict.fromkeys(LIDAR_KEYS)
     assert scores([0, 0], [0, 0], [7]) == dict.fromkeys(LIDAR_KEYS)
 
 
 def test_confidence_is_the_mean_share():
     found = PointIds(np.array([4, 0, 9, 4], np.uint32), np.array([0.5, 0.9, 0.25, 1.0], np.float32))
-    assert mean_shares(found, np.array([4, 9])).tolist() == [0.75, 0.25]
+    assert compute_mean_shares(found, np.array([4, 9])).tolist() == [0.75, 0.25]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -71,9 +71,9 @@ def test_v_measure_as_scikit_learn(seed):
     predicted = np.where(rng.random(4000) < 0.7, truth // 2, rng.integers(0, 9, 4000))
     labelled = truth > 0
     expected = v_measure_score(truth[labelled], predicted[labelled])
-    assert v_measure(confusion(truth, predicted)) == pytest.approx(expected, abs=1e-9)
+    assert v_measure(count_confusion(truth, predicted)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_v_measure_of_one_object_and_one_id():
-    assert v_measure(confusion(np.ones(5, int), np.ones(5, int))) == 1
-    assert v_measure(confusion(np.array([1, 2]), np.array([1, 1]))) == 0
+    assert v_measure(count_confusion(np.ones(5, int), np.ones(5, int))) == 1
+    assert v_measure(count_confusion(np.array([1, 2]), np.array([1, 1]))) == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from instdrive_core.evaluation.metrics.map_scores import per_view_scores, scene_scores
+from instdrive_core.evaluation.metrics.map_scores import score_scene, score_views
 from instdrive_core.evaluation.metrics.segmentation import LabelledView
 
 
@@ -19,11 +19,11 @@ def views() -> list[LabelledView]:
 
 
 def test_per_view_does_not_see_changed_ids(views):
-    assert per_view_scores(views) == {"miou": 1, "macc": 1, "miou_majority": 1}
+    assert score_views(views) == {"miou": 1, "macc": 1, "miou_majority": 1}
 
 
 def test_scene_does(views):
-    scores = scene_scores(views, things=[2], stuff=[1])
+    scores = score_scene(views, things=[2], stuff=[1])
     assert scores["miou_stuff"] == 1
     assert scores["miou_things"] == 0.5
     assert scores["miou"] == scores["macc"] == 0.75
@@ -35,11 +35,11 @@ def test_scene_does(views):
 
 
 def test_views_without_labels_are_left_out_of_means(views):
-    assert per_view_scores([*views, view("back", 0.0, [0, 0, 0, 0], [1, 1, 1, 1])])["miou"] == 1
+    assert score_views([*views, view("back", 0.0, [0, 0, 0, 0], [1, 1, 1, 1])])["miou"] == 1
 
 
 def test_no_labels_at_all_gives_none_everywhere():
     unlabelled = [view("front", 0.0, [0, 0], [1, 2])]
-    assert set(per_view_scores(unlabelled).values()) == {None}
-    assert set(scene_scores(unlabelled, [1], [2]).values()) == {None}
-    assert scene_scores([view("front", 0.0, [1], [1])], [1], [])["miou_stuff"] is None
+    assert set(score_views(unlabelled).values()) == {None}
+    assert set(score_scene(unlabelled, [1], [2]).values()) == {None}
+    assert score_scene([view("front", 0.0, [1], [1])], [1], [])["miou_stuff"] is None

@@ -9,7 +9,7 @@ from evaluation_scene import DRIVING, PARKED, POLE, ROAD, ToyDrive
 
 from instdrive_core.datasets.clip import Clip, Sweep, SweepPoints
 from instdrive_core.evaluation.metrics import point_truth
-from instdrive_core.evaluation.metrics.point_truth import LabelledSweep, in_view, labelled_sweeps
+from instdrive_core.evaluation.metrics.point_truth import LabelledSweep, is_in_view, label_sweeps
 
 CLASS_NAMES = {7: "Road", 13: "Car", 22: "Pedestrian", 31: "Smoke"}
 
@@ -36,14 +36,14 @@ def sweep_of(index: int, points, sensor=None, classes=None, labels=None) -> Swee
 
 
 def truth_of(drive: ToyDrive, points, **columns) -> LabelledSweep:
-    (sweep,) = labelled_sweeps(with_sweeps(drive.clip, sweep_of(4, points, **columns)), drive.truth)
+    (sweep,) = label_sweeps(with_sweeps(drive.clip, sweep_of(4, points, **columns)), drive.truth)
     return sweep
 
 
 def test_exact_labels_of_held_out_sweeps_only(drive):
     points = [[2.5, 8.0, 1.6], [-3.0, 10.0, 2.0]]
     sweeps = [sweep_of(index, points, labels=[PARKED, POLE]) for index in (2, 4, 14)]
-    found = labelled_sweeps(with_sweeps(drive.clip, *sweeps), drive.truth)
+    found = label_sweeps(with_sweeps(drive.clip, *sweeps), drive.truth)
     assert [sweep.time for sweep in found] == [0.4, 1.4]
     assert found[0].truth.tolist() == [PARKED, POLE]
     np.testing.assert_allclose(found[0].points, points, rtol=1e-6)
@@ -55,25 +55,25 @@ def test_what_no_photo_has_in_its_image_is_left_out(drive):
 
 
 def test_the_ego_vehicle_hides_points(drive):
-    frame = drive.clip.held_out_frames()[0]
+    frame = drive.clip.held_out_frames[0]
     on_the_road = np.array([[-1.0, 1.8, 0.0], [0.0, 12.0, 0.0]], np.float32)
     pixels, _ = frame.view.camera.project(on_the_road)
     hidden = replace(frame, valid=np.arange(frame.view.camera.height)[:, None] < np.full(frame.view.camera.width, 80))
     assert pixels[0, 1] > 80 > pixels[1, 1]
-    assert in_view(on_the_road, [hidden]).tolist() == [False, True]
+    assert is_in_view(on_the_road, [hidden]).tolist() == [False, True]
 
 
 def test_tiny_objects_are_ignored_over_all_sweeps(drive, monkeypatch):
     monkeypatch.setattr(point_truth, "MIN_POINTS", 3)
     points = [[2.5, 8.0, 1.6]] * 2 + [[-3.0, 10.0, 2.0]]
     sweeps = [sweep_of(index, points, labels=[PARKED, PARKED, POLE]) for index in (4, 14)]
-    for sweep in labelled_sweeps(with_sweeps(drive.clip, *sweeps), drive.truth):
+    for sweep in label_sweeps(with_sweeps(drive.clip, *sweeps), drive.truth):
         assert sweep.truth.tolist() == [PARKED, PARKED, 0], "4 points of one, 2 of the other"
 
 
 def test_a_clip_without_labels_for_points_has_none(drive):
-    assert labelled_sweeps(drive.clip, drive.truth) == []
-    assert labelled_sweeps(with_sweeps(drive.clip, sweep_of(4, [[2.5, 8, 1.6]])), drive.truth) == []
+    assert label_sweeps(drive.clip, drive.truth) == []
+    assert label_sweeps(with_sweeps(drive.clip, sweep_of(4, [[2.5, 8, 1.6]])), drive.truth) == []
 
 
 def test_nothing_that_trains_reads_exact_points():
@@ -92,7 +92,7 @@ class TestAnnotations:
         return drive
 
     def test_boxes_and_classes(self, annotated):
-        front = annotated.clip.tracks[1].pose_at(0.4)[:3, 3]
+        front = annotated.clip.tracks[1].interpolate_pose(0.4)[:3, 3]
         points = [
             [2.5, 8.0, 1.6],  # on the roof of the parked car
             [2.5, 8.0, 0.8],  # road by its class, though in the box
@@ -106,7 +106,7 @@ class TestAnnotations:
         assert truth_of(annotated, points, classes=classes).truth.tolist() == [PARKED, ROAD, 0, DRIVING, ROAD, 0, 0]
 
     def test_the_second_lidar_never_sees_moving_objects_where_their_box_is(self, annotated):
-        front = annotated.clip.tracks[1].pose_at(0.4)[:3, 3]
+        front = annotated.clip.tracks[1].interpolate_pose(0.4)[:3, 3]
         points = [[2.5, 8.0, 1.6], [*front[:2], 1.0], [*front[:2], 1.2]]
         found = truth_of(annotated, points, classes=[13, 13, 7], sensor=[1, 1, 1])
         assert found.truth.tolist() == [PARKED, 0, 0]
@@ -114,5 +114,5 @@ class TestAnnotations:
     def test_objects_that_are_not_there_own_nothing(self, annotated):
         gone = replace(annotated.clip.tracks[1], times=annotated.clip.tracks[1].times + 100)
         annotated.clip = replace(annotated.clip, tracks=(annotated.clip.tracks[0], gone))
-        front = gone.pose_at(0.4)[:3, 3]
+        front = gone.interpolate_pose(0.4)[:3, 3]
         assert truth_of(annotated, [[*front[:2], 1.0], [0, 15, 0]], classes=[13, 7]).truth.tolist() == [0, ROAD]

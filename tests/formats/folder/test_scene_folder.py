@@ -200,13 +200,13 @@ def test_damaged_manifests_are_explained(tmp_path, change, message):
     ],
 )
 def test_damaged_exposures_are_explained(tmp_path, monkeypatch, name, damaged):
-    whole = scene_folder._arrays_of
+    whole = scene_folder._collect_arrays
 
     def spoiled(scene: Scene) -> dict[str, np.ndarray]:
         arrays = whole(scene) | {name: damaged}
         return {key: array for key, array in arrays.items() if array is not None}
 
-    monkeypatch.setattr(scene_folder, "_arrays_of", spoiled)
+    monkeypatch.setattr(scene_folder, "_collect_arrays", spoiled)
     write_scene_folder(tmp_path, exposed_scene())
     with pytest.raises(DataError, match="not finite" if damaged is not None and np.isnan(damaged).any() else name):
         read_scene_folder(tmp_path)

@@ -11,13 +11,13 @@ from random_scene import assert_same_scene, random_scene
 
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.delete import DeleteInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.errors import DataError
 from instdrive_core.formats.objects.writers import write_objects
 from instdrive_core.instances.colormap import ids_from_colors
-from instdrive_core.instances.table import table_from_ids
+from instdrive_core.instances.table import build_instance_table
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.scene.gaussians import create_empty_gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 
 PARKED, DRIVING, LONELY, FLAT = 1, 2, 3, 4
@@ -44,7 +44,7 @@ def scene():
     ids = np.repeat([PARKED, LONELY, FLAT, DRIVING], [400, 1, 30, 400]).astype(np.uint32)
     nodes = (ids == DRIVING).astype(np.uint16)
     names = {PARKED: "parked – “taxi”", DRIVING: "parked – “taxi”"}
-    table = table_from_ids(ids, gaussians.means, start.codewords, nodes, names, {DRIVING: "Car"})
+    table = build_instance_table(ids, gaussians.means, start.codewords, nodes, names, {DRIVING: "Car"})
     return replace(start, instance_ids=ids, nodes=nodes, table=table)
 
 
@@ -82,7 +82,7 @@ def test_what_moves_follows_its_track(scene, tmp_path):
     for time in (0.0, 0.4):
         write_objects(tmp_path / "a.json", scene, time)
         content, objects = read_json(tmp_path / "a.json")
-        pose, driving = actor.pose_at(time), objects[DRIVING]
+        pose, driving = actor.interpolate_pose(time), objects[DRIVING]
         np.testing.assert_allclose(driving["box"]["center"], pose[:3, 3], atol=0.1)
         heading = math.atan2(pose[1, 1], pose[0, 1])
         assert math.cos(driving["box"]["yaw"] - heading) == pytest.approx(1)
@@ -176,7 +176,7 @@ def test_floaters_damage_and_haze_change_nothing(scene, tmp_path):
 def test_an_edited_scene_is_written_as_edited(scene, tmp_path):
     document = Document(scene)
     document.apply(DeleteInstances((PARKED,)))
-    write_objects(tmp_path / "a.json", baked(document), TIME)
+    write_objects(tmp_path / "a.json", bake_document(document), TIME)
     assert list(read_json(tmp_path / "a.json")[1]) == [DRIVING, LONELY, FLAT]
 
 
@@ -192,5 +192,5 @@ def test_nothing_is_changed_and_odd_requests_are_refused(scene, tmp_path):
     with pytest.raises(DataError, match="no instances"):
         write_objects(tmp_path / "b.json", scene, TIME)
     with pytest.raises(DataError, match="no instances"):
-        write_objects(tmp_path / "b.json", scene_from_gaussians(empty_gaussians(0, 0)), TIME)
+        write_objects(tmp_path / "b.json", scene_from_gaussians(create_empty_gaussians(0, 0)), TIME)
     assert not (tmp_path / "b.json").exists()

@@ -18,7 +18,7 @@ from instdrive_core.formats.ply.compressed import read_compressed_ply, write_com
 from instdrive_core.formats.ply.compressed_layout import BOUNDS
 from instdrive_core.formats.ply.inria import write_ply
 from instdrive_core.formats.registry import open_scene, save_scene
-from instdrive_core.formats.spatial_order import spatial_order
+from instdrive_core.formats.spatial_order import sort_spatially
 from instdrive_core.maths.spherical_harmonics import Y0
 from instdrive_core.scene.scene import Scene, scene_from_gaussians
 
@@ -42,7 +42,7 @@ def chunk_extents(values):
 def test_what_comes_back_is_within_the_promised_bounds(tmp_path, gaussians):
     write_compressed_ply(tmp_path / "a.compressed.ply", scene_from_gaussians(gaussians))
     after = read_compressed_ply(tmp_path / "a.compressed.ply").gaussians
-    before = gaussians.select(spatial_order(gaussians.means, 256))
+    before = gaussians.select(sort_spatially(gaussians.means, 256))
 
     def close(new, old, steps):
         old = old.astype(np.float64)
@@ -135,7 +135,7 @@ def test_near_splats_share_a_chunk_whatever_their_order(tmp_path):
     gaussians = random_gaussians(rng, 20_000, 0)
     gaussians.means = rng.uniform([-200, -20, 0], [200, 20, 10], (20_000, 3)).astype(np.float32)
     gaussians.means[:200] = rng.normal(size=(200, 3)) * 5000
-    before = gaussians.select(spatial_order(gaussians.means, 256))
+    before = gaussians.select(sort_spatially(gaussians.means, 256))
     write_compressed_ply(tmp_path / "a.compressed.ply", scene_from_gaussians(gaussians))
     after = read_compressed_ply(tmp_path / "a.compressed.ply").gaussians
     errors = np.linalg.norm(after.means - before.means, axis=1)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 from random_scene import assert_same_scene, random_scene
 
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
 from instdrive_core.files.ply_header import MAX_COLUMNS
 from instdrive_core.formats.ply.inria import read_ply, write_ply
@@ -176,7 +176,7 @@ def test_moving_actors_must_be_placed_first(tmp_path):
     with pytest.raises(DataError, match="--time"):
         write_ply(tmp_path / "a.ply", scene)
     assert list(tmp_path.iterdir()) == []
-    write_ply(tmp_path / "a.ply", frozen_at(scene, 0.1))
+    write_ply(tmp_path / "a.ply", freeze_at_time(scene, 0.1))
 
 
 # Real files

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from quantised_cases import hard_gaussians, rotation_angles
 from random_scene import random_gaussians, random_scene
 
-from instdrive_core.edits.queries.bake import frozen_at
+from instdrive_core.edits.queries.bake import freeze_at_time
 from instdrive_core.errors import DataError
 from instdrive_core.formats.plausible_count import SMALL_COUNT
 from instdrive_core.formats.registry import open_scene, save_scene
 from instdrive_core.formats.spz.scenes import write_spz
-from instdrive_core.maths.spherical_harmonics import rest_basis
-from instdrive_core.scene.gaussians import empty_gaussians
+from instdrive_core.maths.spherical_harmonics import evaluate_rest_basis
+from instdrive_core.scene.gaussians import create_empty_gaussians
 from instdrive_core.scene.scene import scene_from_gaussians
 
 SHARES_A_FOLDER = [HealthCheck.function_scoped_fixture]
@@ -81,8 +81,8 @@ def test_the_turned_scene_looks_the_same_from_the_turned_direction(tmp_path):
     gaussians = opened(tmp_path, made(hand_made(4, values.tobytes(), degree=3)))
     directions = rng.normal(size=(20, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    in_file = rest_basis(directions, 15) @ ((values.reshape(15, 3) - 128.0) / 128)
-    opened_colors = rest_basis(directions * [1, -1, -1], 15) @ gaussians.sh_rest[0].astype(np.float64)
+    in_file = evaluate_rest_basis(directions, 15) @ ((values.reshape(15, 3) - 128.0) / 128)
+    opened_colors = evaluate_rest_basis(directions * [1, -1, -1], 15) @ gaussians.sh_rest[0].astype(np.float64)
     np.testing.assert_allclose(opened_colors, in_file, atol=1e-6)
 
 
@@ -147,7 +147,7 @@ def test_a_second_save_changes_nothing(tmp_path, version, degree):
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_a_scene_without_splats(tmp_path, version):
-    write_spz(tmp_path / "a.spz", scene_from_gaussians(empty_gaussians(15)), version)
+    write_spz(tmp_path / "a.spz", scene_from_gaussians(create_empty_gaussians(15)), version)
     again = open_scene(tmp_path / "a.spz")
     assert len(again) == 0
     assert again.gaussians.sh_degree == 3
@@ -191,7 +191,7 @@ def test_moving_actors_must_be_placed_first(tmp_path):
     scene = random_scene()
     with pytest.raises(DataError, match=r"2 actors that move.*--time"):
         save_scene(tmp_path / "a.spz", scene)
-    placed = frozen_at(scene, 0.0)
+    placed = freeze_at_time(scene, 0.0)
     save_scene(tmp_path / "a.spz", placed)
     assert len(open_scene(tmp_path / "a.spz")) == len(placed)
 

@@ -10,9 +10,9 @@ from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labelled_cloud import assign_boxes, build_cloud
-from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations, without_borders
-from instdrive_core.masks.image.splatting import splat
-from instdrive_core.masks.image.spreading import spread
+from instdrive_core.masks.annotated.labels import AnnotationLabels, has_annotations, open_borders
+from instdrive_core.masks.image.point_drawing import draw_points
+from instdrive_core.masks.image.spreading import spread_labels
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +39,8 @@ def test_every_pixel_gets_what_it_shows(clip, labels):
         assert iou(found == named(labels, "Car"), expected == CAR) > 0.9
         assert iou(found == named(labels, "Road"), expected == ROAD) > 0.95
         assert iou(found == named(labels, "Building"), expected == WALL) > 0.93
-        assert iou(labels.sky(frame), expected == SKY) > 0.95
-        assert (found > 0).sum() + labels.sky(frame).sum() > 0.99 * found.size
+        assert iou(labels.load_sky(frame), expected == SKY) > 0.95
+        assert (found > 0).sum() + labels.load_sky(frame).sum() > 0.99 * found.size
 
 
 def test_instances_say_what_they_are(labels):
@@ -179,12 +179,12 @@ def test_splats_cover_their_pixel_and_the_nearest_wins():
     half = 0.5 / 120  # a pixel's half at 1 m: the points project onto pixel centres
     points = np.array([[half * 10, 10, 1.6], [half * 5, 5, 1.6], [0, -5, 1.6], [500, 5, 1.6]], np.float32)
     points[:, 2] -= half * np.abs(points[:, 1])
-    labels, depths = splat(points, np.array([1, 2, 3, 4], np.uint32), view, 0.001)
+    labels, depths = draw_points(points, np.array([1, 2, 3, 4], np.uint32), view, 0.001)
     assert labels[45, 80] == 2
     assert depths[45, 80] == pytest.approx(5)
     assert (labels > 0).sum() == 1
     assert np.isinf(depths[labels == 0]).all()
-    labels, _ = splat(points[:1], np.array([1], np.uint32), view, 1.0)
+    labels, _ = draw_points(points[:1], np.array([1], np.uint32), view, 1.0)
     assert (labels > 0).sum() == 12 * 12, "1 m at 10 m is 12 pixels"
 
 
@@ -194,7 +194,7 @@ def test_labels_meet_at_the_edge_of_the_photo():
     seeds = np.full((20, 40), -1, np.int32)
     seeds[10, 2], seeds[5, 38] = 0, 1
     limits = np.full(2, 1e6, np.float32)
-    filled = spread(seeds, image, limits, np.ones((20, 40), bool), range(5, 6))
+    filled = spread_labels(seeds, image, limits, np.ones((20, 40), bool), range(5, 6))
     assert (filled[:, :24] == 0).all()
     assert (filled[:, 26:] == 1).all()
 
@@ -203,10 +203,10 @@ def test_labels_spread_up_to_their_limit_and_things_where_they_may():
     image = np.zeros((1, 30, 3), np.uint8)
     seeds = np.full((1, 30), -1, np.int32)
     seeds[0, 0] = 0
-    filled = spread(seeds, image, np.array([7], np.float32), np.ones((1, 30), bool), range(5, 6))
+    filled = spread_labels(seeds, image, np.array([7], np.float32), np.ones((1, 30), bool), range(5, 6))
     assert (filled[0] == 0).sum() == 8
     allowed = np.arange(30)[None] < 4
-    filled = spread(seeds, image, np.array([7], np.float32), allowed, range(1))
+    filled = spread_labels(seeds, image, np.array([7], np.float32), allowed, range(1))
     assert (filled[0] == 0).sum() == 4
 
 
@@ -214,7 +214,7 @@ def test_borders_are_opened_but_small_things_kept():
     labels = np.zeros((20, 20), np.int32)
     labels[:, 10:] = 1
     labels[3:5, 3:5] = 2
-    opened = without_borders(labels, 1)
+    opened = open_borders(labels, 1)
     assert (opened[:, [9, 10]] == -1).all()
     assert (opened[8:, :9] == 0).all()
     assert (opened == 2).sum() == 4
@@ -227,7 +227,7 @@ def test_the_real_clip_gives_whole_cars_one_road_and_a_sky(pandaset_clip):
     for frame in clip.frames:
         if frame.view.index != 41:
             continue
-        found, sky = labels.load(frame), labels.sky(frame)
+        found, sky = labels.load(frame), labels.load_sky(frame)
         assert not (sky & (found > 0)).any()
         assert not sky[frame.view.camera.height // 2 + 40 :].any(), f"{frame.key}: sky below the horizon"
         open_share = ((found == 0) & ~sky)[frame.valid if frame.valid is not None else slice(None)].mean()

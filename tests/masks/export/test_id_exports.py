@@ -12,11 +12,11 @@ from instdrive_app.main import main
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.formats.folder.scenes import write_scene_folder
 from instdrive_core.instances.colormap import ids_from_colors
-from instdrive_core.instances.table import table_from_ids
-from instdrive_core.masks.export.coco_panoptic import segments_of, write_coco_panoptic
-from instdrive_core.masks.export.id_maps import chosen_views, id_maps
+from instdrive_core.instances.table import build_instance_table
+from instdrive_core.masks.export.coco_panoptic import measure_segments, write_coco_panoptic
+from instdrive_core.masks.export.id_maps import choose_views, render_id_maps
 from instdrive_core.masks.export.id_pictures import write_id_pictures
-from instdrive_core.rasterize.scene_view import instance_map, view_scene
+from instdrive_core.rasterize.scene_view import build_instance_map, view_scene
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def scene():
     scene = random_scene(count=300, actors=2)
     scene.gaussians.log_scales[:] = np.log(0.5)
     scene.gaussians.opacity_logits[:] = 4
-    scene.table = table_from_ids(
+    scene.table = build_instance_table(
         scene.instance_ids,
         scene.gaussians.means,
         scene.codewords,
@@ -36,7 +36,7 @@ def scene():
 
 
 def truth(scene, view, scale=1.0):
-    return instance_map(scene, view_scene(scene, view.camera.scaled(scale), view.time))
+    return build_instance_map(scene, view_scene(scene, view.camera.scale(scale), view.time))
 
 
 def picture(path):
@@ -77,8 +77,8 @@ def panoptic_problems(folder):
 
 
 def test_png_pictures_hold_exact_ids(scene, tmp_path):
-    views = chosen_views(scene)
-    assert write_id_pictures(tmp_path, scene, id_maps(scene, views)) == 5
+    views = choose_views(scene)
+    assert write_id_pictures(tmp_path, scene, render_id_maps(scene, views)) == 5
     shown = set()
     for view in views:
         expected = truth(scene, view)
@@ -97,9 +97,9 @@ def test_png_pictures_hold_exact_ids(scene, tmp_path):
 
 def test_ids_above_16_bits_are_packed(scene, tmp_path):
     scene.instance_ids[scene.instance_ids == 1] = 0xFEDCBA
-    scene.table = table_from_ids(scene.instance_ids, scene.gaussians.means)
-    views = chosen_views(scene)[:1]
-    write_id_pictures(tmp_path, scene, id_maps(scene, views))
+    scene.table = build_instance_table(scene.instance_ids, scene.gaussians.means)
+    views = choose_views(scene)[:1]
+    write_id_pictures(tmp_path, scene, render_id_maps(scene, views))
     labels = picture(tmp_path / "labels" / "front_camera" / "00.png").astype(np.uint32)
     np.testing.assert_array_equal(labels @ np.uint32([1, 256, 65536]), truth(scene, views[0]))
     assert 0xFEDCBA in labels @ np.uint32([1, 256, 65536])
@@ -107,7 +107,7 @@ def test_ids_above_16_bits_are_packed(scene, tmp_path):
 
 
 def test_coco_panoptic_keeps_the_rules(scene, tmp_path):
-    write_coco_panoptic(tmp_path, scene, id_maps(scene, chosen_views(scene), 2.0))
+    write_coco_panoptic(tmp_path, scene, render_id_maps(scene, choose_views(scene), 2.0))
     assert panoptic_problems(tmp_path) == []
     content = json.loads((tmp_path / "panoptic.json").read_text(encoding="utf-8"))
     things = {entry["name"]: entry["isthing"] for entry in content["categories"]}
@@ -126,7 +126,7 @@ def test_coco_panoptic_keeps_the_rules(scene, tmp_path):
 
 
 def test_the_rules_are_really_checked(scene, tmp_path):
-    write_coco_panoptic(tmp_path, scene, id_maps(scene, chosen_views(scene)))
+    write_coco_panoptic(tmp_path, scene, render_id_maps(scene, choose_views(scene)))
     listing = tmp_path / "panoptic.json"
     content = json.loads(listing.read_text(encoding="utf-8"))
     content["annotations"][0]["segments_info"][0]["area"] += 1
@@ -137,17 +137,17 @@ def test_the_rules_are_really_checked(scene, tmp_path):
 
 def test_segments_of_a_map():
     ids = np.zeros((4, 6), np.uint32)
-    assert segments_of(ids) == []
+    assert measure_segments(ids) == []
     ids[1:3, 2:5] = 70000
     ids[0, 0] = ids[3, 5] = 9
-    assert segments_of(ids) == [
+    assert measure_segments(ids) == [
         {"id": 9, "area": 2, "bbox": [0, 0, 6, 4]},
         {"id": 70000, "area": 6, "bbox": [2, 1, 3, 2]},
     ]
 
 
 def test_an_interrupted_export_is_not_taken_for_a_whole_one(scene, tmp_path):
-    maps = list(id_maps(scene, chosen_views(scene)))
+    maps = list(render_id_maps(scene, choose_views(scene)))
     for write, listing in ((write_id_pictures, "instances.json"), (write_coco_panoptic, "panoptic.json")):
         write(tmp_path, scene, maps)
         assert (tmp_path / listing).exists()
@@ -162,23 +162,23 @@ def test_an_interrupted_export_is_not_taken_for_a_whole_one(scene, tmp_path):
 
 
 def test_views_are_chosen(scene):
-    assert [view.index for view in chosen_views(scene, "front_camera", 2)] == [0, 2, 4]
+    assert [view.index for view in choose_views(scene, "front_camera", 2)] == [0, 2, 4]
     with pytest.raises(OptionError, match="it has front_camera"):
-        chosen_views(scene, "back_camera")
+        choose_views(scene, "back_camera")
     with pytest.raises(OptionError, match="whole number"):
-        chosen_views(scene, None, 0)
+        choose_views(scene, None, 0)
     for scale in (0.0, -1.0, np.nan, 1e6):
         with pytest.raises(OptionError, match="scale"):
-            next(id_maps(scene, chosen_views(scene), scale))
+            next(render_id_maps(scene, choose_views(scene), scale))
     scene.views = ()
     with pytest.raises(OptionError, match="no photo cameras"):
-        chosen_views(scene)
+        choose_views(scene)
 
 
 def test_names_from_files_lead_nowhere(scene):
     scene.views = tuple(replace(view, name="../../etc") for view in scene.views)
     with pytest.raises(OptionError, match="cannot be a folder"):
-        chosen_views(scene)
+        choose_views(scene)
 
 
 @pytest.mark.parametrize(("form", "listing"), [("png", "instances.json"), ("coco", "panoptic.json")])
@@ -196,7 +196,7 @@ def test_the_command(scene, tmp_path, capsys, form, listing):
 def test_a_folder_that_cannot_be_written(scene, tmp_path):
     (tmp_path / "labels").touch()
     with pytest.raises(DataError, match="cannot be written"):
-        write_id_pictures(tmp_path, scene, id_maps(scene, chosen_views(scene)))
+        write_id_pictures(tmp_path, scene, render_id_maps(scene, choose_views(scene)))
     (tmp_path / "panoptic.json").mkdir()
     with pytest.raises(DataError, match="cannot be replaced"):
-        write_coco_panoptic(tmp_path, scene, id_maps(scene, chosen_views(scene)))
+        write_coco_panoptic(tmp_path, scene, render_id_maps(scene, choose_views(scene)))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from painted_street import ROAD, SKY, painted_clip, truth
 
-from instdrive_core.masks.image.sky_finder import SkyFinder, sky_by_looks
+from instdrive_core.masks.image.sky_finder import SkyFinder, find_sky_by_looks
 
 
 def test_the_sky_is_the_mask_that_lidar_looks_through():
@@ -25,10 +25,10 @@ def test_without_lidar_the_sky_is_what_looks_and_lies_like_it():
     found = SkyFinder(clip).find(frame.load_image(), frame.view.camera, (classes + 1).astype(np.uint32))
     np.testing.assert_array_equal(found, classes == SKY)
     labels = np.ones_like(classes, np.uint32)
-    assert not sky_by_looks(frame.load_image(), frame.view.camera, labels).any(), "reaches below the horizon"
+    assert not find_sky_by_looks(frame.load_image(), frame.view.camera, labels).any(), "reaches below the horizon"
     dark = (frame.load_image() // 4).astype(np.uint8)
     dark[classes == ROAD] = 200
-    assert not sky_by_looks(dark, frame.view.camera, (classes + 1).astype(np.uint32)).any(), "darker than the road"
+    assert not find_sky_by_looks(dark, frame.view.camera, (classes + 1).astype(np.uint32)).any(), "darker than the road"
 
 
 def test_a_sky_between_branches_is_smooth_where_it_is_wide():
@@ -37,8 +37,8 @@ def test_a_sky_between_branches_is_smooth_where_it_is_wide():
     image, labels = frame.load_image(), (classes + 1).astype(np.uint32)
     for row in range(2, 30, 4):
         image[row], labels[row] = 20, 99
-    found = sky_by_looks(image, frame.view.camera, labels)
+    found = find_sky_by_looks(image, frame.view.camera, labels)
     np.testing.assert_array_equal(found, labels == SKY + 1)
     noisy = image.copy()
     noisy[::2, ::2][labels[::2, ::2] == SKY + 1] = 100
-    assert not sky_by_looks(noisy, frame.view.camera, labels).any()
+    assert not find_sky_by_looks(noisy, frame.view.camera, labels).any()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from painted_street import COLORS, HEIGHT, SKY, WALL, WIDTH, camera, photo, truth
 
-from instdrive_core.masks.image.sky import SkyColors, sky_seeds, surely_sky
+from instdrive_core.masks.image.sky import SkyColors, find_certain_sky, find_sky_seeds
 
 
 def plain(color):
@@ -13,29 +13,31 @@ def plain(color):
 
 def test_nothing_is_sky_within_a_beam_of_a_surface_or_below_the_horizon():
     supported = truth(0) != SKY
-    found = surely_sky(supported, photo(0), camera())
+    found = find_certain_sky(supported, photo(0), camera())
     top_of_wall = int(np.flatnonzero(supported[:, 80])[0])
     assert found[0].all()
     assert not found[top_of_wall - 5 :].any()
-    assert not surely_sky(np.zeros_like(supported), photo(0), camera())[46:].any(), "no beam looks down for the sky"
+    assert not find_certain_sky(np.zeros_like(supported), photo(0), camera())[46:].any(), (
+        "no beam looks down for the sky"
+    )
 
 
 def test_a_dark_window_within_a_wall_is_no_sky():
     supported = np.ones((HEIGHT, WIDTH), bool)
     supported[5:40, 40:120] = False
-    assert not surely_sky(supported, plain(COLORS[SKY]), camera()).any()
+    assert not find_certain_sky(supported, plain(COLORS[SKY]), camera()).any()
 
 
 def test_above_a_wall_that_leaves_the_field_of_view_nothing_is_known():
     supported = np.ones((HEIGHT, WIDTH), bool)
     supported[:13] = False
-    assert not surely_sky(supported, plain(COLORS[SKY]), camera()).any()
+    assert not find_certain_sky(supported, plain(COLORS[SKY]), camera()).any()
 
 
 def test_textured_regions_are_no_sure_sky():
     rng = np.random.default_rng(0)
     noise = rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-    assert not surely_sky(np.zeros((HEIGHT, WIDTH), bool), noise, camera()).any()
+    assert not find_certain_sky(np.zeros((HEIGHT, WIDTH), bool), noise, camera()).any()
 
 
 def test_sky_between_tall_walls_is_known_by_its_colour_elsewhere():
@@ -44,11 +46,11 @@ def test_sky_between_tall_walls_is_known_by_its_colour_elsewhere():
     image = plain(COLORS[WALL])
     image[:13, 60:100] = COLORS[SKY]
     elsewhere = SkyColors()
-    assert not sky_seeds(supported, image, camera(), elsewhere).any()
+    assert not find_sky_seeds(supported, image, camera(), elsewhere).any()
     elsewhere.add(photo(0), truth(0) == SKY, truth(0) != SKY)
     expected = np.zeros_like(supported)
     expected[:13, 60:100] = True
-    np.testing.assert_array_equal(sky_seeds(supported, image, camera(), elsewhere), expected)
+    np.testing.assert_array_equal(find_sky_seeds(supported, image, camera(), elsewhere), expected)
 
 
 def test_likelihood_compares_sky_and_surface_whatever_their_sizes():

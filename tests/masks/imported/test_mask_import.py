@@ -22,7 +22,8 @@ from instdrive_core.masks.imported.label_map import read_imported_label_map
 from instdrive_core.masks.imported.labels import ImportedLabels
 from instdrive_core.masks.imported.npz import read_imported_npz
 from instdrive_core.masks.imported.rle import read_imported_rle
-from instdrive_core.masks.sources import SourceOptions, make_masks
+from instdrive_core.masks.making import make_masks
+from instdrive_core.masks.sources import SourceOptions
 
 HEIGHT, WIDTH = 18, 32
 NESTED = np.zeros((3, HEIGHT, WIDTH), bool)
@@ -269,7 +270,7 @@ def street(tmp_path):
     """A clip, and a folder with one of the three formats for each photo: road, wall, car and, but once, the sky."""
     clip = painted_clip(str(tmp_path / "clip"))
     folder = tmp_path / "elsewhere"
-    for number, frame in enumerate(clip.training_frames()):
+    for number, frame in enumerate(clip.training_frames):
         labels = truth(frame.view.time)
         masks = [labels == part for part in (ROAD, WALL, CAR, SKY)]
         file = folder / f"{frame.key}.png"
@@ -289,7 +290,7 @@ def test_a_folder_is_imported_without_its_sky(street, tmp_path):
     found = make_masks(clip, "import", tmp_path / "masks", options=SourceOptions(imported=folder))
     assert found.source == "import"
     assert set(found.counts.values()) == {3}
-    for frame in clip.training_frames():
+    for frame in clip.training_frames:
         masks, labels = found.load(frame), truth(frame.view.time)
         for part in (ROAD, WALL, CAR):
             assert len(np.unique(masks.labels[labels == part])) == 1
@@ -299,7 +300,7 @@ def test_a_folder_is_imported_without_its_sky(street, tmp_path):
 
 def test_photos_without_masks_and_with_two_files_are_named(street):
     clip, folder = street
-    first, second, _ = (frame.key for frame in clip.training_frames())
+    first, second, _ = (frame.key for frame in clip.training_frames)
     write_png(folder / f"{second}.png", np.ones((90, 160), np.uint8))
     with pytest.raises(DataError, match=rf"the photo {second} has 2 files with masks: 03\.png, 03\.npz"):
         ImportedLabels(clip, folder)
@@ -313,7 +314,7 @@ def test_photos_without_masks_and_with_two_files_are_named(street):
 
 def test_a_sky_of_another_shape_is_named(street):
     clip, folder = street
-    frame = clip.training_frames()[2]
+    frame = clip.training_frames[2]
     write_png(folder / f"{frame.key}_sky.png", np.zeros((90, 90), np.uint8))
     with pytest.raises(DataError, match=r"05_sky\.png: the sky mask is 90×90, of another shape"):
         ImportedLabels(clip, folder).load(frame)

@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 from painted_street import CAR, ROAD, SKY, WALL, painted_clip, truth
 
-from benchmarks.lidar_masks import figures, picture, score_photo
 from instdrive_core.datasets.clip import ClipOptions
 from instdrive_core.datasets.registry import load_clip
 from instdrive_core.errors import DataError
 from instdrive_core.masks.annotated.labels import OPEN
-from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
-from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, kinds_of_clusters
-from instdrive_core.masks.lidar.cluster_motion import MovingCluster, completed
-from instdrive_core.masks.lidar.cluster_parts import joined_splinters, joined_vehicles
-from instdrive_core.masks.lidar.clusters import absorbed, cluster, thinned
+from instdrive_core.masks.lidar.cluster_kind import FACADE, GROUND, NONE, THING, VEGETATION, classify_clusters
+from instdrive_core.masks.lidar.cluster_motion import MovingCluster, complete_clusters
+from instdrive_core.masks.lidar.cluster_parts import join_splinters, join_vehicle_parts
+from instdrive_core.masks.lidar.clusters import absorb_small_clusters, cluster_points, thin_rows
 from instdrive_core.masks.lidar.ground import find_ground, is_ground
 from instdrive_core.masks.lidar.labels import LidarLabels
-from instdrive_core.masks.lidar.moving_points import ClusteredSweep, moving_clusters
-from instdrive_core.masks.lidar.point_shape import point_shape
-from instdrive_core.masks.lidar.regions import superpixel_vote, without_holes
-from instdrive_core.masks.lidar.see_through import range_image, seen_through
+from instdrive_core.masks.lidar.moving_points import ClusteredSweep, find_moving_clusters
+from instdrive_core.masks.lidar.point_shape import compute_point_shape
+from instdrive_core.masks.lidar.regions import fill_label_holes, vote_by_superpixel
+from instdrive_core.masks.lidar.see_through import build_range_image, is_seen_through
 
 
 def box(low, high, count, rng):
@@ -43,10 +41,10 @@ def test_ground_is_found_under_cars_on_a_slope_and_above_mirror_images():
     mirrored = box([5, 5, -3], [9, 8, -1], 1500, rng)
     surface = find_ground(np.concatenate([road, car, wall, mirrored]).astype(np.float32))
     distance = np.full(60000, 10, np.float32)
-    assert is_ground(surface.above(road.astype(np.float32)), distance[: len(road)]).mean() > 0.98
-    assert not is_ground(surface.above(car), distance[: len(car)]).any()
+    assert is_ground(surface.compute_heights_above(road.astype(np.float32)), distance[: len(road)]).mean() > 0.98
+    assert not is_ground(surface.compute_heights_above(car), distance[: len(car)]).any()
     high = wall[:, 2] - 0.03 * wall[:, 0] > 0.4
-    assert is_ground(surface.above(wall[high]), distance[: high.sum()]).mean() < 0.01
+    assert is_ground(surface.compute_heights_above(wall[high]), distance[: high.sum()]).mean() < 0.01
 
 
 def test_ground_needs_points():
@@ -58,23 +56,23 @@ def test_reach_grows_with_distance():
     row = np.column_stack([np.arange(0, 2, 0.2), np.zeros((10, 2))])
     pair = np.concatenate([row, row + np.array([2.4, 0, 0])]).astype(np.float32)
     for reach, expected in ((0.4, 2), (0.8, 1)):
-        numbers = cluster(pair, np.full(20, reach, np.float32))
+        numbers = cluster_points(pair, np.full(20, reach, np.float32))
         assert len(np.unique(numbers)) == expected
     mixed = np.repeat([0.8, 0.4], 10).astype(np.float32)
-    assert len(np.unique(cluster(pair, mixed))) == 2, "the smaller reach counts"
+    assert len(np.unique(cluster_points(pair, mixed))) == 2, "the smaller reach counts"
     groups = np.repeat([0, 1], 10)
-    assert len(np.unique(cluster(pair, np.full(20, 0.8, np.float32), groups))) == 2
+    assert len(np.unique(cluster_points(pair, np.full(20, 0.8, np.float32), groups))) == 2
 
 
 def test_thinning_keeps_a_point_of_each_cell():
     points = np.array([[0.01, 0, 0], [0.02, 0, 0], [0.11, 0, 0], [-0.01, 0, 0]], np.float32)
-    assert thinned(points, 0.1).tolist() == [0, 2, 3]
+    assert thin_rows(points, 0.1).tolist() == [0, 2, 3]
 
 
 def test_splinters_join_what_is_near():
     points = np.array([[0.1 * n, 0, 0] for n in range(20)] + [[2.3, 0, 0], [9.0, 0, 0]], np.float32)
     numbers = np.repeat([0, 1, 2], [20, 1, 1]).astype(np.int32)
-    joined = absorbed(points, numbers, np.full(22, 0.3, np.float32))
+    joined = absorb_small_clusters(points, numbers, np.full(22, 0.3, np.float32))
     assert len(set(joined[:21])) == 1
     assert joined[21] != joined[0]
 
@@ -85,7 +83,7 @@ def test_small_clusters_inside_larger_ones_are_parts_of_them():
     numbers = (np.abs(crown - 1.5) < 0.4).all(axis=1).astype(np.int32)
     away = box([8, 0, 0], [8.8, 0.8, 1], 300, rng)
     points, numbers = np.concatenate([crown, away]), np.append(numbers, np.full(300, 2, np.int32))
-    joined = joined_splinters(points, numbers, np.full(len(points), 0.4, np.float32))
+    joined = join_splinters(points, numbers, np.full(len(points), 0.4, np.float32))
     assert len(set(joined[:9000])) == 1
     assert set(joined[9000:]).isdisjoint(joined[:9000])
 
@@ -98,11 +96,11 @@ def test_parts_of_a_car_are_joined_but_not_two_cars_or_a_person_beside_it():
     person = box([2.0, 2.1, 0.2], [2.5, 2.6, 1.7], 150, rng)
     points = np.concatenate([hood, cabin, parked_next, person])
     numbers = np.repeat([7, 3, 5, 2], [200, 400, 500, 150]).astype(np.int32)
-    joined = joined_vehicles(points, numbers, points[:, 2])
+    joined = join_vehicle_parts(points, numbers, points[:, 2])
     found = [set(joined[start:end].tolist()) for start, end in ((0, 600), (600, 1100), (1100, 1250))]
     assert [len(one) for one in found] == [1, 1, 1]
     assert len(set.union(*found)) == 3
-    outside = joined_vehicles(points, np.full(len(points), -1, np.int32), points[:, 2])
+    outside = join_vehicle_parts(points, np.full(len(points), -1, np.int32), points[:, 2])
     assert (outside == -1).all()
 
 
@@ -116,16 +114,16 @@ def test_kinds_follow_size_and_shape():
     parts = [wall, crown, car, curb, stray]
     points = np.concatenate(parts)
     numbers = np.repeat(np.arange(5), [len(part) for part in parts]).astype(np.int32)
-    kinds = kinds_of_clusters(points, numbers, point_shape(points), points[:, 2])
+    kinds = classify_clusters(points, numbers, compute_point_shape(points), points[:, 2])
     assert kinds.tolist() == [FACADE, VEGETATION, THING, GROUND, NONE]
 
 
 def test_a_place_is_empty_if_a_beam_went_on_behind_it():
     rng = np.random.default_rng(0)
     wall = np.column_stack([rng.uniform(-10, 10, 40000), np.full(40000, 20.0), rng.uniform(-2, 4, 40000)])
-    image = range_image(wall.astype(np.float32), np.zeros(3))
+    image = build_range_image(wall.astype(np.float32), np.zeros(3))
     points = np.array([[0, 10, 0], [0, 19.8, 0], [0, 25, 0], [0, -10, 0]], np.float32)
-    assert seen_through(points, image).tolist() == [True, False, False, False]
+    assert is_seen_through(points, image).tolist() == [True, False, False, False]
 
 
 def test_motion_is_found_between_sweeps_and_completes_what_moves():
@@ -139,12 +137,12 @@ def test_motion_is_found_between_sweeps_and_completes_what_moves():
         ]
         for step, time in enumerate((0.0, 0.2, 0.4))
     }
-    for step, clusters in enumerate(completed(by_time).values()):
+    for step, clusters in enumerate(complete_clusters(by_time).values()):
         assert clusters[0].velocity == pytest.approx([8, 0, 0], abs=0.3)
         assert clusters[1].velocity == pytest.approx([-8, 0, 0], abs=0.6)
         assert len(clusters[1].points) > 250
         assert (np.abs(clusters[1].points - other.mean(axis=0) + shift * step) < [2.3, 1.3, 1.1]).all()
-    alone = completed({0.0: by_time[0.0], 5.0: by_time[0.4]})
+    alone = complete_clusters({0.0: by_time[0.0], 5.0: by_time[0.4]})
     assert not alone[0.0][0].velocity.any(), "the next sweep is too late to tell"
 
 
@@ -160,7 +158,7 @@ def test_what_moves_is_followed_where_no_beam_went_through_its_place():
         points = np.concatenate([wall, parked, car]).astype(np.float32)
         hidden = (np.abs(points[:, 0] / points[:, 1]) < 0.05) & (points[:, 1] > 59)
         sweeps.append(ClusteredSweep(0.2 * step, np.zeros(3), points[~hidden], numbers[~hidden]))
-    for moves in moving_clusters(sweeps):
+    for moves in find_moving_clusters(sweeps):
         assert moves.tolist() == [False, False, True]
 
 
@@ -170,10 +168,10 @@ def test_superpixels_take_the_label_that_prevails():
     seeds = np.full((40, 60), OPEN, np.int32)
     seeds[::4, 2:28:4] = 0
     seeds[::4, 32::4] = 1
-    voted = superpixel_vote(seeds, image, np.ones((40, 60), bool), range(1, 2))
+    voted = vote_by_superpixel(seeds, image, np.ones((40, 60), bool), range(1, 2))
     assert (voted[:, :29] == 0).mean() > 0.9
     assert (voted[:, 31:] == 1).mean() > 0.9
-    voted = superpixel_vote(seeds, image, np.zeros((40, 60), bool), range(1, 2))
+    voted = vote_by_superpixel(seeds, image, np.zeros((40, 60), bool), range(1, 2))
     assert (voted[:, :29] == 0).mean() > 0.9
     assert (voted == 1).sum() == (seeds == 1).sum(), "things stay where they may be"
 
@@ -187,7 +185,7 @@ def test_what_is_seen_through_a_window_belongs_to_the_car_but_not_what_stands_be
     labels[36:38, 40:42], depths[36:38, 40:42] = OPEN, np.inf
     labels[50:54, 10:14], depths[50:54, 10:14] = 5, 20
     labels[5:8, 5:8] = 2
-    filled = without_holes(labels, depths, floor=1, things=range(3, 6))
+    filled = fill_label_holes(labels, depths, floor=1, things=range(3, 6))
     assert (filled[24:28, 30:36] == 3).all()
     assert (filled[36:38, 40:42] == 3).all()
     assert (filled[30:34, 48:52] == 4).all(), "in front of the car"
@@ -207,21 +205,21 @@ def labels(street):
 
 
 def test_street_wall_car_and_sky_are_found_without_annotations(street, labels):
-    for frame in street.training_frames()[::5]:
+    for frame in street.training_frames[::5]:
         found, expected = labels.load(frame), truth(frame.view.time)
         car = found[expected == CAR]
         assert iou(found == np.bincount(car[car > 0]).argmax(), expected == CAR) > 0.7
         assert iou(found == GROUND, expected == ROAD) > 0.9
         wall = np.bincount(found[expected == WALL]).argmax()
         assert iou(found == wall, expected == WALL) > 0.85
-        assert iou(labels.sky(frame), expected == SKY) > 0.9
-        assert not (labels.sky(frame) & (found > 0)).any()
+        assert iou(labels.load_sky(frame), expected == SKY) > 0.9
+        assert not (labels.load_sky(frame) & (found > 0)).any()
 
 
 def test_neither_classes_nor_cuboids_change_anything(street, labels):
     sweeps = tuple(replace(s, load=lambda s=s: replace(s.load(), classes=None)) for s in street.sweeps)
     bare = LidarLabels(replace(street, sweeps=sweeps, tracks=(), class_names={}))
-    for frame in street.training_frames()[::5]:
+    for frame in street.training_frames[::5]:
         np.testing.assert_array_equal(bare.load(frame), labels.load(frame))
 
 
@@ -251,7 +249,7 @@ def test_the_real_clip_gives_cars_a_road_and_a_sky(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions(cameras="front_left_camera", first_frame=36, last_frame=46))
     labels = LidarLabels(clip)
     frame = next(frame for frame in clip.frames if frame.view.index == 40)
-    found, sky = labels.load(frame), labels.sky(frame)
+    found, sky = labels.load(frame), labels.load_sky(frame)
     assert labels.source == "lidar"
     assert sky[:80].mean() > 0.6
     assert (found[200:] == GROUND).mean() > 0.6
@@ -271,42 +269,3 @@ def test_a_few_points_are_enough_to_go_on(street):
     found = LidarLabels(replace(street, sweeps=sweeps)).load(frame)
     assert found.shape == (90, 160)
     assert set(np.unique(found)) <= {0, GROUND}
-
-
-class KnownStreet:
-    """The painted street's truth, with or without a mistake, as both ground truth and masks."""
-
-    source = "exact"
-    instances = {  # noqa: RUF012
-        ROAD: GroundTruthInstance(ROAD, "Road", "Road", "stuff"),
-        WALL: GroundTruthInstance(WALL, "Building", "Building", "stuff"),
-        CAR: GroundTruthInstance(CAR, "Car", "Car", "thing"),
-    }
-
-    def __init__(self, split=False):
-        self.split = split
-
-    def load(self, frame):
-        labels = truth(frame.view.time).astype(np.uint32)
-        if self.split:
-            rows, columns = np.nonzero(labels == CAR)
-            left = columns < np.median(columns)
-            labels[rows[left], columns[left]] = 99
-        return labels
-
-    def sky(self, frame):
-        return truth(frame.view.time) == SKY
-
-
-def test_the_benchmarks_figures_know_whole_from_split(street):
-    frames = street.training_frames()[:2]
-    perfect = figures([score_photo(KnownStreet(), KnownStreet(), frame) for frame in frames])
-    assert {perfect[key] for key in ("things_best_iou", "things_iou50", "per_view_miou", "pq", "sky_iou")} == {1.0}
-    split = figures([score_photo(KnownStreet(), KnownStreet(split=True), frame) for frame in frames])
-    assert 0.45 < split["things_best_iou"] < 0.6
-    assert split["stuff_best_iou"] == 1.0
-    assert split["masks_per_photo"] == 4
-    assert split["pq"] < 0.9
-    drawn = picture(KnownStreet(), KnownStreet(split=True), frames)
-    assert drawn.shape == (2 * 90, 3 * 160, 3)
-    assert (drawn[:, :160] == np.vstack([frame.load_image() for frame in frames])).all()

@@ -12,21 +12,22 @@ from tiny_sam import EDGE, permissive, write_tiny_model
 
 from instdrive_core.errors import DataError, OptionError
 from instdrive_core.masks.sam import weights as sam_weights
-from instdrive_core.masks.sam.labels import SamLabels, SamOptions
-from instdrive_core.masks.sam.weights import IMAGENET_MEAN, IMAGENET_STD, Photo, load_model, weights_folder
+from instdrive_core.masks.sam.labels import SamLabels
+from instdrive_core.masks.sam.options import SamOptions
+from instdrive_core.masks.sam.weights import IMAGENET_MEAN, IMAGENET_STD, PhotoFormat, find_weights, load_model
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def test_a_folder_that_is_not_there_says_how_to_get_weights():
     with pytest.raises(DataError, match=r"no such folder.*hf download facebook/sam2.*safetensors"):
-        weights_folder("weights/sam/large", offline=True)
+        find_weights("weights/sam/large", offline=True)
 
 
 def test_a_name_that_is_not_on_this_machine_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path))
     with pytest.raises(OptionError, match=r"facebook/none.*hf download facebook/none.*edgetam.*sam2.*sam_hq"):
-        weights_folder("facebook/none", offline=True)
+        find_weights("facebook/none", offline=True)
 
 
 def test_a_name_that_the_hub_does_not_give_says_why(tmp_path, monkeypatch):
@@ -35,7 +36,7 @@ def test_a_name_that_the_hub_does_not_give_says_why(tmp_path, monkeypatch):
 
     monkeypatch.setattr("huggingface_hub.snapshot_download", unreachable)
     with pytest.raises(OptionError, match=r"no route to host.*hf download facebook/none"):
-        weights_folder("facebook/none", offline=False)
+        find_weights("facebook/none", offline=False)
 
 
 def test_a_name_is_downloaded_once(tmp_path, monkeypatch, sam_folder):
@@ -48,16 +49,16 @@ def test_a_name_is_downloaded_once(tmp_path, monkeypatch, sam_folder):
         return str(sam_folder)
 
     monkeypatch.setattr("huggingface_hub.snapshot_download", hub)
-    assert weights_folder("somebody/sam", offline=False) == sam_folder
+    assert find_weights("somebody/sam", offline=False) == sam_folder
     assert asked == [("somebody/sam", True), ("somebody/sam", False)]
 
 
 def test_a_folder_without_weights_is_refused(tmp_path, sam_folder):
     with pytest.raises(DataError, match=r"'config\.json' is missing"):
-        weights_folder(str(tmp_path), offline=True)
+        find_weights(str(tmp_path), offline=True)
     shutil.copy(sam_folder / "config.json", tmp_path)
     with pytest.raises(DataError, match=r"'\*.safetensors' is missing"):
-        weights_folder(str(tmp_path), offline=True)
+        find_weights(str(tmp_path), offline=True)
 
 
 def test_a_model_of_another_kind_is_refused(tmp_path):
@@ -88,17 +89,17 @@ def test_the_hubs_sam2_is_opened_without_its_memory(tmp_path):
     save_file(weights | {"memory_encoder.x": np.zeros(3, np.float32)}, tmp_path / "model.safetensors", {"format": "pt"})
     model, photo = load_model(tmp_path)
     assert type(model).__name__ == "Sam2Model"
-    assert photo == Photo(EDGE, False, (0.4, 0.4, 0.4), (0.2, 0.2, 0.2))
+    assert photo == PhotoFormat(EDGE, False, (0.4, 0.4, 0.4), (0.2, 0.2, 0.2))
 
 
 def test_photos_are_normalised_as_the_models_files_say(tmp_path, sam_folder):
     _, photo = load_model(sam_folder)
-    assert photo == Photo(EDGE, True, IMAGENET_MEAN, IMAGENET_STD)
+    assert photo == PhotoFormat(EDGE, True, IMAGENET_MEAN, IMAGENET_STD)
     shutil.copytree(sam_folder, tmp_path, dirs_exist_ok=True)
     (tmp_path / "preprocessor_config.json").unlink()
     nested = {"image_processor": {"image_mean": [0.1, 0.2, 0.3], "image_std": [1, 1, 1]}}
     (tmp_path / "processor_config.json").write_text(json.dumps(nested))
-    assert load_model(tmp_path)[1] == Photo(EDGE, True, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0))
+    assert load_model(tmp_path)[1] == PhotoFormat(EDGE, True, (0.1, 0.2, 0.3), (1.0, 1.0, 1.0))
 
 
 def test_without_the_library_it_says_what_to_install(monkeypatch, sam_folder):

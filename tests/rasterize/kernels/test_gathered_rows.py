@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from little_scenes import Splats, random_splats, small_camera
 
-from instdrive_core.rasterize.kernels import backward, blend, project_backward, spare
+from instdrive_core.rasterize.kernels import backward, blend, buffer_pool, project_backward
 from instdrive_core.rasterize.render import render, render_backward
 
 NAMES = ("means", "quats", "log_scales", "opacities", "channels", "means2d_abs", "visible")
@@ -64,10 +64,10 @@ def test_the_number_of_threads_does_not_change_a_bit(splats: Splats) -> None:
 
 
 def test_spare_memory_is_used_again_but_never_by_two_at_once() -> None:
-    with spare.spare_floats(1000) as first, spare.spare_floats(1000) as second:
+    with buffer_pool.borrow_floats(1000) as first, buffer_pool.borrow_floats(1000) as second:
         assert len(first) == len(second) == 1000
         assert not np.shares_memory(first, second)
         addresses = {first.ctypes.data, second.ctypes.data}
-    with spare.spare_floats(900) as third:
+    with buffer_pool.borrow_floats(900) as third:
         assert len(third) == 900
         assert third.ctypes.data in addresses

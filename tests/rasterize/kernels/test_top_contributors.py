@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from little_scenes import random_splats, small_camera
 
-from instdrive_core.rasterize.kernels.blend_weights import blend_weights
-from instdrive_core.rasterize.kernels.top_contributors import top_contributors
+from instdrive_core.rasterize.kernels.blend_weights import compute_blend_weights
+from instdrive_core.rasterize.kernels.top_contributors import find_top_contributors
 
 
 @pytest.mark.parametrize("min_alpha", [0.0, 0.5, 0.9])
@@ -15,8 +15,8 @@ def test_it_is_the_largest_blending_weight_of_pixels_that_hide_enough(min_alpha:
     camera = small_camera(90, 70)
     splats = random_splats(camera, 600, 0, seed=1).arrays()[:4]
     pixels = np.random.default_rng(0).permutation(90 * 70)[:3000]
-    top = top_contributors(*splats, camera, pixels, min_alpha)
-    weights = blend_weights(*splats, camera, pixels)
+    top = find_top_contributors(*splats, camera, pixels, min_alpha)
+    weights = compute_blend_weights(*splats, camera, pixels)
     shown = 0
     for pixel, found in enumerate(top.tolist()):
         entries = slice(weights.indptr[pixel], weights.indptr[pixel + 1])
@@ -35,4 +35,4 @@ def test_a_pixel_outside_the_image_is_refused() -> None:
     camera = small_camera()
     splats = random_splats(camera, 10, 0, seed=2).arrays()[:4]
     with pytest.raises(ValueError, match="leave the"):
-        top_contributors(*splats, camera, np.array([camera.width * camera.height]), 0.5)
+        find_top_contributors(*splats, camera, np.array([camera.width * camera.height]), 0.5)

@@ -7,8 +7,8 @@ import pytest
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
 from instdrive_core.maths.spherical_harmonics import REST_COUNTS
-from instdrive_core.maths.spherical_harmonics import view_colors as plain_view_colors
-from instdrive_core.rasterize.kernels.view_colors import harmonics_view, view_colors, view_colors_backward
+from instdrive_core.maths.spherical_harmonics import evaluate_view_colors as plain_view_colors
+from instdrive_core.rasterize.kernels.view_colors import build_harmonics_view, compute_colors, compute_colors_backward
 
 POSITION = np.array([0.4, -1.0, 2.0])
 
@@ -33,7 +33,7 @@ def test_colors_are_those_of_the_plain_formula(rest: int) -> None:
     directions = means - POSITION.astype(np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     expected = plain_view_colors(sh_dc, sh_rest, directions)
-    found = view_colors(means, sh_dc, sh_rest, POSITION)
+    found = compute_colors(means, sh_dc, sh_rest, POSITION)
     np.testing.assert_allclose(found, expected, atol=2e-6)
     assert (found == 0).any()
 
@@ -42,13 +42,13 @@ def test_an_actors_colors_turn_with_it() -> None:
     means, sh_dc, sh_rest = some_harmonics(15)
     nodes = (np.arange(300) % 3).astype(np.uint16)
     poses = some_poses()
-    found = view_colors(means, sh_dc, sh_rest, POSITION, nodes, poses)
+    found = compute_colors(means, sh_dc, sh_rest, POSITION, nodes, poses)
     for node in range(3):
         rows = nodes == node
         inverse = np.linalg.inv(poses[node])
         local_means = means[rows] @ inverse[:3, :3].T + inverse[:3, 3]
         local_position = inverse[:3, :3] @ POSITION + inverse[:3, 3]
-        expected = view_colors(local_means, sh_dc[rows], sh_rest[rows], local_position)
+        expected = compute_colors(local_means, sh_dc[rows], sh_rest[rows], local_position)
         np.testing.assert_allclose(found[rows], expected, atol=2e-5)
 
 
@@ -59,8 +59,10 @@ def test_gradients_agree_with_differences(rest: int) -> None:
     rng = np.random.default_rng(1)
     grad = rng.normal(size=(40, 3)).astype(np.float32)
     grad[7] = 0
-    colors = view_colors(means, sh_dc, sh_rest, POSITION, nodes, some_poses())
-    grad_dc, grad_rest = view_colors_backward(harmonics_view(means, POSITION, nodes, some_poses()), rest, colors, grad)
+    colors = compute_colors(means, sh_dc, sh_rest, POSITION, nodes, some_poses())
+    grad_dc, grad_rest = compute_colors_backward(
+        build_harmonics_view(means, POSITION, nodes, some_poses()), rest, colors, grad
+    )
     settled = (colors == 0) | (colors > 0.05)  # differences must not cross the clamp
     assert (colors == 0).any()
     for name, gradient in (("dc", grad_dc), ("rest", grad_rest)):
@@ -68,7 +70,7 @@ def test_gradients_agree_with_differences(rest: int) -> None:
             continue
         step = rng.normal(size=gradient.shape).astype(np.float32) * np.float32(2e-3)
         moved = [
-            view_colors(
+            compute_colors(
                 means,
                 sh_dc + sign * (step if name == "dc" else 0),
                 sh_rest + sign * (step if name == "rest" else 0),

@@ -5,11 +5,11 @@ import pytest
 from little_scenes import random_splats, small_camera
 
 from instdrive_core.maths.rotations import matrix_from_quaternion
-from instdrive_core.maths.spherical_harmonics import REST_COUNTS, Y0, rest_basis
+from instdrive_core.maths.spherical_harmonics import REST_COUNTS, Y0, evaluate_rest_basis
 from instdrive_core.maths.workspace import Workspace
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS
 from instdrive_core.rasterize.preview.colors import ColorSource, write_colors
-from instdrive_core.rasterize.preview.splats import projected
+from instdrive_core.rasterize.preview.splats import project_splats
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -27,14 +27,14 @@ def test_visible_rows_get_the_color_of_their_direction_in_their_frame(degree):
     )
     shapes = (np.ascontiguousarray(a, np.float32) for a in splats.arrays()[:3])
     means, quats, log_scales = shapes
-    found = projected(means, quats, log_scales, opacities, camera, DEFAULT_SETTINGS, Workspace())
+    found = project_splats(means, quats, log_scales, opacities, camera, DEFAULT_SETTINGS, Workspace())
     found.colors[:] = -7
     write_colors(found, source, means, camera.position)
 
     away = means - camera.position
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     local = np.einsum("nij,ni->nj", source.rotations[source.frames], away)
-    rest = np.einsum("nk,nkc->nc", rest_basis(local, REST_COUNTS[degree]), source.sh_rest)
+    rest = np.einsum("nk,nkc->nc", evaluate_rest_basis(local, REST_COUNTS[degree]), source.sh_rest)
     plain = 0.5 + Y0 * source.sh_dc + rest
     matrices = source.matrices[source.entries]
     expected = np.maximum(np.einsum("nij,nj->ni", matrices[:, :, :3], plain) + matrices[:, :, 3], 0)

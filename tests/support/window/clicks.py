@@ -15,6 +15,6 @@ def clicks_that_miss(document, snapshot, count):
     for x, y in zip(rng.integers(0, camera.width, count), rng.integers(0, camera.height, count), strict=True):
         winner = frame.winner[y, x]
         expected = int(document.scene.instance_ids[winner]) if winner >= 0 else 0
-        below = picker.instances_at(document, snapshot, float(x), float(y))
+        below = picker.find_instances_at(document, snapshot, float(x), float(y))
         wrong += (below[0] if below else 0) != expected
     return wrong

@@ -12,37 +12,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
+from example_requests import fill_in, list_requests
 from imgui_bundle import imgui
 from PIL import Image
 from tyro.conf import Positional
 
-from instdrive_app.files.sample import sample_scene
+from instdrive_app.files.sample import find_sample_scene
 from instdrive_app.session.editor_session import EditorSession
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.session.requests import ReceiveDrop
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_app.shell.window import EditorWindow
 from instdrive_app.shell.window_layout import WindowOptions
 from instdrive_app.state import Reference, ViewMode
-from instdrive_core.scene.lint import Finding
 
-DIALOGS = (
-    "open",
-    "insert",
-    "save",
-    "export",
-    "shortcuts",
-    "about",
-    "palette",
-    "unsaved",
-    "findings",
-    "split",
-    "turn_upright",
-    "class",
-    "rename",
-)
 LONG_NAME = ("A parked delivery van with a rather long name, behind the second lamp post, " * 3)[:200]
-"""As long as a name may be."""
+"""The longest name allowed."""
 PATIENCE_FRAMES = 400
 
 
@@ -83,14 +68,14 @@ class Tour:
 
     def _selections(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
-        yield from self._look("one", lambda: session.select(ids[:1]))
-        yield from self._look("two", lambda: session.select(ids[:2]))
-        session.select(ids[:1])
+        yield from self._look("one", lambda: session.selection.select(ids[:1]))
+        yield from self._look("two", lambda: session.selection.select(ids[:2]))
+        session.selection.select(ids[:1])
         session.labels.rename(ids[0], LONG_NAME)
         yield from self._look("long name")
-        yield from self._look("move tool", lambda: session.commands.run("tool.move"))
-        yield from self._look("region tool", lambda: session.commands.run("tool.rectangle"))
-        session.commands.run("tool.pick")
+        yield from self._look("move tool", lambda: session.actions.run("tool.move"))
+        yield from self._look("region tool", lambda: session.actions.run("tool.rectangle"))
+        session.actions.run("tool.pick")
         yield from self._look("history", lambda: self._front("History"))
         yield from self._look("log", lambda: self._front("Log"))
         self._front("Inspector")
@@ -118,35 +103,25 @@ class Tour:
 
     def _dialogs(self) -> Iterator[None]:
         session, ids = self._session, self._cars()
-        session.findings = (
-            Finding(
-                "not_finite",
-                "3 splats hold values that are not finite (means of 2, log_scales of 3)",
-                3,
-                np.arange(3),
-                "Best deleted: most viewers draw nothing or fail where one is in view",
-            ),
-            Finding("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"),
-        )
-        for name in filter(lambda name: self._wanted(f"dialog {name}"), DIALOGS):
-            session.asked_about, session.renamed = ids[:1], ids[0] if name == "rename" else 0
-            session.dialog = name
+        fill_in(session, self._scene)
+        for name, request in list_requests(self._scene, ids[0]).items():
+            if not self._wanted(f"dialog {name}"):
+                continue
+            # Not by the queue: the list of instances would take the renaming.
+            self._window._dialogs.open(self._window.ui, request)
             yield from self._look(f"dialog {name}", frames=25 if name == "split" else 5)
             yield from self._escape()
-        session.dialog = "reassign"
-        yield from self._look("dialog reassign")
-        yield from self._escape()
+        session.files.autosave.recoverable = []
         others = tuple(self._options.out / f"{number} {LONG_NAME}.ply" for number in range(5))
         for other in others:
             other.symlink_to(self._scene)
-        for name, dropped in (("dropped", (self._scene,)), ("several dropped", others)):
-            session.dropped = dropped
-            yield from self._look(f"dialog {name}")
-            yield from self._escape()
+        session.requests.put(ReceiveDrop(others))
+        yield from self._look("dialog several dropped")
+        yield from self._escape()
 
     def _menus(self) -> Iterator[None]:
-        for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.commands.menus):
-            first = f"menu {self._session.commands.in_menu(menu)[0].id}"
+        for menu in filter(lambda name: self._wanted(f"menu {name}"), self._session.actions.menus):
+            first = f"menu {self._session.actions.in_menu(menu)[0].id}"
             for _ in range(3):  # a click also closes what Escape has left half open
                 yield from self._click(f"menu {menu}")
                 if first in self._window.ui.marks:
@@ -162,7 +137,7 @@ class Tour:
     def _cars(self) -> tuple[int, ...]:
         document = self._session.document
         assert document is not None
-        return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.visible_instances()
+        return tuple(i.id for i in document.scene.table if i.class_name == "Car") or document.find_visible_instances()
 
     def _front(self, panel: str) -> None:
         imgui.set_window_focus(panel)
@@ -210,10 +185,10 @@ def main(options: Options) -> None:
     options.out.mkdir(parents=True)
     os.environ["INSTDRIVE_STATE"] = str(options.out / "state")
     pixels = (round(options.size[0] * options.scale), round(options.size[1] * options.scale))
-    session, source = EditorSession(), sample_scene()
+    session, source = EditorSession(), find_sample_scene()
     scene = options.out / "street"
     (shutil.copytree if source.is_dir() else shutil.copy)(source, scene)
-    with virtual_display(pixels):
+    with open_virtual_display(pixels):
         window = EditorWindow(session, WindowOptions(options.size, remember_layout=False, scale=options.scale))
         tour = Tour(window, options, scene)
         window.run(lambda _: tour.play())

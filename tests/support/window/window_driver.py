@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instdrive_app.shell.virtual_display import virtual_display
+from instdrive_app.shell.virtual_display import open_virtual_display
 from instdrive_core.files.file_lock import FileLock
 from instdrive_core.scene.camera import Camera
 
@@ -43,7 +43,7 @@ def editor_display():
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
     compile_kernels()
-    with virtual_display((1280, 720)):
+    with open_virtual_display((1280, 720)):
         yield
 
 
@@ -54,7 +54,7 @@ def compile_kernels():
     One at a time, as tests' workers begin together: the second finds compiled what the first needed.
     """
     path = Path(tempfile.gettempdir(), f"instdrive-tests-{os.getuid()}.lock")
-    while (lock := FileLock.taken(path)) is None:
+    while (lock := FileLock.acquire(path)) is None:
         time.sleep(0.05)
     try:
         subprocess.run([sys.executable, "-c", KERNELS], check=True)

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from instdrive_core.maths.activations import sigmoid
-from instdrive_core.rasterize.kernels.view_colors import harmonics_view, view_colors, view_colors_backward
+from instdrive_core.rasterize.kernels.view_colors import build_harmonics_view, compute_colors, compute_colors_backward
 from instdrive_core.rasterize.render import render, render_backward
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.training.backends.autograd import rasterize, sh_colors
+from instdrive_core.training.backends.autograd import evaluate_harmonics, rasterize
 from instdrive_core.training.backends.backend import SeenSplats
 
 CAMERA = Camera(40.0, 42.0, 23.0, 16.0, 47, 33, look_at(np.array([0.0, -4, 1]), np.array([0.0, 0, 0])))
@@ -115,13 +115,13 @@ def test_harmonics_send_their_gradient_to_the_coefficients_only() -> None:
         torch.tensor(rng.normal(size=shape), dtype=torch.float32, requires_grad=True)
         for shape in ((30, 3), (30, 3), (30, 8, 3))
     )
-    colors = sh_colors(means, sh_dc, sh_rest, CAMERA.position)
+    colors = evaluate_harmonics(means, sh_dc, sh_rest, CAMERA.position)
     arrays = [tensor.detach().numpy() for tensor in (means, sh_dc, sh_rest)]
-    np.testing.assert_array_equal(colors.detach().numpy(), view_colors(*arrays, CAMERA.position))
+    np.testing.assert_array_equal(colors.detach().numpy(), compute_colors(*arrays, CAMERA.position))
     weights = torch.tensor(rng.normal(size=(30, 3)), dtype=torch.float32)
     (colors * weights).sum().backward()
-    view = harmonics_view(arrays[0], CAMERA.position)
-    grad_dc, grad_rest = view_colors_backward(view, 8, colors.detach().numpy(), weights.numpy())
+    view = build_harmonics_view(arrays[0], CAMERA.position)
+    grad_dc, grad_rest = compute_colors_backward(view, 8, colors.detach().numpy(), weights.numpy())
     np.testing.assert_array_equal(sh_dc.grad.numpy(), grad_dc)
     np.testing.assert_array_equal(sh_rest.grad.numpy(), grad_rest)
     assert means.grad is None

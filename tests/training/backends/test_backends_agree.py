@@ -44,7 +44,7 @@ class Case:
 def harmonics(rest: int, with_nodes: bool) -> Case:
     arrays = RNG.normal(0, 3, (50, 3)), RNG.normal(0, 1.5, (50, 3)), RNG.normal(0, 0.4, (50, rest, 3))
     nodes = (NODES, POSES) if with_nodes else (None, None)
-    return Case(arrays, lambda backend, *inputs: (backend.sh_colors(*inputs, POSITION, *nodes),))
+    return Case(arrays, lambda backend, *inputs: (backend.evaluate_harmonics(*inputs, POSITION, *nodes),))
 
 
 def photometric(valid: np.ndarray | None, ssim_weight: float) -> Case:
@@ -58,11 +58,13 @@ def photometric(valid: np.ndarray | None, ssim_weight: float) -> Case:
 CASES = {
     "place": Case(
         (RNG.normal(0, 2, (50, 3)), RNG.normal(size=(50, 4)), POSES[:, :3, :3], POSES[:, :3, 3]),
-        lambda backend, means, quats, *poses: backend.place(means, quats, NODES, *poses),
+        lambda backend, means, quats, *poses: backend.place_gaussians(means, quats, NODES, *poses),
     ),
     "place in the world": Case(
         (RNG.normal(0, 2, (50, 3)), RNG.normal(size=(50, 4))),
-        lambda backend, *inputs: backend.place(*inputs, np.zeros(50, np.uint16), torch.eye(3)[None], torch.zeros(1, 3)),
+        lambda backend, *inputs: backend.place_gaussians(
+            *inputs, np.zeros(50, np.uint16), torch.eye(3)[None], torch.zeros(1, 3)
+        ),
     ),
     **{
         f"sh_colors {rest}{' actors' if with_nodes else ''}": harmonics(rest, with_nodes)
@@ -72,11 +74,11 @@ CASES = {
     **{
         f"over_sky {resolution}": Case(
             (RNG.random((*SHAPE, 3)), ALPHA, RNG.random((6, resolution, resolution, 3))),
-            lambda backend, *inputs: (backend.over_sky(*inputs, CAMERA),),
+            lambda backend, *inputs: (backend.composite_over_sky(*inputs, CAMERA),),
         )
         for resolution in (1, 2, 9)
     },
-    "exposed": Case((IMAGE, RNG.normal(size=(3, 4))), lambda backend, *inputs: (backend.exposed(*inputs),)),
+    "exposed": Case((IMAGE, RNG.normal(size=(3, 4))), lambda backend, *inputs: (backend.expose(*inputs),)),
     "photometric": photometric(None, 0.2),
     "photometric masked": photometric(VALID, 0.2),
     "photometric L1": photometric(VALID, 0.0),

@@ -46,23 +46,23 @@ def rasterized() -> tuple[list[Tensor], list[Tensor]]:
 
 def colored() -> tuple[list[Tensor], list[Tensor]]:
     means, *inputs = leaves((COUNT, 3), (COUNT, 3), (COUNT, 8, 3))
-    return inputs, [BACKEND.sh_colors(means, *inputs, CAMERA.position, NODES, POSES)]
+    return inputs, [BACKEND.evaluate_harmonics(means, *inputs, CAMERA.position, NODES, POSES)]
 
 
 def placed() -> tuple[list[Tensor], list[Tensor]]:
     poses = [torch.tensor(array, dtype=torch.float32, requires_grad=True) for array in (ROTATIONS, SHIFTS)]
     inputs = [*leaves((COUNT, 3), (COUNT, 4)), *poses]
-    return inputs, list(BACKEND.place(inputs[0], inputs[1], NODES, *poses))
+    return inputs, list(BACKEND.place_gaussians(inputs[0], inputs[1], NODES, *poses))
 
 
 def over_sky() -> tuple[list[Tensor], list[Tensor]]:
     inputs = leaves((HEIGHT, WIDTH, 3), (HEIGHT, WIDTH), (6, 16, 16, 3), low=0)
-    return inputs, [BACKEND.over_sky(*inputs, CAMERA)]
+    return inputs, [BACKEND.composite_over_sky(*inputs, CAMERA)]
 
 
 def exposed() -> tuple[list[Tensor], list[Tensor]]:
     inputs = leaves((HEIGHT, WIDTH, 3), (3, 4))
-    return inputs, [BACKEND.exposed(*inputs)]
+    return inputs, [BACKEND.expose(*inputs)]
 
 
 def photometric() -> tuple[list[Tensor], list[Tensor]]:
@@ -115,8 +115,8 @@ def test_gradients_come_as_single_precision_of_the_inputs_shape(operation: Opera
 
 def test_a_slice_of_an_image_will_do() -> None:
     image, alpha, faces = leaves((HEIGHT, WIDTH, 5), (HEIGHT, WIDTH), (6, 4, 4, 3), low=0)
-    whole = BACKEND.over_sky(image[..., :3].contiguous(), alpha, faces, CAMERA)
-    part = BACKEND.over_sky(image[..., :3], alpha, faces, CAMERA)
+    whole = BACKEND.composite_over_sky(image[..., :3].contiguous(), alpha, faces, CAMERA)
+    part = BACKEND.composite_over_sky(image[..., :3], alpha, faces, CAMERA)
     np.testing.assert_array_equal(part.detach(), whole.detach())
     part.square().sum().backward()
     assert not image.grad[..., 3:].any()

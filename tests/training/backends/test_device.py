@@ -13,7 +13,7 @@ from torch_splatting import TorchSplatting, backend_of
 
 from instdrive_core.errors import OptionError
 from instdrive_core.training.backends import device
-from instdrive_core.training.backends.device import chosen_backend, missing_for_cuda
+from instdrive_core.training.backends.device import choose_backend, explain_missing_cuda
 
 
 @pytest.fixture
@@ -64,25 +64,25 @@ LACKS = [
 
 
 def test_a_machine_with_everything_trains_on_the_gpu(machine: pytest.MonkeyPatch) -> None:
-    assert missing_for_cuda() is None
-    assert chosen_backend("auto").name == "gsplat"
-    assert chosen_backend("cuda").name == "gsplat"
-    assert chosen_backend("cpu").name == "cpu"
+    assert explain_missing_cuda() is None
+    assert choose_backend("auto").name == "gsplat"
+    assert choose_backend("cuda").name == "gsplat"
+    assert choose_backend("cpu").name == "cpu"
 
 
 @pytest.mark.parametrize("version", ["1.5.3", "1.5.3+pt27cu128", "1.6.0", "2.0"])
 def test_newer_versions_are_taken(machine: pytest.MonkeyPatch, version: str) -> None:
     machine.setattr(sys.modules["gsplat"], "__version__", version)
-    assert missing_for_cuda() is None
+    assert explain_missing_cuda() is None
 
 
 @pytest.mark.parametrize(("lack", "message"), LACKS, ids=[lack.__name__ for lack, _ in LACKS])
 def test_what_is_missing_is_named_with_its_remedy(machine: pytest.MonkeyPatch, lack, message: str) -> None:
     lack(machine)
     with pytest.raises(OptionError, match=rf"^--device cuda: .*{message}.*--device cpu\.$"):
-        chosen_backend("cuda")
-    assert chosen_backend("auto").name == "cpu"
-    assert chosen_backend("cpu").name == "cpu"
+        choose_backend("cuda")
+    assert choose_backend("auto").name == "cpu"
+    assert choose_backend("cpu").name == "cpu"
 
 
 class BrokenSplatting(TorchSplatting):
@@ -108,15 +108,15 @@ def test_kernels_that_do_not_work_are_found_at_once(machine: pytest.MonkeyPatch,
 
     machine.setattr(device, "_gsplat_backend", lambda: GsplatBackend(torch.device("cpu"), library()))
     with pytest.raises(OptionError, match=rf"do not work here \(.*{problem}.*nvcc --version` must show CUDA 12\.8"):
-        chosen_backend("cuda")
+        choose_backend("cuda")
     with pytest.warns(UserWarning, match=rf"on the CPU although there is a GPU: .*{problem}"):
-        backend = chosen_backend("auto")
+        backend = choose_backend("auto")
     assert backend.name == "cpu"
 
 
 def test_the_cpu_is_never_asked_about_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device, "missing_for_cuda", lambda: pytest.fail("asked"))
-    assert chosen_backend("cpu").device.type == "cpu"
+    monkeypatch.setattr(device, "explain_missing_cuda", lambda: pytest.fail("asked"))
+    assert choose_backend("cpu").device.type == "cpu"
 
 
 def test_importing_loads_neither_torch_nor_gsplat() -> None:

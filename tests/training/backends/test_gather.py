@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from instdrive_core.training.backends.row_gather import gathered
+from instdrive_core.training.backends.row_gather import gather_rows
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (15, 3), (0, 3)])
@@ -12,11 +12,11 @@ from instdrive_core.training.backends.row_gather import gathered
 def test_rows_are_copied_in_their_order(shape, count):
     values = torch.randn(7_000, *shape, generator=torch.Generator().manual_seed(0)).requires_grad_(True)
     rows = torch.from_numpy(np.random.default_rng(0).integers(0, 7_000, count))
-    result = gathered(values, rows)
+    result = gather_rows(values, rows)
     assert torch.equal(result, values.detach()[rows])
     assert not result.requires_grad
     assert result.is_contiguous()
 
 
 def test_no_rows_of_nothing():
-    assert gathered(torch.zeros(0, 3), torch.zeros(0, dtype=torch.int64)).shape == (0, 3)
+    assert gather_rows(torch.zeros(0, 3), torch.zeros(0, dtype=torch.int64)).shape == (0, 3)

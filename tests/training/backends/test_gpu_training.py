@@ -11,16 +11,16 @@ from torch_splatting import GPU, backend_of
 
 from instdrive_core.training.backends.backend import Backend
 from instdrive_core.training.backends.cpu_backend import CpuBackend
-from instdrive_core.training.backends.device import chosen_backend, missing_for_cuda
-from instdrive_core.training.build_trainer import trainer_from_clip
-from instdrive_core.training.settings.config import TrainConfig, train_config
+from instdrive_core.training.backends.device import choose_backend, explain_missing_cuda
+from instdrive_core.training.build_trainer import build_trainer_from_clip
+from instdrive_core.training.settings.config import TrainConfig, build_train_config
 from instdrive_core.training.settings.events import StepDone
 from instdrive_core.training.trainer import Trainer
-from instdrive_core.training.views.view_store import view_store
+from instdrive_core.training.views.view_store import open_view_store
 
 
 def small_config(points: int, iterations: int) -> TrainConfig:
-    config = train_config("instdrive", "demo", seed=1)
+    config = build_train_config("instdrive", "demo", seed=1)
     return replace(
         config,
         init=replace(
@@ -33,7 +33,7 @@ def small_config(points: int, iterations: int) -> TrainConfig:
 
 def trainer_on(backend: Backend, config: TrainConfig) -> Trainer:
     clip = drive()
-    return trainer_from_clip(config, clip, view_store(clip, None), backend)
+    return build_trainer_from_clip(config, clip, open_view_store(clip, None), backend)
 
 
 @pytest.mark.parametrize("kind", ["like 1.5", GPU])
@@ -53,10 +53,10 @@ def test_steps_train_as_on_the_cpu(kind: str) -> None:
 @pytest.mark.gpu
 @pytest.mark.filterwarnings("default")  # of gsplat
 def test_a_run_on_the_gpu_improves() -> None:
-    missing = missing_for_cuda()
+    missing = explain_missing_cuda()
     if missing is not None:
         pytest.skip(missing)
-    trainer = trainer_on(chosen_backend("cuda"), small_config(points=3000, iterations=300))
+    trainer = trainer_on(choose_backend("cuda"), small_config(points=3000, iterations=300))
     steps = [event for event in trainer.run() if isinstance(event, StepDone)]
     first, last = (np.mean([step.psnr for step in part]) for part in (steps[:5], steps[-5:]))
     assert last > first + 3

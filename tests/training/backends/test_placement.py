@@ -8,9 +8,14 @@ import torch
 from numpy import ndarray
 from torch import Tensor
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, multiplied, normalized, quaternion_from_matrix
-from instdrive_core.scene.scene import placed
-from instdrive_core.training.backends.placement import place
+from instdrive_core.maths.rotations import (
+    matrix_from_quaternion,
+    multiply_quaternions,
+    normalize_quaternions,
+    quaternion_from_matrix,
+)
+from instdrive_core.scene.scene import place_in_world
+from instdrive_core.training.backends.placement import place_gaussians
 
 NODES = np.repeat(np.arange(6), [700, 900, 0, 1, 800, 40]).astype(np.uint16)
 """Node 2 has no rows; chunks of the kernel begin and end inside nodes."""
@@ -38,10 +43,12 @@ def test_values_are_those_of_the_scene() -> None:
     (means, quats), (rotations, shifts) = some_splats(), some_poses()
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = rotations, shifts
-    found_means, found_quats = (t.detach().numpy() for t in place(means, quats, NODES, *tensors(rotations, shifts)))
-    expected_means, expected_quats = placed(means.detach().numpy(), quats.detach().numpy(), NODES, poses)
+    found_means, found_quats = (
+        t.detach().numpy() for t in place_gaussians(means, quats, NODES, *tensors(rotations, shifts))
+    )
+    expected_means, expected_quats = place_in_world(means.detach().numpy(), quats.detach().numpy(), NODES, poses)
     np.testing.assert_allclose(found_means, expected_means, atol=1e-5)
-    np.testing.assert_allclose(normalized(found_quats), normalized(expected_quats), atol=1e-5)
+    np.testing.assert_allclose(normalize_quaternions(found_quats), normalize_quaternions(expected_quats), atol=1e-5)
     first = np.searchsorted(NODES, 1)
     np.testing.assert_array_equal(found_means[:first], means.detach().numpy()[:first])
     np.testing.assert_array_equal(found_quats[:first], quats.detach().numpy()[:first])
@@ -59,17 +66,17 @@ def some_weights() -> tuple[Tensor, Tensor]:
 
 def test_gradients_of_rows_are_those_of_plain_torch() -> None:
     (means, quats), (rotations, shifts), weights = some_splats(), some_poses(), some_weights()
-    loss = weighted_sum(weights, place(means, quats, NODES, *tensors(rotations, shifts)))
+    loss = weighted_sum(weights, place_gaussians(means, quats, NODES, *tensors(rotations, shifts)))
     by_means, by_quats = torch.autograd.grad(loss, (means, quats))
     expected_means = np.einsum("nij,ni->nj", rotations[NODES], weights[0].numpy())
     conjugates = quaternion_from_matrix(rotations)[NODES] * [1, -1, -1, -1]
     np.testing.assert_allclose(by_means, expected_means, atol=1e-5)
-    np.testing.assert_allclose(by_quats, multiplied(conjugates, weights[1].numpy()), atol=1e-5)
+    np.testing.assert_allclose(by_quats, multiply_quaternions(conjugates, weights[1].numpy()), atol=1e-5)
 
 
 def placed_in_double(means: ndarray, quats: ndarray, rotations: ndarray, shifts: ndarray) -> tuple[ndarray, ndarray]:
     moved = np.einsum("nij,nj->ni", rotations[NODES], means) + shifts[NODES]
-    return moved, multiplied(quaternion_from_matrix(rotations)[NODES], quats)
+    return moved, multiply_quaternions(quaternion_from_matrix(rotations)[NODES], quats)
 
 
 @pytest.mark.parametrize("parts", [(1, 0), (0, 1), (1, 1)], ids=["means", "quats", "both"])
@@ -77,7 +84,7 @@ def test_gradients_of_poses_are_those_of_differences_along_turns(parts: tuple[in
     (means, quats), (rotations, shifts) = some_splats(), some_poses()
     weights = tuple(part * weight for part, weight in zip(parts, some_weights(), strict=True))
     pose_tensors = tensors(rotations, shifts)
-    loss = weighted_sum(weights, place(means, quats, NODES, *pose_tensors))
+    loss = weighted_sum(weights, place_gaussians(means, quats, NODES, *pose_tensors))
     by_rotations, by_shifts = torch.autograd.grad(loss, pose_tensors)
     arrays, step = [t.detach().numpy().astype(np.float64) for t in (means, quats)], 1e-5
     for node in (1, 3, 4, 5):
@@ -102,7 +109,7 @@ def test_gradients_of_poses_are_those_of_differences_along_turns(parts: tuple[in
 
 def test_a_scene_without_actors_comes_back_as_it_is() -> None:
     means, quats = some_splats()
-    found = place(means, quats, np.zeros(len(means), np.uint16), *tensors(*some_poses()))
+    found = place_gaussians(means, quats, np.zeros(len(means), np.uint16), *tensors(*some_poses()))
     assert found[0] is means
     assert found[1] is quats
 
@@ -110,6 +117,6 @@ def test_a_scene_without_actors_comes_back_as_it_is() -> None:
 def test_rows_out_of_order_are_refused() -> None:
     means, quats = some_splats()
     with pytest.raises(ValueError, match="ordered"):
-        place(means, quats, NODES[::-1].copy(), *tensors(*some_poses()))
+        place_gaussians(means, quats, NODES[::-1].copy(), *tensors(*some_poses()))
     with pytest.raises(ValueError, match="node 5"):
-        place(means, quats, NODES, *(t[:4] for t in tensors(*some_poses())))
+        place_gaussians(means, quats, NODES, *(t[:4] for t in tensors(*some_poses())))

@@ -12,10 +12,10 @@ import pytest
 import torch
 from skimage.metrics import structural_similarity
 
-from instdrive_core.maths.rotations import matrix_from_quaternion, normalized, quaternion_from_matrix
-from instdrive_core.maths.spherical_harmonics import REST_COUNTS, rest_basis, view_colors
+from instdrive_core.maths.rotations import matrix_from_quaternion, normalize_quaternions, quaternion_from_matrix
+from instdrive_core.maths.spherical_harmonics import REST_COUNTS, evaluate_rest_basis, evaluate_view_colors
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.scene.scene import placed
+from instdrive_core.scene.scene import place_in_world
 from instdrive_core.scene.sky import Sky
 from instdrive_core.training.backends import torch_ops
 
@@ -54,15 +54,17 @@ class TestPlace:
     def loss(
         self, means: torch.Tensor, quats: torch.Tensor, rotations: torch.Tensor, shifts: torch.Tensor
     ) -> torch.Tensor:
-        found = torch_ops.place(means, quats, self.nodes, rotations, shifts)
+        found = torch_ops.place_gaussians(means, quats, self.nodes, rotations, shifts)
         return sum(((value * weight).sum() for value, weight in zip(found, self.weights, strict=True)), torch.zeros(()))
 
     def test_places_as_the_scene_does(self) -> None:
-        means, quats = torch_ops.place(self.means, self.quats, self.nodes, self.rotations, self.shifts)
+        means, quats = torch_ops.place_gaussians(self.means, self.quats, self.nodes, self.rotations, self.shifts)
         arrays = self.means.detach().numpy(), self.quats.detach().numpy()
-        wanted_means, wanted_quats = placed(*arrays, self.nodes, self.poses)
+        wanted_means, wanted_quats = place_in_world(*arrays, self.nodes, self.poses)
         np.testing.assert_allclose(means.detach().numpy(), wanted_means, atol=2e-6)
-        np.testing.assert_allclose(normalized(quats.detach().numpy()), normalized(wanted_quats), atol=2e-6)
+        np.testing.assert_allclose(
+            normalize_quaternions(quats.detach().numpy()), normalize_quaternions(wanted_quats), atol=2e-6
+        )
 
     def test_gradients_are_those_of_finite_differences(self) -> None:
         inputs = [self.means, self.quats, self.rotations, self.shifts]
@@ -85,14 +87,14 @@ class TestPlace:
         assert not self.rotations.grad[0].any()
         assert not self.shifts.grad[0].any()
         nodes = np.zeros(50, np.uint16)
-        means, quats = torch_ops.place(self.means, self.quats, nodes, self.rotations, self.shifts)
+        means, quats = torch_ops.place_gaussians(self.means, self.quats, nodes, self.rotations, self.shifts)
         assert means is self.means
         assert quats is self.quats
 
     def test_quaternions_take_every_branch(self) -> None:
         quats = np.concatenate([np.eye(4), np.random.default_rng(1).normal(size=(40, 4))])
         matrices = matrix_from_quaternion(quats).astype(np.float32)
-        found = torch_ops.quaternions(torch.from_numpy(matrices)).numpy()
+        found = torch_ops.quaternions_from_matrices(torch.from_numpy(matrices)).numpy()
         np.testing.assert_allclose(found, quaternion_from_matrix(matrices), atol=1e-6)
 
 
@@ -106,14 +108,16 @@ class TestHarmonics:
         directions = means - POSITION
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         leaves = leaf(means), leaf(sh_dc), leaf(sh_rest)
-        colors = torch_ops.sh_colors(*leaves, POSITION)
-        wanted = view_colors(sh_dc, sh_rest, directions)
+        colors = torch_ops.evaluate_harmonics(*leaves, POSITION)
+        wanted = evaluate_view_colors(sh_dc, sh_rest, directions)
         np.testing.assert_allclose(colors.detach().numpy(), wanted, atol=1e-5)
         assert (wanted == 0).any()  # clamped channels are in the test
 
         own_directions = np.einsum("nji,nj->ni", poses[nodes, :3, :3], directions)
-        colors = torch_ops.sh_colors(*leaves, POSITION, nodes, poses)
-        np.testing.assert_allclose(colors.detach().numpy(), view_colors(sh_dc, sh_rest, own_directions), atol=1e-5)
+        colors = torch_ops.evaluate_harmonics(*leaves, POSITION, nodes, poses)
+        np.testing.assert_allclose(
+            colors.detach().numpy(), evaluate_view_colors(sh_dc, sh_rest, own_directions), atol=1e-5
+        )
         colors.sum().backward()
         assert leaves[0].grad is None
         assert leaves[1].grad is not None
@@ -123,8 +127,8 @@ class TestHarmonics:
     def test_basis_is_that_of_maths(self, count: int) -> None:
         directions = np.random.default_rng(0).normal(size=(30, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        found = torch_ops.rest_basis(torch.from_numpy(directions), count).numpy()
-        np.testing.assert_allclose(found, rest_basis(directions, count), atol=1e-12)
+        found = torch_ops.evaluate_basis(torch.from_numpy(directions), count).numpy()
+        np.testing.assert_allclose(found, evaluate_rest_basis(directions, count), atol=1e-12)
 
 
 class TestSky:
@@ -135,14 +139,14 @@ class TestSky:
         rng = np.random.default_rng(0)
         image, faces = leaf(rng.random((25, 34, 3))), leaf(rng.random((6, resolution, resolution, 3)))
         alpha = leaf(0.99 * rng.random((25, 34)))
-        composite = torch_ops.over_sky(image, alpha, faces, camera)
-        sky = Sky(faces.detach().numpy()).colors(camera.ray_directions())
+        composite = torch_ops.composite_over_sky(image, alpha, faces, camera)
+        sky = Sky(faces.detach().numpy()).sample(camera.compute_ray_directions())
         wanted = image.detach().numpy() + (1 - alpha.detach().numpy()[:, :, None]) * sky
         np.testing.assert_allclose(composite.detach().numpy(), wanted, atol=1e-5)
 
     def test_hidden_sky_shows_nothing_and_learns_nothing(self) -> None:
         image, faces, alpha = leaf(np.zeros((25, 34, 3))), leaf(np.ones((6, 4, 4, 3))), leaf(np.full((25, 34), 0.9995))
-        composite = torch_ops.over_sky(image, alpha, faces, CAMERA)
+        composite = torch_ops.composite_over_sky(image, alpha, faces, CAMERA)
         composite.sum().backward()
         assert not composite.any()
         assert alpha.grad is not None
@@ -211,7 +215,7 @@ class TestPhotometric:
 def test_exposure_is_affine() -> None:
     rng = np.random.default_rng(0)
     image, exposure = leaf(rng.random((5, 4, 3))), leaf(rng.normal(size=(3, 4)))
-    found = torch_ops.exposed(image, exposure)
+    found = torch_ops.expose(image, exposure)
     wanted = np.einsum("ij,hwj->hwi", exposure.detach()[:, :3], image.detach()) + exposure.detach()[:, 3].numpy()
     np.testing.assert_allclose(found.detach().numpy(), wanted, atol=1e-6)
     found.sum().backward()
@@ -259,6 +263,6 @@ def test_sky_loss_grows_with_opacity_inside_the_sky_only() -> None:
 def test_arrays_that_must_not_be_written_are_copied() -> None:
     array = np.arange(3)
     array.setflags(write=False)
-    tensor = torch_ops.on_device(array, torch.device("cpu"))
+    tensor = torch_ops.to_device(array, torch.device("cpu"))
     tensor += 1
     np.testing.assert_array_equal(array, [0, 1, 2])

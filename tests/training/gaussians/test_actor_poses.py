@@ -32,7 +32,7 @@ def random_corrections(poses: ActorPoses, size: float = 0.2, seed: int = 1) -> d
 def test_without_correction_the_poses_are_those_of_the_tracks(tracks, time, corrected):
     poses = ActorPoses(tracks)
     found = poses.at(time, poses.initial_corrections() if corrected else None)
-    expected = [np.eye(4), *(track.pose_at(time) if track.covers(time) else np.eye(4) for track in tracks)]
+    expected = [np.eye(4), *(track.interpolate_pose(time) if track.covers(time) else np.eye(4) for track in tracks)]
     np.testing.assert_array_equal(found.present, [True, *(track.covers(time) for track in tracks)])
     np.testing.assert_allclose(found.matrices, expected, atol=1e-12)
     np.testing.assert_allclose(found.rotations.numpy(), found.matrices[:, :3, :3], atol=1e-6)
@@ -51,10 +51,10 @@ def test_corrections_are_applied_in_the_box_frame(tracks):
     corrections = poses.initial_corrections()
     corrections["track_shifts"][2] = torch.tensor([0.0, 0.5, 0.0])
     corrections["track_turns"][2] = torch.tensor([0.0, 0.0, 0.1])
-    base, found = tracks[0].pose_at(0.2), poses.at(0.2, corrections).matrices[1]
+    base, found = tracks[0].interpolate_pose(0.2), poses.at(0.2, corrections).matrices[1]
     np.testing.assert_allclose(found[:3, 3], base[:3, 3] + 0.5 * base[:3, 1], atol=1e-7)
     np.testing.assert_allclose(found[:3, :3], base[:3, :3] @ Rotation.from_rotvec([0, 0, 0.1]).as_matrix(), atol=1e-7)
-    quarter, base = poses.at(0.225, corrections).matrices[1], tracks[0].pose_at(0.225)
+    quarter, base = poses.at(0.225, corrections).matrices[1], tracks[0].interpolate_pose(0.225)
     np.testing.assert_allclose(quarter[:3, 3], base[:3, 3] + 0.375 * base[:3, 1], atol=1e-7)
 
 
@@ -97,16 +97,20 @@ def test_keys_far_from_the_time_and_absent_actors_get_no_gradient(tracks):
 def test_refined_tracks_are_the_corrected_poses(tracks):
     poses = ActorPoses(tracks)
     corrections = random_corrections(poses, 0.05)
-    refined = poses.refined_tracks(corrections)
+    refined = poses.correct_tracks(corrections)
     assert [(track.id, track.label, track.moving) for track in refined] == [
         (track.id, track.label, track.moving) for track in tracks
     ]
     for node, track in enumerate(refined, start=1):
         for time in track.times:
-            np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=1e-6)
+            np.testing.assert_allclose(
+                track.interpolate_pose(time), poses.at(time, corrections).matrices[node], atol=1e-6
+            )
         for time in track.times[:-1] + 0.03:
-            np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=5e-3)
-    plain = poses.refined_tracks(poses.initial_corrections())
+            np.testing.assert_allclose(
+                track.interpolate_pose(time), poses.at(time, corrections).matrices[node], atol=5e-3
+            )
+    plain = poses.correct_tracks(poses.initial_corrections())
     np.testing.assert_array_equal(plain[0].world_from_box, tracks[0].world_from_box)
 
 
@@ -136,7 +140,7 @@ def misplaced(track: Track, rng: np.random.Generator, metres: float, degrees: fl
 def fitted(poses: ActorPoses, truth: Track, times: np.ndarray, steps: int = 200) -> dict:
     """Corrections that bring points on the box to where `truth` has them at some times."""
     points = torch.from_numpy(np.random.default_rng(4).uniform(-1, 1, (30, 3)) * truth.dimensions / 2).float()
-    targets = {time: truth.pose_at(time) for time in times}
+    targets = {time: truth.interpolate_pose(time) for time in times}
     corrections = {name: value.requires_grad_(True) for name, value in poses.initial_corrections().items()}
     optimizer = torch.optim.Adam(corrections.values(), lr=0.01)
     for _ in range(steps):
@@ -152,7 +156,7 @@ def fitted(poses: ActorPoses, truth: Track, times: np.ndarray, steps: int = 200)
 
 
 def errors(track: Track, truth: Track) -> tuple[np.ndarray, np.ndarray]:
-    """Of every key: metres and degrees."""
+    """Errors of every key: metres and degrees."""
     between = np.swapaxes(track.world_from_box[:, :3, :3], 1, 2) @ truth.world_from_box[:, :3, :3]
     metres = np.linalg.norm(track.world_from_box[:, :3, 3] - truth.world_from_box[:, :3, 3], axis=1)
     return metres, np.degrees(Rotation.from_matrix(between).magnitude())
@@ -163,7 +167,7 @@ def test_a_misplaced_track_is_pulled_back_by_what_is_seen_of_it(tracks):
     wrong = misplaced(truth, np.random.default_rng(3), 0.3, 3.0)
     poses = ActorPoses((wrong,))
     corrections = fitted(poses, truth, np.linspace(0.0, 0.4, 9))
-    before, after = errors(wrong, truth), errors(poses.refined_tracks(corrections)[0], truth)
+    before, after = errors(wrong, truth), errors(poses.correct_tracks(corrections)[0], truth)
     np.testing.assert_allclose(before[0], 0.3, atol=1e-6)
     np.testing.assert_allclose(before[1], 3.0, atol=1e-6)
     assert after[0].max() < 0.02
@@ -177,10 +181,10 @@ def test_a_key_that_no_photo_sees_is_corrected_as_its_neighbours(tracks):
     seen = truth.times[[0, 1, 3]]
     for times in (seen, seen + 0.004):
         poses = ActorPoses((wrong,), times.tolist())
-        metres, _ = errors(poses.refined_tracks(fitted(poses, truth, times))[0], truth)
+        metres, _ = errors(poses.correct_tracks(fitted(poses, truth, times))[0], truth)
         assert metres.max() < 0.05, "the key between and the one behind too"
     jumping = ActorPoses((wrong,))
-    metres, _ = errors(jumping.refined_tracks(fitted(jumping, truth, seen))[0], truth)
+    metres, _ = errors(jumping.correct_tracks(fitted(jumping, truth, seen))[0], truth)
     assert metres[2] > 0.1, "what it would be without knowing the photos"
 
 
@@ -191,10 +195,12 @@ def test_keys_without_photos_are_passed_over(tracks):
     (found.rotations.sum() + found.shifts.sum()).backward()
     touched = torch.nonzero(corrections["track_shifts"].grad.any(dim=1))[:, 0].tolist()
     assert touched == [1, 3, 6]
-    refined = poses.refined_tracks(corrections)
+    refined = poses.correct_tracks(corrections)
     for node, track in enumerate(refined, start=1):
         for time in track.times:
-            np.testing.assert_allclose(track.pose_at(time), poses.at(time, corrections).matrices[node], atol=1e-6)
+            np.testing.assert_allclose(
+                track.interpolate_pose(time), poses.at(time, corrections).matrices[node], atol=1e-6
+            )
     assert ActorPoses(tracks, []).at(0.2, corrections).matrices[1] == pytest.approx(
         ActorPoses(tracks).at(0.2, corrections).matrices[1]
     )
@@ -202,5 +208,5 @@ def test_keys_without_photos_are_passed_over(tracks):
 
 def test_a_scene_without_actors_has_no_corrections():
     nobody = ActorPoses(())
-    assert nobody.refined_tracks(nobody.initial_corrections()) == ()
+    assert nobody.correct_tracks(nobody.initial_corrections()) == ()
     assert nobody.at(0.0, nobody.initial_corrections()).matrices.shape == (1, 4, 4)

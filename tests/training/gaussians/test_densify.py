@@ -14,16 +14,16 @@ from instdrive_core.scene.track import Track
 from instdrive_core.training.backends.backend import SeenSplats
 from instdrive_core.training.gaussians.densify import (
     GrowthStatistics,
-    actor_radii,
-    last_reset,
-    observes_at,
-    refined,
-    refines_at,
+    compute_actor_radii,
+    counts_gradients,
+    densify_and_prune,
+    find_last_reset,
+    is_densifying_due,
+    is_reset_due,
     reset_opacities,
-    resets_at,
 )
 from instdrive_core.training.gaussians.visible_adam import VisibleAdam
-from instdrive_core.training.settings.config import DensifyConfig, GeometryConfig, train_config
+from instdrive_core.training.settings.config import DensifyConfig, GeometryConfig, build_train_config
 
 CPU = torch.device("cpu")
 RADIUS = 20.0
@@ -52,7 +52,7 @@ def statistics_of(gradients):
 
 def refine(parameters, nodes, gradients, config=CONFIG, seed=0, prune_large=False, radii=None):
     rng, nodes = np.random.default_rng(seed), np.asarray(nodes, np.uint16)
-    return refined(parameters, nodes, statistics_of(gradients), config, RADIUS, rng, prune_large, radii)
+    return densify_and_prune(parameters, nodes, statistics_of(gradients), config, RADIUS, rng, prune_large, radii)
 
 
 def frozen(parameters):
@@ -204,12 +204,12 @@ def test_sizes_on_an_actor_are_judged_by_its_box():
     box = Track("car", "Car", np.array([1.9, 4.5, 1.6]), np.zeros(1), np.eye(4)[None])
     ship = replace(box, dimensions=np.array([80.0, 300, 50]))
     parameters = gaussians(3, size=0.15)
-    result = refine(parameters, [0, 1, 2], np.full(3, HIGH), radii=actor_radii([box, ship]))
-    assert actor_radii([box])[0] == pytest.approx(5.14, abs=0.01)
+    result = refine(parameters, [0, 1, 2], np.full(3, HIGH), radii=compute_actor_radii([box, ship]))
+    assert compute_actor_radii([box])[0] == pytest.approx(5.14, abs=0.01)
     assert result.parents[result.fresh].tolist() == [0, 1, 1, 2]  # cloned, split, cloned
     assert (result.cloned, result.split) == (2, 1)
     parameters = gaussians(3, size=1.0)
-    result = refine(parameters, [0, 1, 2], np.full(3, LOW), prune_large=True, radii=actor_radii([box, ship]))
+    result = refine(parameters, [0, 1, 2], np.full(3, LOW), prune_large=True, radii=compute_actor_radii([box, ship]))
     assert result.nodes.tolist() == [0, 2]
 
 
@@ -236,7 +236,7 @@ def test_statistics_count_the_views_that_saw_a_gaussian():
     statistics.add(torch.tensor([4, 0, 2]), seen)
     np.testing.assert_allclose(statistics.mean_gradients(), [1, 0, 3, 0, 2])
     np.testing.assert_allclose(statistics.view_counts, [1, 0, 1, 0, 2])
-    again = statistics.restructured(np.array([0, 0]))
+    again = statistics.rearrange(np.array([0, 0]))
     assert len(again) == 2
     assert not any(value.any() for value in again.state_tensors().values())
 
@@ -282,27 +282,27 @@ def steps_of(predicate, config, total):
 
 def test_the_schedule_of_a_long_run():
     config, total = DensifyConfig(), 30_000
-    refinements, resets = steps_of(refines_at, config, total), steps_of(resets_at, config, total)
+    refinements, resets = steps_of(is_densifying_due, config, total), steps_of(is_reset_due, config, total)
     assert resets == [3000, 6000, 9000, 12_000]
     assert refinements[:3] == [500, 600, 700]
     assert refinements[-1] == 14_900
     assert [step for step in refinements if 2800 <= step <= 3700] == [2800, 2900, 3500, 3600, 3700]
-    assert not observes_at(config, 3100, total)
-    assert not observes_at(config, 15_000, total)
-    assert (last_reset(config, 2999, total), last_reset(config, 3000, total)) == (0, 3000)
-    assert last_reset(config, 29_999, total) == 12_000
+    assert not counts_gradients(config, 3100, total)
+    assert not counts_gradients(config, 15_000, total)
+    assert (find_last_reset(config, 2999, total), find_last_reset(config, 3000, total)) == (0, 3000)
+    assert find_last_reset(config, 29_999, total) == 12_000
 
 
 def test_a_short_run_is_never_reset():
     config, total = DensifyConfig(), GeometryConfig().iterations
-    assert not steps_of(resets_at, config, total)
-    assert steps_of(refines_at, config, total) == list(range(500, 2250, 100))
+    assert not steps_of(is_reset_due, config, total)
+    assert steps_of(is_densifying_due, config, total) == list(range(500, 2250, 100))
 
 
 @pytest.mark.parametrize("preset", ["demo", "quick", "paper"])
 def test_presets_end_growing_in_time(preset):
-    config = train_config("instdrive", preset)
-    steps = steps_of(refines_at, config.densify, config.geometry.iterations)
+    config = build_train_config("instdrive", preset)
+    steps = steps_of(is_densifying_due, config.densify, config.geometry.iterations)
     assert steps
     assert steps[-1] < config.densify.stop * config.geometry.iterations
 
@@ -317,12 +317,12 @@ def test_presets_end_growing_in_time(preset):
 )
 def test_every_reset_is_followed_by_refinement_and_none_comes_after_the_end(total, start, stop, every, reset_every):
     config = DensifyConfig(start=start, stop=stop, every=every, reset_every=reset_every)
-    refinements, resets = steps_of(refines_at, config, total), steps_of(resets_at, config, total)
+    refinements, resets = steps_of(is_densifying_due, config, total), steps_of(is_reset_due, config, total)
     assert all(start <= step < stop * total and step % every == 0 for step in refinements)
     assert not set(resets) & set(refinements)
-    assert all(observes_at(config, step, total) for step in refinements)
+    assert all(counts_gradients(config, step, total) for step in refinements)
     if resets and start < resets[-1]:
         assert refinements
         assert refinements[-1] > resets[-1]
-    assert not steps_of(refines_at, replace(config, max_gaussians=0), total)
-    assert not steps_of(resets_at, replace(config, max_gaussians=0), total)
+    assert not steps_of(is_densifying_due, replace(config, max_gaussians=0), total)
+    assert not steps_of(is_reset_due, replace(config, max_gaussians=0), total)

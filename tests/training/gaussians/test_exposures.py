@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from instdrive_core.training.gaussians.exposures import exposure_penalty, finished_exposures, initial_exposures
+from instdrive_core.training.gaussians.exposures import export_exposures, exposure_penalty, make_initial_exposures
 
 
 def test_identity_costs_nothing():
-    exposures = initial_exposures(5)
+    exposures = make_initial_exposures(5)
     assert exposures.shape == (5, 3, 4)
     assert float(exposure_penalty(exposures, 2)) == 0
 
@@ -29,10 +29,10 @@ def test_steps_over_all_photos_descend_distances_and_their_mean():
 
 def test_photos_of_one_scene_get_their_differences_and_the_scene_their_average():
     generator = torch.Generator().manual_seed(1)
-    truth = initial_exposures(8) + 0.1 * torch.randn(8, 3, 4, generator=generator)
+    truth = make_initial_exposures(8) + 0.1 * torch.randn(8, 3, 4, generator=generator)
     truth = truth - (truth.mean(dim=0) - torch.eye(3, 4))  # the mean photo shows the scene as it is
     scene = torch.rand(200, 3, generator=generator)
-    colors, exposures = torch.full_like(scene, 0.5).requires_grad_(True), initial_exposures(8).requires_grad_(True)
+    colors, exposures = torch.full_like(scene, 0.5).requires_grad_(True), make_initial_exposures(8).requires_grad_(True)
     optimizer = torch.optim.Adam([colors, exposures], lr=0.01)
     for _ in range(800):
         loss = torch.zeros(())
@@ -51,6 +51,6 @@ def test_photos_of_one_scene_get_their_differences_and_the_scene_their_average()
 def test_finished_exposures_are_found_by_camera_and_time():
     values = torch.randn(2, 3, 4, requires_grad=True)
     photos = [SimpleNamespace(key="front_camera/03", time=0.3), SimpleNamespace(key="front_camera/05", time=0.5)]
-    finished = finished_exposures(values, photos)
-    np.testing.assert_array_equal(finished.at("front_camera", 0.5), values[1].detach())
-    np.testing.assert_allclose(finished.at("front_camera", 0.4), values.detach().mean(dim=0), atol=1e-6)
+    finished = export_exposures(values, photos)
+    np.testing.assert_array_equal(finished.interpolate("front_camera", 0.5), values[1].detach())
+    np.testing.assert_allclose(finished.interpolate("front_camera", 0.4), values.detach().mean(dim=0), atol=1e-6)

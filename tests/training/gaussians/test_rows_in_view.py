@@ -10,8 +10,8 @@ from instdrive_core.maths.activations import sigmoid
 from instdrive_core.rasterize.kernels.project import project
 from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
 from instdrive_core.scene.camera import Camera, look_at
-from instdrive_core.scene.scene import placed
-from instdrive_core.training.gaussians.rows_in_view import rows_in_view
+from instdrive_core.scene.scene import place_in_world
+from instdrive_core.training.gaussians.rows_in_view import find_rows_in_view
 
 
 def rotation(rng):
@@ -36,7 +36,7 @@ def any_camera(rng, reach):
 
 
 def drawn_rows(means, quats, log_scales, logits, nodes, poses, present, camera, raster=DEFAULT_SETTINGS):
-    world, turned = placed(means, quats, nodes, poses)
+    world, turned = place_in_world(means, quats, nodes, poses)
     opacities = np.where(present[nodes], sigmoid(logits), np.float32(0))
     return np.sort(project(world, turned, log_scales, opacities, camera, raster).rows)
 
@@ -68,7 +68,7 @@ def test_no_row_that_would_be_drawn_is_lost(seed, actors, reach, size, near):
     present[0] = True
     camera, raster = any_camera(rng, reach), RasterSettings(near=near)
     drawn = drawn_rows(means, quats, log_scales, logits, nodes, poses, present, camera, raster)
-    rows = rows_in_view(means, log_scales, logits, nodes, poses, present, camera, raster)
+    rows = find_rows_in_view(means, log_scales, logits, nodes, poses, present, camera, raster)
     assert np.all(np.diff(rows) > 0)
     assert np.all(present[nodes[rows]])
     assert not set(drawn) - set(rows)
@@ -100,7 +100,7 @@ def test_splats_at_the_very_borders_are_kept(seed, reach):
     quats = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
     arguments = (logits.astype(np.float32), np.zeros(count, np.uint16), np.eye(4)[None], np.ones(1, bool), camera)
     drawn = drawn_rows(means, quats, log_scales, *arguments)
-    rows = rows_in_view(means, log_scales, *arguments)
+    rows = find_rows_in_view(means, log_scales, *arguments)
     assert not set(drawn) - set(rows)
 
 
@@ -121,7 +121,7 @@ def test_rounding_on_the_way_through_the_world_loses_nothing(seed, reach):
     quats, log_scales = rng.normal(size=(count, 4)).astype(np.float32), np.full((count, 3), -6, np.float32)
     arguments = (logits, np.ones(count, np.uint16), poses, np.ones(2, bool), camera)
     drawn = drawn_rows(means, quats, log_scales, *arguments)
-    rows = rows_in_view(means, log_scales, *arguments)
+    rows = find_rows_in_view(means, log_scales, *arguments)
     assert not set(drawn) - set(rows)
 
 
@@ -136,17 +136,17 @@ def street():
 
 def test_little_is_kept_in_vain():
     means, quats, *others = street()
-    drawn, rows = drawn_rows(means, quats, *others), rows_in_view(means, *others)
+    drawn, rows = drawn_rows(means, quats, *others), find_rows_in_view(means, *others)
     assert 500 < len(drawn) <= len(rows) < 1.1 * len(drawn)
 
 
 def test_rows_do_not_depend_on_the_threads():
     means, _, *others = street()
     threads = numba.get_num_threads()
-    several = rows_in_view(means, *others)
+    several = find_rows_in_view(means, *others)
     numba.set_num_threads(1)
     try:
-        np.testing.assert_array_equal(rows_in_view(means, *others), several)
+        np.testing.assert_array_equal(find_rows_in_view(means, *others), several)
     finally:
         numba.set_num_threads(threads)
 
@@ -156,16 +156,16 @@ def test_a_huge_splat_beside_the_image_is_kept():
     means = np.array([[400.0, 0, 10], [400, 0, 10], [0, 0, -5]], np.float32)
     log_scales = np.log(np.array([[0.1, 200, 0.1], [0.1, 0.1, 0.1], [50, 50, 50]], np.float32))
     nodes, present = np.zeros(3, np.uint16), np.ones(1, bool)
-    rows = rows_in_view(means, log_scales, np.full(3, 2.0, np.float32), nodes, np.eye(4)[None], present, camera)
+    rows = find_rows_in_view(means, log_scales, np.full(3, 2.0, np.float32), nodes, np.eye(4)[None], present, camera)
     assert rows.tolist() == [0]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_disturbs_no_other_row(value):
     means, _, log_scales, logits, nodes, poses, present, camera = street()
-    expected = rows_in_view(means, log_scales, logits, nodes, poses, present, camera)
+    expected = find_rows_in_view(means, log_scales, logits, nodes, poses, present, camera)
     means[5], log_scales[17], logits[40] = value, value, value
-    rows = rows_in_view(means, log_scales, logits, nodes, poses, present, camera)
+    rows = find_rows_in_view(means, log_scales, logits, nodes, poses, present, camera)
     spoilt = {5, 17, 40}
     assert set(rows) - spoilt == set(expected) - spoilt
 
@@ -174,6 +174,6 @@ def test_no_rows_at_all():
     camera = Camera(10.0, 10.0, 5.0, 5.0, 10, 10, np.eye(4))
     none = np.zeros((0, 3), np.float32)
     nodes, present = np.zeros(0, np.uint16), np.ones(1, bool)
-    rows = rows_in_view(none, none, np.zeros(0, np.float32), nodes, np.eye(4)[None], present, camera)
+    rows = find_rows_in_view(none, none, np.zeros(0, np.float32), nodes, np.eye(4)[None], present, camera)
     assert rows.shape == (0,)
     assert rows.dtype == np.int64

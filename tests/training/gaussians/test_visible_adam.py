@@ -129,7 +129,7 @@ def test_restructured_rows_bring_their_moments_unless_fresh():
     before = bits(old)
     parents, fresh = np.array([3, 1, 1, 0, 3]), np.array([False, False, True, False, True])
     values = {name: value[parents].contiguous() for name, value in old.parameters.items()}
-    new = old.restructured(parents, fresh, values)
+    new = old.rearrange(parents, fresh, values)
     assert new.steps.tolist() == [3, 3, 0, 0, 0]
     for name in TAILS:
         for theirs, mine in ((new.first, old.first), (new.second, old.second)):
@@ -144,7 +144,7 @@ def test_a_fresh_row_takes_a_step_of_the_full_rate():
     old = VisibleAdam({"means": torch.zeros(1, 3)}, {"means": 0.1})
     for _ in range(500):
         old.step(np.zeros(1, np.int64), {"means": torch.full((1, 3), 1e-3)}, None)
-    new = old.restructured(np.array([0, 0]), np.array([False, True]), {"means": torch.zeros(2, 3)})
+    new = old.rearrange(np.array([0, 0]), np.array([False, True]), {"means": torch.zeros(2, 3)})
     new.step(np.array([1]), {"means": torch.full((1, 3), 7.0)}, None)
     np.testing.assert_allclose(new.parameters["means"], [[0] * 3, [-0.1] * 3], rtol=1e-5)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from instdrive_core.training.gaussians.voxel_thinning import thinned_rows
+from instdrive_core.training.gaussians.voxel_thinning import thin_by_voxels
 
 CENTERS = np.array([[0, 0, 0], [0, 10, 0]], np.float32)
 
@@ -13,7 +13,7 @@ def ground(count, seed=0):
 
 
 def thinned(points, limit, seed=1):
-    return thinned_rows(points, CENTERS, limit, np.random.default_rng(seed))
+    return thin_by_voxels(points, CENTERS, limit, np.random.default_rng(seed))
 
 
 def test_nearly_as_many_rows_as_asked_for_come_out_in_order():

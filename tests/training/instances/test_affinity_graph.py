@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from observed_masks import observed
 
-from instdrive_core.training.instances.affinity_graph import merged_groups
-from instdrive_core.training.instances.agreement import agreement, summed_by_group
-from instdrive_core.training.instances.superpoints import distinct_pairs, neighbor_pairs, superpoints
+from instdrive_core.training.instances.affinity_graph import merge_groups
+from instdrive_core.training.instances.mask_agreement import compute_agreements, sum_by_group
+from instdrive_core.training.instances.superpoints import find_distinct_pairs, find_neighbor_pairs, join_superpoints
 from instdrive_core.training.settings.config import GraphConfig
 
 CONFIG = GraphConfig()
@@ -19,7 +19,7 @@ CHAIN = np.stack([np.arange(19), np.arange(1, 20)], axis=1)
 
 def test_agreement_is_the_overlap_of_shares_averaged_over_photos_that_show_both():
     photos = observed(3, [[0, 1], [2]], [[0], [1, 2]], [[0, 2]], [{0: 3.0, 1: 1.0}, {1: 1.0}])
-    values = agreement(photos, np.array([[0, 1], [1, 2], [0, 2]]))
+    values = compute_agreements(photos, np.array([[0, 1], [1, 2], [0, 2]]))
     # 0 and 1: together, apart, -, half of 1 is in 0's mask and both weigh at least 2 there.
     assert values[0] == pytest.approx((1 * 1 + 1 * 0 + 2 * 0.5) / 4)
     assert values[1] == pytest.approx((0 + 1) / 2)
@@ -28,34 +28,34 @@ def test_agreement_is_the_overlap_of_shares_averaged_over_photos_that_show_both(
 
 def test_what_no_photo_shows_together_has_no_agreement():
     photos = observed(3, [[0]], [[1]])
-    np.testing.assert_array_equal(agreement(photos, np.array([[0, 1], [0, 2]])), [-1, -1])
+    np.testing.assert_array_equal(compute_agreements(photos, np.array([[0, 1], [0, 2]])), [-1, -1])
 
 
 def test_groups_weigh_what_their_rows_weigh():
-    summed = summed_by_group(observed(4, [[0, 1], [2, 3]]), np.array([1, 1, 0, -1]), 2)
+    summed = sum_by_group(observed(4, [[0, 1], [2, 3]]), np.array([1, 1, 0, -1]), 2)
     np.testing.assert_array_equal(summed.weights.toarray(), [[0, 1], [2, 0]])
 
 
 def test_pairs_are_distinct_and_never_of_one():
-    pairs = distinct_pairs(np.array([[3, 1], [1, 3], [2, 2], [0, 5]]))
+    pairs = find_distinct_pairs(np.array([[3, 1], [1, 3], [2, 2], [0, 5]]))
     np.testing.assert_array_equal(pairs, [[0, 5], [1, 3]])
 
 
 def test_neighbors_are_the_nearest():
-    pairs = neighbor_pairs(np.array([[0.0, 0, 0], [1, 0, 0], [2.5, 0, 0], [9, 0, 0]]), 1)
+    pairs = find_neighbor_pairs(np.array([[0.0, 0, 0], [1, 0, 0], [2.5, 0, 0], [9, 0, 0]]), 1)
     np.testing.assert_array_equal(pairs, [[0, 1], [1, 2], [2, 3]])
 
 
 def test_patches_stay_small_and_pure():
     photos = observed(20, *[[LEFT, RIGHT]] * 3)
-    patches = superpoints(photos, CHAIN, replace(CONFIG, patch_size=4))
+    patches = join_superpoints(photos, CHAIN, replace(CONFIG, patch_size=4))
     assert np.bincount(patches).max() <= 4
     assert not set(patches[:10]) & set(patches[10:])
 
 
 def groups_of(*photos):
     photos = observed(20, *photos)
-    return merged_groups(photos, np.arange(20), CHAIN, CONFIG)
+    return merge_groups(photos, np.arange(20), CHAIN, CONFIG)
 
 
 def test_a_gaussian_on_the_border_does_not_chain_two_objects():

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from observed_masks import observed
 
-from instdrive_core.training.instances.mask_votes import group_fits, mask_owners, vote_shares, voted_groups
+from instdrive_core.training.instances.mask_votes import (
+    compute_vote_shares,
+    find_mask_owners,
+    measure_group_fits,
+    vote_groups,
+)
 from instdrive_core.training.settings.config import GraphConfig
 
 CONFIG = GraphConfig()
@@ -17,30 +22,30 @@ OBJECTS = np.repeat([0, 1], 6)
 def test_a_thin_thing_owns_its_mask_although_the_wall_behind_weighs_more_in_it():
     pole, wall = [0, 1], list(range(2, 12))
     masks = [{0: 1.0, 1: 1.0, 2: 1.5, 3: 1.5}, dict.fromkeys(wall, 3.0)]
-    owners = mask_owners(observed(12, masks), np.array([0, 0] + [1] * 10))
+    owners = find_mask_owners(observed(12, masks), np.array([0, 0] + [1] * 10))
     np.testing.assert_array_equal(owners, [0, 1])
     assert len(pole) == 2
 
 
 def test_a_mask_without_anything_has_no_owner():
-    assert mask_owners(observed(3, [[0], [1]]), np.array([0, -1, -1])).tolist() == [0, -1]
+    assert find_mask_owners(observed(3, [[0], [1]]), np.array([0, -1, -1])).tolist() == [0, -1]
 
 
 def test_a_wrong_gaussian_follows_its_masks():
     wrong = OBJECTS.copy()
     wrong[2] = 1
-    groups = voted_groups(observed(12, *[[range(6), range(6, 12)]] * 3), wrong, NOBODY, CONFIG)
+    groups = vote_groups(observed(12, *[[range(6), range(6, 12)]] * 3), wrong, NOBODY, CONFIG)
     np.testing.assert_array_equal(groups, OBJECTS)
 
 
 def test_fragments_give_themselves_away():
     fragments = np.array([0, 0, 0, 0, 2, 2, 1, 1, 1, 1, 1, 3])
     photos = observed(12, *[[range(6), range(6, 12)]] * 3)
-    np.testing.assert_array_equal(voted_groups(photos, fragments, NOBODY, CONFIG), OBJECTS)
+    np.testing.assert_array_equal(vote_groups(photos, fragments, NOBODY, CONFIG), OBJECTS)
 
 
 def test_groups_that_fit_no_mask_are_dissolved():
-    fits = group_fits(observed(12, [range(6), range(6, 12)]), np.array([0] * 5 + [2] + [1] * 6))
+    fits = measure_group_fits(observed(12, [range(6), range(6, 12)]), np.array([0] * 5 + [2] + [1] * 6))
     np.testing.assert_allclose(fits, [5 / 6, 1, 1 / 6], rtol=1e-6)
 
 
@@ -49,16 +54,16 @@ def test_fixed_rows_keep_their_group():
     fixed[2] = True
     wrong = OBJECTS.copy()
     wrong[2] = 1
-    groups = voted_groups(observed(12, *[[range(6), range(6, 12)]] * 3), wrong, fixed, CONFIG)
+    groups = vote_groups(observed(12, *[[range(6), range(6, 12)]] * 3), wrong, fixed, CONFIG)
     assert groups[2] == groups[7]
     assert groups[3] != groups[2]
 
 
 def test_shares_sum_to_one_where_anything_was_seen():
-    shares = vote_shares(observed(3, [[0, 1]], [{0: 3.0}, {1: 1.0}]), np.array([0, 1, 1])).toarray()
+    shares = compute_vote_shares(observed(3, [[0, 1]], [{0: 3.0}, {1: 1.0}]), np.array([0, 1, 1])).toarray()
     assert shares.sum(axis=1) == pytest.approx([1, 1, 0])
 
 
 def test_voting_ends_where_rounds_end():
-    groups = voted_groups(observed(12, [range(12)]), OBJECTS, NOBODY, replace(CONFIG, vote_rounds=0, min_fit=0))
+    groups = vote_groups(observed(12, [range(12)]), OBJECTS, NOBODY, replace(CONFIG, vote_rounds=0, min_fit=0))
     np.testing.assert_array_equal(groups, OBJECTS)

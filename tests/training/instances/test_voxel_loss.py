@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from instdrive_core.training.instances.voxel_loss import voxel_loss
-from instdrive_core.training.instances.voxels import Voxels, occupied_voxels
+from instdrive_core.training.instances.voxels import Voxels, group_by_voxel
 
 
 def test_loss_is_the_mean_spread_over_voxels():
@@ -53,7 +53,7 @@ def test_gradient_is_that_of_finite_differences(tanh):
 def test_bits_are_the_same_with_any_number_of_threads():
     rng = np.random.default_rng(0)
     positions = rng.normal(0, 9, (20_000, 3)).astype(np.float32)
-    voxels = occupied_voxels(positions, np.zeros(20_000, np.uint16), 0.5, np.zeros(3))
+    voxels = group_by_voxel(positions, np.zeros(20_000, np.uint16), 0.5, np.zeros(3))
     features = torch.from_numpy(rng.normal(size=(20_000, 16))).float()
     results = []
     threads = numba.get_num_threads()
@@ -72,7 +72,7 @@ def test_a_feature_that_is_no_number_shows_in_the_loss():
 
 
 def test_no_gaussians_cost_nothing():
-    voxels = occupied_voxels(np.zeros((0, 3), np.float32), np.zeros(0, np.uint16), 0.5, np.zeros(3))
+    voxels = group_by_voxel(np.zeros((0, 3), np.float32), np.zeros(0, np.uint16), 0.5, np.zeros(3))
     loss, gradient = voxel_loss(torch.zeros(0, 4), voxels)
     assert loss == 0
     assert gradient.shape == (0, 4)

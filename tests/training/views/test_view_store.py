@@ -16,7 +16,7 @@ from instdrive_core.errors import DataError
 from instdrive_core.masks.label_map_folder import FrameMasks, write_masks
 from instdrive_core.scene.camera import Camera
 from instdrive_core.training.views.training_view import TrainingView
-from instdrive_core.training.views.view_store import ViewFacts, ViewStore, view_store
+from instdrive_core.training.views.view_store import ViewFacts, ViewStore, open_view_store
 
 HEIGHT, WIDTH, COUNT = 20, 32, 12
 FULL = HEIGHT * WIDTH * 6
@@ -94,7 +94,7 @@ def test_views_depend_neither_on_the_budget_nor_on_hints(disk, budget, hints):
     with store_on(disk, budget) as store:
         for turn, (number, coarse) in enumerate(ORDER * 3):
             store.prefetch((ORDER * 3)[turn + 1 : turn + 1 + hints])
-            expected = view_of(number).halved() if coarse else view_of(number)
+            expected = view_of(number).halve() if coarse else view_of(number)
             assert_same(store.get(number, coarse), expected)
             assert store.kept_bytes <= budget
 
@@ -142,7 +142,7 @@ def test_hints_are_read_by_another_thread_soonest_first(disk):
     settle(store)
     assert disk.read_numbers == [4, 2]
     assert threading.current_thread() not in disk.readers
-    assert_same(store.get(2, True), view_of(2).halved())
+    assert_same(store.get(2, True), view_of(2).halve())
     store.get(4)
     assert disk.read_numbers == [4, 2]
 
@@ -269,12 +269,12 @@ def test_no_thread_is_left_once_all_hints_are_read(disk):
 
 def test_views_in_memory_make_a_store():
     views = [view_of(0), replace(view_of(1), labels=None), replace(view_of(2), labels=np.zeros_like(view_of(2).labels))]
-    store = ViewStore.of(views)
+    store = ViewStore.from_views(views)
     assert len(store) == 3
     assert [facts.has_masks for facts in store.facts] == [True, False, False]
     assert [facts.step for facts in store.facts] == [0, 1, 2]
     assert store.get(1) is views[1]
-    assert_same(store.get(2, True), views[2].halved())
+    assert_same(store.get(2, True), views[2].halve())
     for wrong in (3, -1):
         with pytest.raises(IndexError, match=f"view {wrong} of 3"):
             store.get(wrong)
@@ -282,7 +282,7 @@ def test_views_in_memory_make_a_store():
 
 def masks_of(clip, folder, skipped=()):
     def content():
-        for number, frame in enumerate(clip.training_frames()):
+        for number, frame in enumerate(clip.training_frames):
             if frame.key not in skipped:
                 camera = frame.view.camera
                 labels = np.zeros((camera.height, camera.width), np.uint16)
@@ -298,7 +298,7 @@ def test_facts_of_a_clip_are_known_before_a_photo_is_read(tmp_path):
 
     clip = drive()
     clip = replace(clip, frames=tuple(replace(frame, load_image=unreadable) for frame in clip.frames))
-    store = view_store(clip, masks_of(clip, tmp_path / "masks"))
+    store = open_view_store(clip, masks_of(clip, tmp_path / "masks"))
     assert len(store) == 3
     assert [facts.key for facts in store.facts] == [f"front_camera/0{step}" for step in (3, 5, 6)]
     assert [facts.step for facts in store.facts] == [3, 5, 6]
@@ -310,14 +310,14 @@ def test_facts_of_a_clip_are_known_before_a_photo_is_read(tmp_path):
 
 def test_a_clips_views_carry_photo_masks_and_depth(tmp_path):
     clip = drive()
-    store = view_store(clip, masks_of(clip, tmp_path / "masks"))
-    view, frame = store.get(2), clip.training_frames()[2]
+    store = open_view_store(clip, masks_of(clip, tmp_path / "masks"))
+    view, frame = store.get(2), clip.training_frames[2]
     np.testing.assert_array_equal(view.image, frame.load_image())
     assert view.labels[:2].min() == view.labels.max() == 2
     assert view.sky is not None
     assert not view.sky.any()
     assert len(view.depth_pixels) > 100
-    bare = view_store(clip, None)
+    bare = open_view_store(clip, None)
     assert bare.get(2).labels is None
     assert not bare.facts[2].has_masks
 
@@ -326,7 +326,7 @@ def test_masks_that_lack_a_photo_are_refused_at_once(tmp_path):
     clip = drive()
     masks = masks_of(clip, tmp_path / "masks", skipped=["front_camera/05"])
     with pytest.raises(DataError, match=r"masks\.json: 1 of 3 training photos have no masks, e\.g\. 'front_camera/05'"):
-        view_store(clip, masks)
+        open_view_store(clip, masks)
 
 
 def test_held_out_sweeps_are_never_read():
@@ -336,7 +336,7 @@ def test_held_out_sweeps_are_never_read():
     def watched(sweep):
         return replace(sweep, load=lambda: (read.append(sweep.index), sweep.load())[1])
 
-    view_store(replace(clip, sweeps=tuple(watched(sweep) for sweep in clip.sweeps)), None)
+    open_view_store(replace(clip, sweeps=tuple(watched(sweep) for sweep in clip.sweeps)), None)
     assert read == [3, 5, 6], "each once, in order"
 
 
@@ -347,7 +347,7 @@ def test_a_damaged_photo_is_named(tmp_path, content, ahead):
     clip = load_clip(str(root), ClipOptions(cameras="front_camera"))
     photo = root / "camera" / "front_camera" / "05.jpg"
     photo.write_bytes(photo.read_bytes()[:700] if content is None else content)
-    with view_store(clip, None) as store:
+    with open_view_store(clip, None) as store:
         number = [facts.step for facts in store.facts].index(5)
         if ahead:
             store.prefetch([(number, True)])
@@ -357,8 +357,8 @@ def test_a_damaged_photo_is_named(tmp_path, content, ahead):
 
 def test_the_real_clips_photos_are_what_evaluation_loads(pandaset_clip):
     clip = load_clip(str(pandaset_clip), ClipOptions(cameras="back_camera", first_frame=40, last_frame=42))
-    store = view_store(clip, None, budget_bytes=480 * 270 * 3)
-    for number, frame in enumerate(clip.training_frames()):
+    store = open_view_store(clip, None, budget_bytes=480 * 270 * 3)
+    for number, frame in enumerate(clip.training_frames):
         store.prefetch([(number, False)])
         view = store.get(number)
         np.testing.assert_array_equal(view.image, frame.load_image())

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.sensors.raytrace import RayScene
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
-from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE, lidar_directions
+from instdrive_core.datasets.synthetic.world.rig import LIDAR_BLIND_RANGE, LIDAR_RANGE, compute_lidar_directions
 from instdrive_core.datasets.synthetic.world.street import StepGeometry
 
 RANGE_NOISE = 0.02
@@ -43,9 +43,9 @@ def cast_sweep(
     Args:
         semantics: class by instance ID; a material's own class goes before it (paint on the road).
     """
-    directions = lidar_directions(azimuths) @ street_from_lidar[:3, :3].T.astype(np.float32)
+    directions = compute_lidar_directions(azimuths) @ street_from_lidar[:3, :3].T.astype(np.float32)
     origin = street_from_lidar[:3, 3]
-    hits = rays.first_hits(np.broadcast_to(origin.astype(np.float32), directions.shape).copy(), directions)
+    hits = rays.find_first_hits(np.broadcast_to(origin.astype(np.float32), directions.shape).copy(), directions)
     seen = (hits.triangles >= 0) & (hits.distances > LIDAR_BLIND_RANGE) & (hits.distances < LIDAR_RANGE)
     triangles, directions = hits.triangles[seen], directions[seen].astype(np.float64)
     distances = hits.distances[seen].astype(np.float64)
@@ -55,13 +55,13 @@ def cast_sweep(
     own_class = materials.semantics[hit_materials]
     return LidarSweep(
         origin + measured[:, None] * directions,
-        _intensities(geometry, triangles, directions, distances, materials.parameters[hit_materials, 10], rng),
+        _compute_intensities(geometry, triangles, directions, distances, materials.parameters[hit_materials, 10], rng),
         np.where(own_class > 0, own_class, semantics[owners]),
         owners.astype(np.uint32),
     )
 
 
-def _intensities(
+def _compute_intensities(
     geometry: StepGeometry, triangles: ndarray, directions: ndarray, distances: ndarray,
     reflectivity: ndarray, rng: np.random.Generator,
 ) -> Float64[ndarray, " n"]:  # fmt: skip

@@ -30,14 +30,14 @@ class RayScene:
     def __init__(self, corners: Float32[ndarray, "n 3 3"]) -> None:
         self._scene = EmbreeScene()
         self._mesh = EmbreeMesh(self._scene, np.ascontiguousarray(corners, np.float32))
-        self.occluded(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32), 1.0)  # builds the tree now
+        self.find_occluded(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32), 1.0)  # builds the tree now
 
-    def first_hits(self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"]) -> Hits:
+    def find_first_hits(self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"]) -> Hits:
         """The nearest hit of each ray; directions are unit vectors."""
         found = self._scene.run(origins, directions, output=True)
         return Hits(found["primID"], found["u"], found["v"], found["tfar"])
 
-    def occluded(
+    def find_occluded(
         self, origins: Float32[ndarray, "n 3"], directions: Float32[ndarray, "n 3"], reach: float
     ) -> Bool[ndarray, " n"]:
         """Whether anything lies within `reach` metres along each ray."""

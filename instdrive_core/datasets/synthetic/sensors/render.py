@@ -13,9 +13,9 @@ from instdrive_core.datasets.synthetic.world.light import (
     SIDE,
     SUBSAMPLES,
     Light,
-    develop,
-    hit_geometry,
-    probe_directions,
+    compute_hit_geometry,
+    compute_probe_directions,
+    develop_photo,
     shade_hits,
     shade_sky,
 )
@@ -32,8 +32,8 @@ OPEN_REACH = 1.8
 
 
 @dataclass(frozen=True)
-class Photo:
-    """What a camera records."""
+class RenderedPhoto:
+    """Photo and labels that a camera records."""
 
     image: UInt8[ndarray, "h w 3"]
     labels: UInt16[ndarray, "h w"]
@@ -47,7 +47,7 @@ class StepRenderer:
         self.geometry, self.materials, self.light = geometry, materials, light
         self.rays = RayScene(geometry.mesh.corners)
 
-    def photograph(self, camera: Camera) -> Photo:
+    def photograph(self, camera: Camera) -> RenderedPhoto:
         """The view of a camera that is posed in the street's frame; taken in bands that bound memory."""
         image = np.empty((camera.height, camera.width, 3), np.uint8)
         labels = np.empty((camera.height, camera.width), np.uint16)
@@ -55,21 +55,21 @@ class StepRenderer:
         for top in range(0, camera.height, band):
             rows = slice(top, min(top + band, camera.height))
             self._expose(camera, rows, image[rows].reshape(-1, 3), labels[rows].reshape(-1))
-        return Photo(image, labels)
+        return RenderedPhoto(image, labels)
 
     def _expose(self, camera: Camera, rows: slice, image: UInt8[ndarray, "n 3"], labels: UInt16[ndarray, " n"]) -> None:
         """Fill `image` and `labels` with the pixels of some rows."""
         mesh, light = self.geometry.mesh, self.light
-        directions = subsample_directions(camera, rows)
+        directions = compute_subsample_directions(camera, rows)
         origin = camera.position.astype(np.float32)
-        hits = self.rays.first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
+        hits = self.rays.find_first_hits(np.broadcast_to(origin, directions.shape).copy(), directions)
         struck = np.flatnonzero(hits.triangles >= 0)
         points, normals = np.empty((len(struck), 3), np.float32), np.empty((len(struck), 3), np.float32)
-        hit_geometry(struck, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
+        compute_hit_geometry(struck, hits.triangles, hits.distances, origin, directions, mesh.corners, points, normals)
         to_light, to_open = np.empty_like(points), np.empty_like(points)
-        probe_directions(struck, normals, light.sun_directions(), to_light, to_open)
-        in_shadow = self.rays.occluded(points, to_light, SHADOW_REACH)
-        enclosed = self.rays.occluded(points, to_open, OPEN_REACH)
+        compute_probe_directions(struck, normals, light.sun_directions(), to_light, to_open)
+        in_shadow = self.rays.find_occluded(points, to_light, SHADOW_REACH)
+        enclosed = self.rays.find_occluded(points, to_open, OPEN_REACH)
         radiance = np.empty_like(directions)
         shade_hits(
             struck, hits.triangles, hits.u, hits.v, hits.distances, directions, normals, mesh.texcoords, mesh.normals,
@@ -78,10 +78,10 @@ class StepRenderer:
         )  # fmt: skip
         shade_sky(hits.triangles, directions, light.to_sun, light.cloud_seed, radiance)
         ids = np.where(hits.triangles >= 0, self.geometry.instances[hits.triangles], 0)
-        develop(radiance, ids, EXPOSURE, image, labels)
+        develop_photo(radiance, ids, EXPOSURE, image, labels)
 
 
-def subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:
+def compute_subsample_directions(camera: Camera, rows: slice) -> Float32[ndarray, "n 3"]:
     """Unit directions of all subsamples of some pixel rows, pixel by pixel, in the frame of the camera's pose."""
     fractions = (np.arange(SIDE) + 0.5) / SIDE
     x = ((np.arange(camera.width)[:, None] + fractions) - camera.cx) / camera.fx

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from instdrive_core.datasets.synthetic.world.facades import Opening, WallMaterials, patch, storey
+from instdrive_core.datasets.synthetic.world.facades import Opening, WallMaterials, build_patch, build_storey
 from instdrive_core.datasets.synthetic.world.materials import (
     BRICK,
     PLAIN,
@@ -19,10 +19,10 @@ from instdrive_core.datasets.synthetic.world.materials import (
     WOOD,
     Color,
     Material,
-    Palette,
+    MaterialPalette,
 )
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import box, floor, quad
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import build_box, build_floor, build_quad
 
 GROUND_FLOOR, UPPER_FLOOR = 3.6, 3.05
 """Storey heights in metres."""
@@ -58,34 +58,36 @@ class _Looks:
     metal: int
 
 
-def building_mesh(
-    width: float, depth: float, floors: int, use: str, rng: np.random.Generator, palette: Palette
+def build_building(
+    width: float, depth: float, floors: int, use: str, rng: np.random.Generator, palette: MaterialPalette
 ) -> TriangleMesh:
     """A building.
 
     Args:
         use: ``shop``, ``home`` or ``garage``: what the ground floor looks like.
     """
-    looks = _looks(use, rng, palette)
+    looks = _draw_looks(use, rng, palette)
     bays = max(2, round(width / rng.uniform(2.5, 3.3)))
     height = GROUND_FLOOR + UPPER_FLOOR * (floors - 1)
-    front = [_ground_storey(width, bays, use, looks, rng)]
+    front = [_build_ground_storey(width, bays, use, looks, rng)]
     upper = looks.tall_window if rng.random() < 0.4 else looks.window
     for level in range(1, floors):
-        z = _level(level)
-        front.append(storey(width, z, [upper] * bays, looks.materials, rng))
-    front += _front_ornaments(width, floors, bays, use, looks, rng)
+        z = _compute_level(level)
+        front.append(build_storey(width, z, [upper] * bays, looks.materials, rng))
+    front += _build_front_ornaments(width, floors, bays, use, looks, rng)
     sides = [
-        _side_wall(depth, floors, looks, rng).at(width, 0, 0, np.pi / 2),
-        patch((0, width), (0, height), 0, looks.materials.wall).at(width, depth, 0, np.pi),
-        _side_wall(depth, floors, looks, rng).at(0, depth, 0, -np.pi / 2),
+        _build_side_wall(depth, floors, looks, rng).at(width, 0, 0, np.pi / 2),
+        build_patch((0, width), (0, height), 0, looks.materials.wall).at(width, depth, 0, np.pi),
+        _build_side_wall(depth, floors, looks, rng).at(0, depth, 0, -np.pi / 2),
     ]
     gabled = floors <= 3 and use != "garage" and rng.random() < 0.45
-    roof = _gable_roof(width, depth, height, looks) if gabled else _flat_roof(width, depth, height, looks, rng)
-    return joined([*front, *sides, roof])
+    roof = (
+        _build_gable_roof(width, depth, height, looks) if gabled else _build_flat_roof(width, depth, height, looks, rng)
+    )
+    return join_meshes([*front, *sides, roof])
 
 
-def _level(level: int) -> tuple[float, float]:
+def _compute_level(level: int) -> tuple[float, float]:
     """Lower and upper edge of a storey over the ground."""
     if level == 0:
         return 0.0, GROUND_FLOOR
@@ -98,7 +100,7 @@ def _pick(colors: tuple[Color, ...], rng: np.random.Generator) -> Color:
     return r, g, b
 
 
-def _looks(use: str, rng: np.random.Generator, palette: Palette) -> _Looks:
+def _draw_looks(use: str, rng: np.random.Generator, palette: MaterialPalette) -> _Looks:
     if rng.random() < 0.42:
         wall = Material(BRICK, _pick(_BRICKS, rng), (0.42, 0.39, 0.35), reflectivity=0.35)
     else:
@@ -131,96 +133,102 @@ def _looks(use: str, rng: np.random.Generator, palette: Palette) -> _Looks:
     )
 
 
-def _ground_storey(width: float, bays: int, use: str, looks: _Looks, rng: np.random.Generator) -> TriangleMesh:
+def _build_ground_storey(width: float, bays: int, use: str, looks: _Looks, rng: np.random.Generator) -> TriangleMesh:
     entrance = int(rng.integers(bays))
     fill = {"shop": looks.shop_window, "home": looks.window, "garage": looks.gate}[use]
     openings: list[Opening | None] = [looks.door if bay == entrance else fill for bay in range(bays)]
-    return storey(width, _level(0), openings, looks.materials, rng)
+    return build_storey(width, _compute_level(0), openings, looks.materials, rng)
 
 
-def _front_ornaments(
+def _build_front_ornaments(
     width: float, floors: int, bays: int, use: str, looks: _Looks, rng: np.random.Generator
 ) -> list[TriangleMesh]:
     """String courses, plinth, balconies; name board and awnings of shops."""
     trim = looks.materials.trim
-    parts = [box((width, 0.10, 0.16), (width / 2, -0.05, GROUND_FLOOR - 0.02), trim)]
+    parts = [build_box((width, 0.10, 0.16), (width / 2, -0.05, GROUND_FLOOR - 0.02), trim)]
     bay = width / bays
     if use == "shop":
-        parts.append(box((0.9 * width, 0.10, 0.58), (width / 2, -0.06, 3.18), looks.accent))
-        parts.append(_facing_patch(0.12 * width, 0.88 * width, -0.115, 2.96, 3.40, looks.letters))
+        parts.append(build_box((0.9 * width, 0.10, 0.58), (width / 2, -0.06, 3.18), looks.accent))
+        parts.append(_build_facing_patch(0.12 * width, 0.88 * width, -0.115, 2.96, 3.40, looks.letters))
         if rng.random() < 0.7:
-            parts.append(_awning(0.05 * width, 0.95 * width, looks.awning))
+            parts.append(_build_awning(0.05 * width, 0.95 * width, looks.awning))
     else:
-        parts.append(box((width, 0.06, 0.35), (width / 2, -0.03, 0.175), trim) if use == "garage" else
-                     box((width, 0.05, 0.02), (width / 2, -0.02, 0.5), trim))  # fmt: skip
+        parts.append(build_box((width, 0.06, 0.35), (width / 2, -0.03, 0.175), trim) if use == "garage" else
+                     build_box((width, 0.05, 0.02), (width / 2, -0.02, 0.5), trim))  # fmt: skip
     if use == "home" and floors > 2 and rng.random() < 0.6:
         for level in range(1, floors):
             for column in range(1, bays, 2):
-                parts.append(_balcony((column + 0.5) * bay, _level(level)[0], min(bay * 0.85, 2.2), looks))
+                parts.append(
+                    _build_balcony((column + 0.5) * bay, _compute_level(level)[0], min(bay * 0.85, 2.2), looks)
+                )
     return parts
 
 
-def _facing_patch(x0: float, x1: float, y: float, z0: float, z1: float, material: int) -> TriangleMesh:
-    return quad([(x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1)], material)
+def _build_facing_patch(x0: float, x1: float, y: float, z0: float, z1: float, material: int) -> TriangleMesh:
+    return build_quad([(x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1)], material)
 
 
-def _awning(x0: float, x1: float, material: int) -> TriangleMesh:
-    slope = quad([(x0, -1.15, 2.42), (x1, -1.15, 2.42), (x1, -0.05, 2.88), (x0, -0.05, 2.88)], material)
-    return joined([slope, _facing_patch(x0, x1, -1.15, 2.22, 2.42, material)])
+def _build_awning(x0: float, x1: float, material: int) -> TriangleMesh:
+    slope = build_quad([(x0, -1.15, 2.42), (x1, -1.15, 2.42), (x1, -0.05, 2.88), (x0, -0.05, 2.88)], material)
+    return join_meshes([slope, _build_facing_patch(x0, x1, -1.15, 2.22, 2.42, material)])
 
 
-def _balcony(x: float, z: float, width: float, looks: _Looks) -> TriangleMesh:
-    slab = box((width, 0.9, 0.14), (x, -0.45, z + 0.07), looks.materials.trim)
-    bars = [box((0.05, 0.03, 0.92), (x + offset, -0.87, z + 0.55), looks.metal)
+def _build_balcony(x: float, z: float, width: float, looks: _Looks) -> TriangleMesh:
+    slab = build_box((width, 0.9, 0.14), (x, -0.45, z + 0.07), looks.materials.trim)
+    bars = [build_box((0.05, 0.03, 0.92), (x + offset, -0.87, z + 0.55), looks.metal)
             for offset in np.linspace(-width / 2 + 0.03, width / 2 - 0.03, 8)]  # fmt: skip
-    rails = [box((width, 0.05, 0.06), (x, -0.87, z + 1.02), looks.metal)]
+    rails = [build_box((width, 0.05, 0.06), (x, -0.87, z + 1.02), looks.metal)]
     for side in (-1, 1):
-        rails.append(box((0.04, 0.86, 0.5), (x + side * (width / 2 - 0.02), -0.45, z + 0.75), looks.metal))
-    return joined([slab, *bars, *rails])
+        rails.append(build_box((0.04, 0.86, 0.5), (x + side * (width / 2 - 0.02), -0.45, z + 0.75), looks.metal))
+    return join_meshes([slab, *bars, *rails])
 
 
-def _side_wall(width: float, floors: int, looks: _Looks, rng: np.random.Generator) -> TriangleMesh:
+def _build_side_wall(width: float, floors: int, looks: _Looks, rng: np.random.Generator) -> TriangleMesh:
     bays = max(1, round(width / 4.2))
     parts = []
     for level in range(floors):
         glazed = [level > 0 and rng.random() < 0.75 for _ in range(bays)]
         parts.append(
-            storey(width, _level(level), [looks.window if pane else None for pane in glazed], looks.materials, rng)
+            build_storey(
+                width, _compute_level(level), [looks.window if pane else None for pane in glazed], looks.materials, rng
+            )
         )
-    return joined(parts)
+    return join_meshes(parts)
 
 
-def _flat_roof(width: float, depth: float, height: float, looks: _Looks, rng: np.random.Generator) -> TriangleMesh:
+def _build_flat_roof(
+    width: float, depth: float, height: float, looks: _Looks, rng: np.random.Generator
+) -> TriangleMesh:
     """A roof behind a parapet with a cornice, and something that stands on it."""
     trim = looks.materials.trim
     rim = 0.55
     parts = [
-        floor((0, width), (0, depth), height + 0.05, looks.roof),
-        box((width, 0.2, rim), (width / 2, 0.1, height + rim / 2), looks.materials.wall),
-        box((width, 0.2, rim), (width / 2, depth - 0.1, height + rim / 2), looks.materials.wall),
-        box((0.2, depth - 0.4, rim), (0.1, depth / 2, height + rim / 2), looks.materials.wall),
-        box((0.2, depth - 0.4, rim), (width - 0.1, depth / 2, height + rim / 2), looks.materials.wall),
-        box((width + 0.1, 0.45, 0.16), (width / 2, -0.02, height + rim + 0.02), trim),
-        box((width + 0.04, 0.26, 0.14), (width / 2, -0.04, height - 0.12), trim),
+        build_floor((0, width), (0, depth), height + 0.05, looks.roof),
+        build_box((width, 0.2, rim), (width / 2, 0.1, height + rim / 2), looks.materials.wall),
+        build_box((width, 0.2, rim), (width / 2, depth - 0.1, height + rim / 2), looks.materials.wall),
+        build_box((0.2, depth - 0.4, rim), (0.1, depth / 2, height + rim / 2), looks.materials.wall),
+        build_box((0.2, depth - 0.4, rim), (width - 0.1, depth / 2, height + rim / 2), looks.materials.wall),
+        build_box((width + 0.1, 0.45, 0.16), (width / 2, -0.02, height + rim + 0.02), trim),
+        build_box((width + 0.04, 0.26, 0.14), (width / 2, -0.04, height - 0.12), trim),
     ]
     if rng.random() < 0.6:
-        parts.append(box((1.8, 1.6, 1.2), (rng.uniform(1.5, width - 1.5), 3.0, height + 0.6), looks.metal))
-    return joined(parts)
+        parts.append(build_box((1.8, 1.6, 1.2), (rng.uniform(1.5, width - 1.5), 3.0, height + 0.6), looks.metal))
+    return join_meshes(parts)
 
 
-def _gable_roof(width: float, depth: float, height: float, looks: _Looks) -> TriangleMesh:
+def _build_gable_roof(width: float, depth: float, height: float, looks: _Looks) -> TriangleMesh:
     """Two slopes with the ridge along the street, and a chimney."""
     rise, eave = 0.34 * depth, 0.35
     ridge = height + rise
     low = height - eave * rise / (depth / 2)
-    front = quad([(-0.2, -eave, low), (width + 0.2, -eave, low), (width + 0.2, depth / 2, ridge),
+    front = build_quad([(-0.2, -eave, low), (width + 0.2, -eave, low), (width + 0.2, depth / 2, ridge),
                   (-0.2, depth / 2, ridge)], looks.roof)  # fmt: skip
-    back = quad([(width + 0.2, depth + eave, low), (-0.2, depth + eave, low), (-0.2, depth / 2, ridge),
+    back = build_quad([(width + 0.2, depth + eave, low), (-0.2, depth + eave, low), (-0.2, depth / 2, ridge),
                  (width + 0.2, depth / 2, ridge)], looks.roof)  # fmt: skip
     gables = []
     for x in (0.0, width):
         corners = np.array([[[x, 0, height], [x, depth, height], [x, depth / 2, ridge]]])
-        gables.append(flat_mesh(corners, looks.materials.wall, corners[..., [1, 2, 0]]))
-    chimney = box((0.7, 0.6, 1.6), (0.25 * width, 0.38 * depth, ridge - 0.2), looks.materials.wall)
-    gutter = box((width + 0.4, 0.12, 0.12), (width / 2, -eave, low - 0.04), looks.metal)
-    return joined([front, back, *gables, chimney, gutter])
+        gables.append(build_flat_mesh(corners, looks.materials.wall, corners[..., [1, 2, 0]]))
+    chimney = build_box((0.7, 0.6, 1.6), (0.25 * width, 0.38 * depth, ridge - 0.2), looks.materials.wall)
+    gutter = build_box((width + 0.4, 0.12, 0.12), (width / 2, -eave, low - 0.04), looks.metal)
+    return join_meshes([front, back, *gables, chimney, gutter])

@@ -18,10 +18,18 @@ from instdrive_core.datasets.synthetic.world.materials import (
     SHUTTER,
     Color,
     Material,
-    Palette,
+    MaterialPalette,
 )
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import both_sides, box, cylinder, decal, disc, loft, quad
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import (
+    add_mirror_image,
+    build_box,
+    build_cylinder,
+    build_decal,
+    build_disc,
+    build_loft,
+    build_quad,
+)
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,7 @@ class CarShape:
     cabin: tuple[float, float, float, float]
     """y of the rear window's foot, the roof's rear end, its front end, and the windscreen's foot."""
     pillars: tuple[float, ...]
-    """Where side windows are divided, as fractions from rear to front; windows lie between neighbours."""
+    """Divisions of the side windows, as fractions from rear to front; windows lie between neighbours."""
     clearance: float = 0.22
     tail: float = 1.0
     """Height of the rear deck as a fraction of the belt."""
@@ -99,17 +107,22 @@ class _Finish:
     cargo: int
 
 
-def car_mesh(shape: CarShape, color: Color, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def build_car(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A vehicle of the given shape and paint."""
-    finish = _finish(shape, color, rng, palette)
-    parts = [_body(shape, finish), _cabin(shape, finish), _wheels(shape, finish), _ends(shape, finish)]
-    parts.append(_side_details(shape, finish))
+    finish = _choose_finish(shape, color, rng, palette)
+    parts = [
+        _build_body(shape, finish),
+        _build_cabin(shape, finish),
+        _build_wheels(shape, finish),
+        _build_ends(shape, finish),
+    ]
+    parts.append(_build_side_details(shape, finish))
     if shape.cargo is not None:
-        parts.append(_cargo(shape, shape.cargo, finish))
-    return joined(parts)
+        parts.append(_build_cargo(shape, shape.cargo, finish))
+    return join_meshes(parts)
 
 
-def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: Palette) -> _Finish:
+def _choose_finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: MaterialPalette) -> _Finish:
     spokes = float(rng.choice([5, 6, 7, 10]))
     dust = (0.30, 0.27, 0.23)
     box_color = (0.70, 0.70, 0.68) if rng.random() < 0.6 else color
@@ -130,7 +143,7 @@ def _finish(shape: CarShape, color: Color, rng: np.random.Generator, palette: Pa
     )
 
 
-def _body(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_body(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """The lower body: cross-sections from tail to nose, with a rounded shoulder and tucked-in sills."""
     half, belt, nose, low = shape.width / 2, shape.belt, shape.nose, shape.clearance
     tail = belt * shape.tail
@@ -148,11 +161,11 @@ def _body(shape: CarShape, finish: _Finish) -> TriangleMesh:
         (0.488, 0.93 * nose, half - 0.10, low + 0.05),
         (0.500, 0.78 * nose, half - 0.19, low + 0.12),
     ]
-    sections = [_body_section(y * shape.length, top, width, bottom) for y, top, width, bottom in stations]
-    return loft(np.stack(sections), finish.paint).smoothed(42.0)
+    sections = [_build_body_section(y * shape.length, top, width, bottom) for y, top, width, bottom in stations]
+    return build_loft(np.stack(sections), finish.paint).smooth_normals(42.0)
 
 
-def _body_section(y: float, top: float, half: float, bottom: float) -> Float[ndarray, "p 3"]:
+def _build_body_section(y: float, top: float, half: float, bottom: float) -> Float[ndarray, "p 3"]:
     rise = top - bottom
     right = [
         (half - 0.12, bottom),
@@ -167,91 +180,93 @@ def _body_section(y: float, top: float, half: float, bottom: float) -> Float[nda
     return np.array([(x, y, z) for x, z in outline])
 
 
-def _cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_cabin(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Roof and pillars as one frustum with a bevelled roof, windows laid on its faces."""
     rear, roof_rear, roof_front, front = shape.cabin
     half = shape.width / 2
     foot, top, bevel = half - 0.09, half - 0.24 if shape.height < 2 else half - 0.13, 0.07
     z0, z1, z2 = shape.belt - 0.03, shape.height - 0.06, shape.height
-    base = _ring(foot, rear, front, z0)
-    shoulder = _ring(top, roof_rear, roof_front, z1)
-    roof = _ring(top - bevel, roof_rear + bevel, roof_front - bevel, z2)
-    parts = [loft(np.stack([base, shoulder, roof]), finish.paint).smoothed(38.0)]
+    base = _build_ring(foot, rear, front, z0)
+    shoulder = _build_ring(top, roof_rear, roof_front, z1)
+    roof = _build_ring(top - bevel, roof_rear + bevel, roof_front - bevel, z2)
+    parts = [build_loft(np.stack([base, shoulder, roof]), finish.paint).smooth_normals(38.0)]
     right = np.stack([base[1], base[2], shoulder[2], shoulder[1]])
     windscreen = np.stack([base[2], base[3], shoulder[3], shoulder[2]])
     rear_window = np.stack([base[0], base[1], shoulder[1], shoulder[0]])
-    surround = decal(right, (shape.pillars[0], shape.pillars[-1]), (0.10, 0.96), finish.black)
-    parts.append(both_sides(surround))
+    surround = build_decal(right, (shape.pillars[0], shape.pillars[-1]), (0.10, 0.96), finish.black)
+    parts.append(add_mirror_image(surround))
     for start, end in zip(shape.pillars, shape.pillars[1:], strict=False):
-        window = decal(right, (start + 0.015, end - 0.015), (0.13, 0.93), finish.glass, lift=0.008)
-        parts.append(both_sides(window))
-    parts.append(decal(windscreen, (0.06, 0.94), (0.05, 0.95), finish.glass))
+        window = build_decal(right, (start + 0.015, end - 0.015), (0.13, 0.93), finish.glass, lift=0.008)
+        parts.append(add_mirror_image(window))
+    parts.append(build_decal(windscreen, (0.06, 0.94), (0.05, 0.95), finish.glass))
     if shape.cargo is None or shape.cargo[2] < shape.belt:
-        parts.append(decal(rear_window, (0.08, 0.92), (0.14, 0.92), finish.glass))
-    return joined(parts)
+        parts.append(build_decal(rear_window, (0.08, 0.92), (0.14, 0.92), finish.glass))
+    return join_meshes(parts)
 
 
-def _ring(half: float, rear: float, front: float, z: float) -> Float[ndarray, "4 3"]:
+def _build_ring(half: float, rear: float, front: float, z: float) -> Float[ndarray, "4 3"]:
     """Rear left, rear right, front right, front left."""
     return np.array([[-half, rear, z], [half, rear, z], [half, front, z], [-half, front, z]])
 
 
-def _wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_wheels(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Tyres with rims, and black arches on the body's sides."""
     half, radius = shape.width / 2, shape.wheel_radius
     parts = []
     for y in (-shape.wheelbase / 2 - 0.02 * shape.length, shape.wheelbase / 2 - 0.02 * shape.length):
-        tyre = cylinder((half - 0.24, y, radius), (half + 0.005, y, radius), radius, finish.black, 18)
-        rim = disc((half + 0.012, y, radius), (1, 0, 0), 0.98 * radius, finish.rim, 18)
+        tyre = build_cylinder((half - 0.24, y, radius), (half + 0.005, y, radius), radius, finish.black, 18)
+        rim = build_disc((half + 0.012, y, radius), (1, 0, 0), 0.98 * radius, finish.rim, 18)
         angles = np.linspace(0, np.pi, 15)
         ring = np.stack([np.full(15, half + 0.004), y + 1.17 * radius * np.cos(angles),
                          np.maximum(radius + 1.17 * radius * np.sin(angles), shape.clearance)], axis=1)  # fmt: skip
         middle = np.broadcast_to([half + 0.004, y, shape.clearance + 0.01], ring[1:].shape)
-        arch = flat_mesh(np.stack([middle, ring[:-1], ring[1:]], axis=1), finish.black)
+        arch = build_flat_mesh(np.stack([middle, ring[:-1], ring[1:]], axis=1), finish.black)
         parts += [tyre, rim, arch]
-    return both_sides(joined(parts))
+    return add_mirror_image(join_meshes(parts))
 
 
-def _ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_ends(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Lamps, grille, number plates and bumpers at nose and tail."""
     half, front, nose, low = shape.width / 2, shape.length / 2, shape.nose, shape.clearance
     tail = shape.belt * shape.tail
     lamps = [
-        box((0.40, 0.16, 0.15), (half - 0.30, front - 0.085, 0.80 * nose), finish.head, (0.9, 0.7)),
-        box((0.16, 0.20, 0.09), (half - 0.26, front - 0.10, low + 0.20), finish.head),
+        build_box((0.40, 0.16, 0.15), (half - 0.30, front - 0.085, 0.80 * nose), finish.head, (0.9, 0.7)),
+        build_box((0.16, 0.20, 0.09), (half - 0.26, front - 0.10, low + 0.20), finish.head),
     ]
     if shape.cargo is None:
-        lamps.append(box((0.26, 0.16, 0.17), (half - 0.24, -front + 0.085, 0.80 * tail), finish.tail))
+        lamps.append(build_box((0.26, 0.16, 0.17), (half - 0.24, -front + 0.085, 0.80 * tail), finish.tail))
     else:
-        lamps.append(box((0.16, 0.10, 0.30), (half - 0.12, -front + 0.04, 0.68 * shape.belt), finish.tail))
+        lamps.append(build_box((0.16, 0.10, 0.30), (half - 0.12, -front + 0.04, 0.68 * shape.belt), finish.tail))
     middle = [
-        box((shape.width * 0.46, 0.10, 0.24 * nose), (0, front - 0.045, 0.68 * nose), finish.black),
-        box((0.50, 0.03, 0.12), (0, front + 0.005, low + 0.22), finish.plate),
-        box((0.50, 0.03, 0.13), (0, -front - 0.003, 0.62 * tail), finish.plate),
-        box((shape.width * 0.80, 0.16, 0.10), (0, front - 0.10, low + 0.08), finish.black),
-        box((shape.width * 0.82, 0.16, 0.16), (0, -front + 0.075, low + 0.16), finish.black),
+        build_box((shape.width * 0.46, 0.10, 0.24 * nose), (0, front - 0.045, 0.68 * nose), finish.black),
+        build_box((0.50, 0.03, 0.12), (0, front + 0.005, low + 0.22), finish.plate),
+        build_box((0.50, 0.03, 0.13), (0, -front - 0.003, 0.62 * tail), finish.plate),
+        build_box((shape.width * 0.80, 0.16, 0.10), (0, front - 0.10, low + 0.08), finish.black),
+        build_box((shape.width * 0.82, 0.16, 0.16), (0, -front + 0.075, low + 0.16), finish.black),
     ]
-    return joined([both_sides(joined(lamps)), *middle])
+    return join_meshes([add_mirror_image(join_meshes(lamps)), *middle])
 
 
-def _side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
+def _build_side_details(shape: CarShape, finish: _Finish) -> TriangleMesh:
     """Sills, door gaps, handles and mirrors."""
     half, low = shape.width / 2, shape.clearance
     rear, _, roof_front, front = shape.cabin
     sill = shape.wheelbase - 2.4 * shape.wheel_radius
-    parts = [box((0.03, sill, 0.10), (half - 0.035, -0.02 * shape.length, low + 0.05), finish.black)]
+    parts = [build_box((0.03, sill, 0.10), (half - 0.035, -0.02 * shape.length, low + 0.05), finish.black)]
     doors = [0.5 * (rear + front) if shape.length < 5 or shape.cargo else 0.8, front - 0.10]
     for y in doors:
-        parts.append(box((0.012, 0.014, 0.72 * (shape.belt - low)), (half - 0.004, y, 0.53 * (low + shape.belt)),
+        parts.append(build_box((0.012, 0.014, 0.72 * (shape.belt - low)), (half - 0.004, y, 0.53 * (low + shape.belt)),
                          finish.black))  # fmt: skip
-    parts.append(box((0.03, 0.20, 0.035), (half, doors[0] - 0.20, shape.belt - 0.13), finish.black))
+    parts.append(build_box((0.03, 0.20, 0.035), (half, doors[0] - 0.20, shape.belt - 0.13), finish.black))
     if len(shape.pillars) > 2:
-        parts.append(box((0.03, 0.20, 0.035), (half, front - 1.15, shape.belt - 0.13), finish.black))
-    parts.append(box((0.16, 0.10, 0.14), (half + 0.03, roof_front + 0.45, shape.belt + 0.07), finish.paint, (0.8, 0.8)))
-    return both_sides(joined(parts))
+        parts.append(build_box((0.03, 0.20, 0.035), (half, front - 1.15, shape.belt - 0.13), finish.black))
+    parts.append(
+        build_box((0.16, 0.10, 0.14), (half + 0.03, roof_front + 0.45, shape.belt + 0.07), finish.paint, (0.8, 0.8))
+    )
+    return add_mirror_image(join_meshes(parts))
 
 
-def _cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) -> TriangleMesh:
+def _build_cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) -> TriangleMesh:
     """A closed cargo box, or the inside of an open bed."""
     rear, front, top = cargo
     half, middle = shape.width / 2, 0.5 * (rear + front)
@@ -259,9 +274,9 @@ def _cargo(shape: CarShape, cargo: tuple[float, float, float], finish: _Finish) 
         z = shape.belt * shape.tail + 0.035
         inside = np.array([[-half + 0.2, rear + 0.12, z], [half - 0.2, rear + 0.12, z],
                            [half - 0.2, front, z], [-half + 0.2, front, z]])  # fmt: skip
-        return quad(inside, finish.black)
+        return build_quad(inside, finish.black)
     floor_height = 0.95
     centre = (0, middle, 0.5 * (floor_height + top))
-    closed = box((shape.width, front - rear, top - floor_height), centre, finish.cargo)
-    frame = box((shape.width + 0.03, 0.06, 0.12), (0, rear, floor_height), finish.black)
-    return joined([closed, frame])
+    closed = build_box((shape.width, front - rear, top - floor_height), centre, finish.cargo)
+    frame = build_box((shape.width + 0.03, 0.06, 0.12), (0, rear, floor_height), finish.black)
+    return join_meshes([closed, frame])

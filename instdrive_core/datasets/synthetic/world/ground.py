@@ -16,10 +16,10 @@ from instdrive_core.datasets.synthetic.world.materials import (
     PAVING,
     PLAIN,
     Material,
-    Palette,
+    MaterialPalette,
 )
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import box, disc, floor, quad
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import build_box, build_disc, build_floor, build_quad
 
 ROAD_HALF = 5.6
 """Two lanes and two parking strips."""
@@ -39,7 +39,7 @@ _LIFT = 0.006  # paint lies on the road by more than rays' rounding errors
 _ROAD, _LINE, _STOP, _OTHER = 7, 8, 9, 10  # PandaSet classes
 
 
-def ground_height(x: float, y: float, crossing: float) -> float:
+def compute_street_height(x: float, y: float, crossing: float) -> float:
     """Height of road or pavement; kerbs are ramps, because walkers use it."""
     beside = np.clip((abs(x) - ROAD_HALF) / 0.3, 0, 1)
     off_crossing = np.clip((abs(y - crossing) - CROSS_HALF) / 0.3, 0, 1)
@@ -56,22 +56,22 @@ class Ground:
     lots: TriangleMesh
 
 
-def build_ground(crossing: float, rng: np.random.Generator, palette: Palette) -> Ground:
+def build_ground(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> Ground:
     """Everything horizontal; the crossing street's middle is at y = `crossing`."""
     return Ground(
-        joined([_asphalt(palette), _markings(crossing, palette), _covers(crossing, rng, palette)]),
-        _pavement(-1, crossing, palette),
-        _pavement(1, crossing, palette),
-        _lots(crossing, palette),
+        join_meshes([_add_asphalt(palette), _build_markings(crossing, palette), _build_covers(crossing, rng, palette)]),
+        _build_pavement(-1, crossing, palette),
+        _build_pavement(1, crossing, palette),
+        _build_lots(crossing, palette),
     )
 
 
-def _asphalt(palette: Palette) -> TriangleMesh:
+def _add_asphalt(palette: MaterialPalette) -> TriangleMesh:
     asphalt = palette.add(Material(ASPHALT, (0.150, 0.150, 0.155), reflectivity=0.14))
-    return floor((CROSS_SPAN[0], CROSS_SPAN[1]), STREET_SPAN, 0.0, asphalt)
+    return build_floor((CROSS_SPAN[0], CROSS_SPAN[1]), STREET_SPAN, 0.0, asphalt)
 
 
-def _markings(crossing: float, palette: Palette) -> TriangleMesh:
+def _build_markings(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     def paint(semantic: int) -> int:
         return palette.add(
             Material(PAINTED_LINE, (0.62, 0.62, 0.60), (0.22, 0.22, 0.22), reflectivity=0.65, semantic=semantic)
@@ -80,55 +80,57 @@ def _markings(crossing: float, palette: Palette) -> TriangleMesh:
     line, stop, other = paint(_LINE), paint(_STOP), paint(_OTHER)
     near = CROSS_HALF + 5.4  # from the crossing's middle to the stop line
     parts = [
-        *_dashes(np.arange(STREET_SPAN[0], STREET_SPAN[1], 7.5), 3.0, crossing, near, line),
-        *_parking_bays(crossing, near, line),
+        *_build_dashes(np.arange(STREET_SPAN[0], STREET_SPAN[1], 7.5), 3.0, crossing, near, line),
+        *_build_parking_bays(crossing, near, line),
     ]
     for sign in (-1, 1):  # towards −y and +y of the crossing, then towards −x and +x of it
         along = crossing + sign * (CROSS_HALF + 2.6)
-        parts += [_stripe(x, along, 0.5, 3.0, other) for x in np.arange(-ROAD_HALF + 0.6, ROAD_HALF, 1.0)]
+        parts += [_build_stripe(x, along, 0.5, 3.0, other) for x in np.arange(-ROAD_HALF + 0.6, ROAD_HALF, 1.0)]
         across = sign * (ROAD_HALF + 2.0)
         parts += [
-            _stripe(across, y, 3.0, 0.5, other)
+            _build_stripe(across, y, 3.0, 0.5, other)
             for y in np.arange(crossing - CROSS_HALF + 0.7, crossing + CROSS_HALF, 1.0)
         ]
-        parts.append(_stripe(-sign * LANE, crossing + sign * near, 2.9, 0.4, stop))
-        parts.append(_stripe(sign * (ROAD_HALF + 4.6), crossing + sign * 2.2, 0.4, 3.8, stop))
-        parts.append(_arrow(-sign * LANE, crossing + sign * (near + 7), -sign, other))
-        parts += [_stripe(sign * x, crossing, 2.0, 0.12, line) for x in np.arange(ROAD_HALF + 6, CROSS_SPAN[1], 5.0)]
-    return joined(parts)
+        parts.append(_build_stripe(-sign * LANE, crossing + sign * near, 2.9, 0.4, stop))
+        parts.append(_build_stripe(sign * (ROAD_HALF + 4.6), crossing + sign * 2.2, 0.4, 3.8, stop))
+        parts.append(_build_arrow(-sign * LANE, crossing + sign * (near + 7), -sign, other))
+        parts += [
+            _build_stripe(sign * x, crossing, 2.0, 0.12, line) for x in np.arange(ROAD_HALF + 6, CROSS_SPAN[1], 5.0)
+        ]
+    return join_meshes(parts)
 
 
-def _stripe(x: float, y: float, width: float, length: float, material: int) -> TriangleMesh:
-    return floor((x - width / 2, x + width / 2), (y - length / 2, y + length / 2), _LIFT, material)
+def _build_stripe(x: float, y: float, width: float, length: float, material: int) -> TriangleMesh:
+    return build_floor((x - width / 2, x + width / 2), (y - length / 2, y + length / 2), _LIFT, material)
 
 
-def _dashes(starts: np.ndarray, length: float, crossing: float, near: float, material: int) -> list[TriangleMesh]:
+def _build_dashes(starts: np.ndarray, length: float, crossing: float, near: float, material: int) -> list[TriangleMesh]:
     middles = starts + length / 2
-    return [_stripe(0, y, 0.14, length, material) for y in middles if abs(y - crossing) > near + length / 2]
+    return [_build_stripe(0, y, 0.14, length, material) for y in middles if abs(y - crossing) > near + length / 2]
 
 
-def _parking_bays(crossing: float, near: float, material: int) -> list[TriangleMesh]:
+def _build_parking_bays(crossing: float, near: float, material: int) -> list[TriangleMesh]:
     """Edge lines of the parking strips with short ticks."""
     parts = []
     for start, end in ((STREET_SPAN[0], crossing - near), (crossing + near, STREET_SPAN[1])):
         for sign in (-1, 1):
             x = sign * 3.36
-            parts.append(_stripe(x, 0.5 * (start + end), 0.10, end - start, material))
-            parts += [_stripe(x + sign * 0.45, y, 0.9, 0.10, material) for y in np.arange(start + 3, end, 6.2)]
+            parts.append(_build_stripe(x, 0.5 * (start + end), 0.10, end - start, material))
+            parts += [_build_stripe(x + sign * 0.45, y, 0.9, 0.10, material) for y in np.arange(start + 3, end, 6.2)]
     return parts
 
 
-def _arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
-    shaft = quad(
+def _build_arrow(x: float, y: float, forward: int, material: int) -> TriangleMesh:
+    shaft = build_quad(
         [(x - 0.09, y - 1.5 * forward, _LIFT), (x + 0.09, y - 1.5 * forward, _LIFT),
          (x + 0.09, y + 0.5 * forward, _LIFT), (x - 0.09, y + 0.5 * forward, _LIFT)], material,
     )  # fmt: skip
     head = np.array([[[x - 0.34, y + 0.5 * forward, _LIFT], [x + 0.34, y + 0.5 * forward, _LIFT],
                       [x, y + 1.6 * forward, _LIFT]]])  # fmt: skip
-    return joined([shaft, flat_mesh(head, material)])
+    return join_meshes([shaft, build_flat_mesh(head, material)])
 
 
-def _covers(crossing: float, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def _build_covers(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """Manhole covers, and patches where the road was mended."""
     iron = palette.add(Material(PLAIN, (0.07, 0.065, 0.06), reflectivity=0.2))
     fresh = palette.add(Material(ASPHALT, (0.115, 0.115, 0.12), reflectivity=0.10))
@@ -136,21 +138,23 @@ def _covers(crossing: float, rng: np.random.Generator, palette: Palette) -> Tria
     parts = []
     for y in np.arange(STREET_SPAN[0] + 8, STREET_SPAN[1], 19):
         x = rng.uniform(-2.6, 2.6)
-        parts.append(disc((x, y + rng.uniform(-4, 4), 0.003), (0, 0, 1), 0.34, iron))
+        parts.append(build_disc((x, y + rng.uniform(-4, 4), 0.003), (0, 0, 1), 0.34, iron))
         width, length = rng.uniform(0.6, 1.6), rng.uniform(1.5, 6.0)
         x, y = rng.uniform(-2.8, 2.8), y + rng.uniform(4, 12)
         if abs(y - crossing) > CROSS_HALF + 12:
-            patch = floor((x - width, x + width), (y - length, y + length), 0.002, fresh if rng.random() < 0.6 else old)
+            patch = build_floor(
+                (x - width, x + width), (y - length, y + length), 0.002, fresh if rng.random() < 0.6 else old
+            )
             parts.append(patch)
-    return joined(parts)
+    return join_meshes(parts)
 
 
-def _quadrant_spans(crossing: float) -> list[tuple[float, float]]:
+def _compute_quadrant_spans(crossing: float) -> list[tuple[float, float]]:
     """The two stretches of the street before and after the crossing."""
     return [(STREET_SPAN[0], crossing - CROSS_HALF), (crossing + CROSS_HALF, STREET_SPAN[1])]
 
 
-def _pavement(side: int, crossing: float, palette: Palette) -> TriangleMesh:
+def _build_pavement(side: int, crossing: float, palette: MaterialPalette) -> TriangleMesh:
     """Pavements on one side (−1 left, 1 right) along both streets, with kerbstones and tree pits."""
     slabs = palette.add(Material(PAVING, (0.36, 0.345, 0.32), (0.17, 0.16, 0.15), 0.62, reflectivity=0.35))
     stone = palette.add(Material(PAVING, (0.44, 0.43, 0.41), (0.22, 0.21, 0.20), 1.05, reflectivity=0.4))
@@ -160,26 +164,26 @@ def _pavement(side: int, crossing: float, palette: Palette) -> TriangleMesh:
 
     parts = []
     curb = 0.16
-    for stretch, (low, high) in enumerate(_quadrant_spans(crossing)):
+    for stretch, (low, high) in enumerate(_compute_quadrant_spans(crossing)):
         inner = high if stretch == 0 else low  # the end at the crossing
         towards = -1 if stretch == 0 else 1
         strip = sorted((inner, inner + towards * PAVEMENT_WIDTH))
-        parts.append(floor(span(ROAD_HALF + curb, FRONT), (low, high), CURB_HEIGHT, slabs))
-        parts.append(floor(span(FRONT, CROSS_SPAN[1]), (strip[0], strip[1]), CURB_HEIGHT, slabs))
-        parts.append(box((curb, high - low, CURB_HEIGHT + 0.01),
+        parts.append(build_floor(span(ROAD_HALF + curb, FRONT), (low, high), CURB_HEIGHT, slabs))
+        parts.append(build_floor(span(FRONT, CROSS_SPAN[1]), (strip[0], strip[1]), CURB_HEIGHT, slabs))
+        parts.append(build_box((curb, high - low, CURB_HEIGHT + 0.01),
                          (side * (ROAD_HALF + curb / 2), 0.5 * (low + high), 0.5 * CURB_HEIGHT), stone))  # fmt: skip
         reach = CROSS_SPAN[1] - ROAD_HALF
         middle = (side * (ROAD_HALF + reach / 2), inner + towards * curb / 2, 0.5 * CURB_HEIGHT)
-        parts.append(box((reach, curb, CURB_HEIGHT + 0.012), middle, stone))
-    return joined(parts)
+        parts.append(build_box((reach, curb, CURB_HEIGHT + 0.012), middle, stone))
+    return join_meshes(parts)
 
 
-def _lots(crossing: float, palette: Palette) -> TriangleMesh:
+def _build_lots(crossing: float, palette: MaterialPalette) -> TriangleMesh:
     """Lawns and yards behind the pavements, and the land beyond the street."""
     grass = palette.add(Material(GRASS, (0.085, 0.15, 0.035), (0.16, 0.17, 0.06), reflectivity=0.4))
-    parts = [floor((-500, 500), (-500, 600), -0.03, grass)]
+    parts = [build_floor((-500, 500), (-500, 600), -0.03, grass)]
     for low, high in ((STREET_SPAN[0], crossing - CROSS_HALF - PAVEMENT_WIDTH),
                       (crossing + CROSS_HALF + PAVEMENT_WIDTH, STREET_SPAN[1])):  # fmt: skip
         for x in ((-CROSS_SPAN[1], -FRONT), (FRONT, CROSS_SPAN[1])):
-            parts.append(floor(x, (low, high), CURB_HEIGHT - 0.02, grass))
-    return joined(parts)
+            parts.append(build_floor(x, (low, high), CURB_HEIGHT - 0.02, grass))
+    return join_meshes(parts)

@@ -8,8 +8,8 @@ import numpy as np
 
 from instdrive_core.datasets.synthetic.config import StreetConfig
 from instdrive_core.datasets.synthetic.world import curbside
-from instdrive_core.datasets.synthetic.world.buildings import building_mesh
-from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces, Side, facing_street
+from instdrive_core.datasets.synthetic.world.buildings import build_building
+from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces, Side, face_street
 from instdrive_core.datasets.synthetic.world.ground import (
     CROSS_HALF,
     CROSS_SPAN,
@@ -18,13 +18,19 @@ from instdrive_core.datasets.synthetic.world.ground import (
     PAVEMENT_WIDTH,
     STREET_SPAN,
     build_ground,
-    ground_height,
+    compute_street_height,
 )
 from instdrive_core.datasets.synthetic.world.light import Light
-from instdrive_core.datasets.synthetic.world.materials import Palette
+from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.street import Fixture, Street
-from instdrive_core.datasets.synthetic.world.traffic import ego_route, parked_cars, road_works, traffic, walkers
-from instdrive_core.datasets.synthetic.world.trees import SPECIES, bush_mesh, tree_mesh
+from instdrive_core.datasets.synthetic.world.traffic import (
+    build_road_works,
+    build_traffic,
+    build_walkers,
+    draw_ego_route,
+    park_cars,
+)
+from instdrive_core.datasets.synthetic.world.trees import SPECIES, build_bush, build_tree
 
 _HALF_TURN = np.pi
 
@@ -35,7 +41,7 @@ def build_street(config: StreetConfig) -> Street:
     names = ("ground", "houses", "trees", "furniture", "parked", "traffic", "people", "light")
     generators = dict(zip(names, np.random.SeedSequence(config.seed).spawn(len(names)), strict=True))
     rng = {name: np.random.default_rng(sequence) for name, sequence in generators.items()}
-    palette, places = Palette(), CurbPlaces()
+    palette, places = MaterialPalette(), CurbPlaces()
     crossing = float(np.round(rng["ground"].uniform(31, 38), 2))
     ground = build_ground(crossing, rng["ground"], palette)
     fixtures = [
@@ -43,37 +49,37 @@ def build_street(config: StreetConfig) -> Street:
         Fixture(ground.left_pavement, "Sidewalk", "stuff"),
         Fixture(ground.right_pavement, "Sidewalk", "stuff"),
         Fixture(ground.lots, "Ground", "stuff"),
-        *_houses(crossing, rng["houses"], rng["trees"], palette),
-        curbside.bus_stop(places, rng["furniture"], palette),
-        *curbside.crossing_signs(crossing, places, rng["furniture"], palette),
-        *curbside.lamp_posts(crossing, places, rng["furniture"], palette),
-        *curbside.road_signs(crossing, places, rng["furniture"], palette),
-        *curbside.street_trees(crossing, places, rng["trees"], palette),
-        *curbside.small_furniture(crossing, places, rng["furniture"], palette),
+        *_build_houses(crossing, rng["houses"], rng["trees"], palette),
+        curbside.place_bus_stop(places, rng["furniture"], palette),
+        *curbside.place_crossing_signs(crossing, places, rng["furniture"], palette),
+        *curbside.place_lamp_posts(crossing, places, rng["furniture"], palette),
+        *curbside.place_road_signs(crossing, places, rng["furniture"], palette),
+        *curbside.place_trees(crossing, places, rng["trees"], palette),
+        *curbside.place_small_furniture(crossing, places, rng["furniture"], palette),
     ]
-    height = partial(ground_height, crossing=crossing)
+    height = partial(compute_street_height, crossing=crossing)
     works_place = float(rng["parked"].uniform(9, 19))
     actors = [
-        *parked_cars(crossing, works_place, rng["parked"], palette),
-        *traffic(crossing, rng["traffic"], palette),
-        *walkers(crossing, places, rng["people"], palette),
-        *road_works(works_place, rng["parked"], palette),
+        *park_cars(crossing, works_place, rng["parked"], palette),
+        *build_traffic(crossing, rng["traffic"], palette),
+        *build_walkers(crossing, places, rng["people"], palette),
+        *build_road_works(works_place, rng["parked"], palette),
     ]
     return Street(
-        tuple(fixtures), tuple(actors), ego_route(rng["traffic"]), crossing, palette.table(), _light(rng["light"]),
-        float(rng["light"].uniform(-np.pi, np.pi)), height,
+        tuple(fixtures), tuple(actors), draw_ego_route(rng["traffic"]), crossing, palette.table(),
+        _draw_light(rng["light"]), float(rng["light"].uniform(-np.pi, np.pi)), height,
     )  # fmt: skip
 
 
-def _light(rng: np.random.Generator) -> Light:
+def _draw_light(rng: np.random.Generator) -> Light:
     elevation = np.radians(rng.uniform(38, 55))
     azimuth = np.radians(rng.choice([-1, 1]) * rng.uniform(25, 75) + rng.choice([0, 180]))
     to_sun = np.array([np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     return Light(to_sun, float(rng.uniform(0, 50)))
 
 
-def _houses(
-    crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: Palette
+def _build_houses(
+    crossing: float, rng: np.random.Generator, tree_rng: np.random.Generator, palette: MaterialPalette
 ) -> list[Fixture]:
     """Rows of houses along both streets, gardens between them, houses that close the view, and distant towers."""
     fixtures: list[Fixture] = []
@@ -81,25 +87,25 @@ def _houses(
     for side in (-1, 1):
         for start, direction in ((crossing - gap, -1), (crossing + gap, 1)):
             end = STREET_SPAN[0] if direction < 0 else STREET_SPAN[1]
-            fixtures += _row(side, start, end, direction, rng, tree_rng, palette)
-            fixtures += _cross_row(side, start, direction, rng, palette)
+            fixtures += _build_row(side, start, end, direction, rng, tree_rng, palette)
+            fixtures += _build_cross_row(side, start, direction, rng, palette)
     for y, yaw in ((STREET_SPAN[0] - 0.5, _HALF_TURN), (STREET_SPAN[1] + 0.5, 0.0)):
         for x in (-32.0, -15.5, 1.0, 17.5):
             width = 15.5
             place = (x, y) if yaw == 0 else (x + width, y)
-            mesh = building_mesh(width, 10, int(rng.integers(3, 6)), "home", rng, palette)
+            mesh = build_building(width, 10, int(rng.integers(3, 6)), "home", rng, palette)
             fixtures.append(Fixture(mesh.at(*place, 0, yaw), "Building"))
     for k in range(6):
         side, width = (-1, 1)[k % 2], float(rng.uniform(16, 24))
-        mesh = building_mesh(width, width, int(rng.integers(9, 16)), "home", rng, palette)
+        mesh = build_building(width, width, int(rng.integers(9, 16)), "home", rng, palette)
         y = STREET_SPAN[0] + 20 + 55 * k + rng.uniform(-8, 8)
-        fixtures.append(Fixture(mesh.at(side * rng.uniform(62, 80), y, 0, facing_street(side)), "Building"))
+        fixtures.append(Fixture(mesh.at(side * rng.uniform(62, 80), y, 0, face_street(side)), "Building"))
     return fixtures
 
 
-def _row(
+def _build_row(
     side: Side, start: float, end: float, direction: int,
-    rng: np.random.Generator, tree_rng: np.random.Generator, palette: Palette,
+    rng: np.random.Generator, tree_rng: np.random.Generator, palette: MaterialPalette,
 ) -> list[Fixture]:  # fmt: skip
     """Houses along the main street from `start` at the crossing to `end`."""
     fixtures: list[Fixture] = []
@@ -109,26 +115,28 @@ def _row(
         width = float(rng.uniform(8.5, 14.5))
         low = min(y, y + direction * width)
         if garden:
-            fixtures += _garden(side, low, width, tree_rng, palette)
+            fixtures += _build_garden(side, low, width, tree_rng, palette)
         else:
             use = str(rng.choice(["shop", "home", "home", "garage"])) if count else "shop"
             floors = 1 + int(rng.integers(0, 2)) if use == "garage" else int(rng.integers(2, 6))
-            mesh = building_mesh(width, 11.0, floors, use, rng, palette)
+            mesh = build_building(width, 11.0, floors, use, rng, palette)
             corner = low + width if side > 0 else low  # where x = 0 of the model comes to lie
-            house = mesh.at(side * FRONT, corner, CURB_HEIGHT - 0.01, facing_street(side))
+            house = mesh.at(side * FRONT, corner, CURB_HEIGHT - 0.01, face_street(side))
             fixtures.append(Fixture(house, "Building"))
         y += direction * (width + (0.0 if rng.random() < 0.75 else 1.2))
         count += 1
     return fixtures
 
 
-def _cross_row(side: Side, start: float, direction: int, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+def _build_cross_row(
+    side: Side, start: float, direction: int, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """Houses along the crossing street, behind the corner house."""
     fixtures = []
     x = FRONT + 11.6
     while x < CROSS_SPAN[1] - 12:
         width = float(rng.uniform(9, 13))
-        mesh = building_mesh(width, 10.0, int(rng.integers(2, 5)), "home", rng, palette)
+        mesh = build_building(width, 10.0, int(rng.integers(2, 5)), "home", rng, palette)
         yaw = 0.0 if direction > 0 else _HALF_TURN
         low = x if side > 0 else -x - width
         corner = low if direction > 0 else low + width
@@ -137,16 +145,18 @@ def _cross_row(side: Side, start: float, direction: int, rng: np.random.Generato
     return fixtures
 
 
-def _garden(side: Side, low: float, width: float, rng: np.random.Generator, palette: Palette) -> list[Fixture]:
+def _build_garden(
+    side: Side, low: float, width: float, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Fixture]:
     """A hedge along the pavement with trees and bushes behind it."""
     ground = CURB_HEIGHT - 0.02
-    hedge = bush_mesh(width - 0.6, 0.8, 1.1, rng, palette)
+    hedge = build_bush(width - 0.6, 0.8, 1.1, rng, palette)
     fixtures = [Fixture(hedge.at(side * (FRONT + 0.6), low + width / 2, ground, _HALF_TURN / 2), "Vegetation")]
     for share in (0.25, 0.75):
         species = SPECIES[str(rng.choice(["spruce", "cherry", "plane", "poplar"]))]
         x = side * (FRONT + rng.uniform(3.5, 7.5))
-        tree = tree_mesh(species, rng, palette).at(x, low + share * width, ground, rng.uniform(0, 6))
+        tree = build_tree(species, rng, palette).at(x, low + share * width, ground, rng.uniform(0, 6))
         fixtures.append(Fixture(tree, "Vegetation"))
-    bush = bush_mesh(0.5, 1.4, 1.3, rng, palette)
+    bush = build_bush(0.5, 1.4, 1.3, rng, palette)
     fixtures.append(Fixture(bush.at(side * (FRONT + 2.6), low + 0.5 * width, ground), "Vegetation"))
     return fixtures

@@ -41,7 +41,7 @@ class Light:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sky_color(x, y, z, sx, sy, sz, seed):
+def compute_sky_color(x, y, z, sx, sy, sz, seed):
     """Radiance of the sky (r, g, b) in unit direction (x, y, z): gradient, clouds, glow around the sun."""
     height = max(z, 0.0)
     pale = math.exp(-4.5 * height)
@@ -57,7 +57,7 @@ def sky_color(x, y, z, sx, sy, sz, seed):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hit_geometry(rows, triangles, distances, origin, directions, corners, points, normals):
+def compute_hit_geometry(rows, triangles, distances, origin, directions, corners, points, normals):
     """Position and viewer-facing flat normal of each hit; `rows` are the rays that hit something."""
     for k in range(len(rows)):
         ray = rows[k]
@@ -79,7 +79,7 @@ def hit_geometry(rows, triangles, distances, origin, directions, corners, points
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def probe_directions(rows, normals, sun, to_light, to_open):
+def compute_probe_directions(rows, normals, sun, to_light, to_open):
     """Per hit the direction to the sun's part of its subsample, and one of the subsamples' directions around the
     normal, along which ambient light is tested."""
     for k in range(len(rows)):
@@ -142,7 +142,7 @@ def shade_hits(
             mirror = gloss * (0.15 + 0.85 * (1 - min(1.0, max(0.0, cosine))) ** 4)
             if mz < 0.12 and kind != CAR_GLASS and kind != WINDOW:
                 mirror *= 0.4
-            sr, sg, sb = sky_color(mx, my, mz, sx, sy, sz, cloud_seed)
+            sr, sg, sb = compute_sky_color(mx, my, mz, sx, sy, sz, cloud_seed)
             skyline = min(1.0, max(0.0, (mz - 0.05) * 3.0))  # below it the mirror shows houses and road
             red = red * (1 - mirror) + mirror * (skyline * sr + (1 - skyline) * 0.16)
             green = green * (1 - mirror) + mirror * (skyline * sg + (1 - skyline) * 0.15)
@@ -165,14 +165,14 @@ def shade_sky(triangles, directions, to_sun, cloud_seed, radiance):
     """Writes the sky's radiance for the rays that hit nothing."""
     for ray in range(len(triangles)):
         if triangles[ray] < 0:
-            r, g, b = sky_color(
+            r, g, b = compute_sky_color(
                 directions[ray, 0], directions[ray, 1], directions[ray, 2], to_sun[0], to_sun[1], to_sun[2], cloud_seed
             )
             radiance[ray, 0], radiance[ray, 1], radiance[ray, 2] = r, g, b
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def develop(radiance, ids, exposure, photo, labels):
+def develop_photo(radiance, ids, exposure, photo, labels):
     """Averages the subsamples of each pixel into an sRGB photo (n, 3) uint8, and takes the instance ID that most of
     them hit (n,) uint16; the first of equals wins."""
     for pixel in range(len(labels)):

@@ -36,7 +36,7 @@ class Material:
 
 
 @dataclass
-class Palette:
+class MaterialPalette:
     """Collects the materials of a street; a material's number is its row."""
 
     numbers: dict[Material, int] = field(default_factory=dict)

@@ -10,7 +10,7 @@ import trimesh
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, flat_mesh, joined
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_flat_mesh, join_meshes
 
 Point = Sequence[float] | ndarray
 
@@ -19,7 +19,7 @@ _BOX_FACES = np.array(
 )  # −z, +z, −y, +y, −x, +x of corners numbered x + 2y + 4z
 
 
-def quad(corners: Float[ndarray, "4 3"] | Sequence[Point], material: int, seed: float = 0.0) -> TriangleMesh:
+def build_quad(corners: Float[ndarray, "4 3"] | Sequence[Point], material: int, seed: float = 0.0) -> TriangleMesh:
     """A flat four-sided patch. Its texture runs in metres along the first and the last edge; `seed` is the third
     texture coordinate, by which a material can tell patches apart."""
     corners = np.asarray(corners, np.float64)
@@ -30,25 +30,27 @@ def quad(corners: Float[ndarray, "4 3"] | Sequence[Point], material: int, seed: 
     offset = corners - corners[0]
     texcoords = np.stack([offset @ right, offset @ up, np.full(4, seed)], axis=1)
     index = np.array([[0, 1, 2], [0, 2, 3]])
-    return flat_mesh(corners[index], material, texcoords[index])
+    return build_flat_mesh(corners[index], material, texcoords[index])
 
 
-def floor(x: tuple[float, float], y: tuple[float, float], z: float, material: int) -> TriangleMesh:
+def build_floor(x: tuple[float, float], y: tuple[float, float], z: float, material: int) -> TriangleMesh:
     """A horizontal rectangle that faces up; its texture coordinates are the position."""
     corners = np.array([[x[0], y[0], z], [x[1], y[0], z], [x[1], y[1], z], [x[0], y[1], z]])
-    return flat_mesh(corners[[[0, 1, 2], [0, 2, 3]]], material)
+    return build_flat_mesh(corners[[[0, 1, 2], [0, 2, 3]]], material)
 
 
-def box(size: Point, centre: Point, material: int, taper: tuple[float, float] = (1.0, 1.0)) -> TriangleMesh:
+def build_box(size: Point, centre: Point, material: int, taper: tuple[float, float] = (1.0, 1.0)) -> TriangleMesh:
     """A box; its upper face is scaled by `taper` in x and y."""
     corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
     corners[4:, :2] *= taper
     corners = corners * np.asarray(size, float) + np.asarray(centre, float)
     faces = corners[_BOX_FACES]
-    return flat_mesh(faces[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), material)
+    return build_flat_mesh(faces[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), material)
 
 
-def loft(sections: Float[ndarray, "s p 3"], material: int, closed: bool = True, capped: bool = True) -> TriangleMesh:
+def build_loft(
+    sections: Float[ndarray, "s p 3"], material: int, closed: bool = True, capped: bool = True
+) -> TriangleMesh:
     """A skin over cross-sections of equal point counts; `closed` joins each section's ends, `capped` closes the first
     and last one by a fan around its centroid (sections must be star-shaped)."""
     sections = np.asarray(sections, np.float64)
@@ -63,10 +65,10 @@ def loft(sections: Float[ndarray, "s p 3"], material: int, closed: bool = True, 
             triangles.append(np.stack([centre, ring, np.roll(ring, -1, axis=0)], axis=1))
     merged = np.concatenate(triangles)
     area = np.linalg.norm(np.cross(merged[:, 1] - merged[:, 0], merged[:, 2] - merged[:, 0]), axis=1)
-    return flat_mesh(merged[area > 1e-9], material)
+    return build_flat_mesh(merged[area > 1e-9], material)
 
 
-def tube(points: Sequence[Point], radii: Sequence[float], material: int, sides: int = 10) -> TriangleMesh:
+def build_tube(points: Sequence[Point], radii: Sequence[float], material: int, sides: int = 10) -> TriangleMesh:
     """A round limb through `points` with the given radii, smooth-shaded."""
     path = np.asarray(points, np.float64)
     directions = np.gradient(path, axis=0)
@@ -77,17 +79,17 @@ def tube(points: Sequence[Point], radii: Sequence[float], material: int, sides: 
     other = np.cross(directions, side)
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     circle = np.cos(angles)[None, :, None] * side[:, None] + np.sin(angles)[None, :, None] * other[:, None]
-    return loft(path[:, None] + np.asarray(radii)[:, None, None] * circle, material).smoothed(50.0)
+    return build_loft(path[:, None] + np.asarray(radii)[:, None, None] * circle, material).smooth_normals(50.0)
 
 
-def cylinder(
+def build_cylinder(
     start: Point, end: Point, radius: float, material: int, sides: int = 12, tip: float | None = None
 ) -> TriangleMesh:
     """A round bar from `start` to `end`, `tip` its radius at the end."""
-    return tube([start, end], [radius, radius if tip is None else tip], material, sides)
+    return build_tube([start, end], [radius, radius if tip is None else tip], material, sides)
 
 
-def disc(centre: Point, normal: Point, radius: float, material: int, sides: int = 16) -> TriangleMesh:
+def build_disc(centre: Point, normal: Point, radius: float, material: int, sides: int = 16) -> TriangleMesh:
     """A flat round patch; its texture coordinates are (right, up, 0) from its centre, in metres."""
     centre, normal = np.asarray(centre, float), np.asarray(normal, float)
     normal = normal / np.linalg.norm(normal)
@@ -101,7 +103,7 @@ def disc(centre: Point, normal: Point, radius: float, material: int, sides: int 
     texture = np.concatenate([flat, np.zeros((sides, 1))], axis=1)
     after = np.roll(np.arange(sides), -1)
     middle = np.broadcast_to(centre, ring.shape)
-    return flat_mesh(
+    return build_flat_mesh(
         np.stack([middle, ring, ring[after]], axis=1),
         material,
         np.stack([np.zeros_like(texture), texture, texture[after]], axis=1),
@@ -109,21 +111,21 @@ def disc(centre: Point, normal: Point, radius: float, material: int, sides: int 
 
 
 @cache
-def _unit_sphere(subdivisions: int) -> ndarray:
+def _build_unit_sphere(subdivisions: int) -> ndarray:
     return np.asarray(trimesh.creation.icosphere(subdivisions).triangles)
 
 
-def sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) -> TriangleMesh:
+def build_sphere(centre: Point, radii: Point, material: int, subdivisions: int = 2) -> TriangleMesh:
     """An ellipsoid with smooth normals."""
-    unit = _unit_sphere(subdivisions)
+    unit = _build_unit_sphere(subdivisions)
     radii = np.asarray(radii, float)
     normals = unit / radii
-    mesh = flat_mesh(unit * radii + np.asarray(centre, float), material)
+    mesh = build_flat_mesh(unit * radii + np.asarray(centre, float), material)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return TriangleMesh(mesh.corners, mesh.texcoords, normals.astype(np.float32), mesh.materials)
 
 
-def decal(
+def build_decal(
     face: Float[ndarray, "4 3"], u: tuple[float, float], v: tuple[float, float], material: int, lift: float = 0.004
 ) -> TriangleMesh:
     """A patch on a four-sided `face`, from fractions `u` along its first edge and `v` along its last one, lifted by
@@ -136,10 +138,10 @@ def decal(
         return (1 - t) * ((1 - s) * face[0] + s * face[1]) + t * ((1 - s) * face[3] + s * face[2])
 
     corners = np.stack([point(u[0], v[0]), point(u[1], v[0]), point(u[1], v[1]), point(u[0], v[1])])
-    return quad(corners + lift * normal, material)
+    return build_quad(corners + lift * normal, material)
 
 
-def mirrored(mesh: TriangleMesh) -> TriangleMesh:
+def mirror(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh reflected in the plane x = 0, wound the right way round."""
     flip = np.array([-1, 1, 1], np.float32)
     return TriangleMesh(
@@ -150,6 +152,6 @@ def mirrored(mesh: TriangleMesh) -> TriangleMesh:
     )
 
 
-def both_sides(mesh: TriangleMesh) -> TriangleMesh:
+def add_mirror_image(mesh: TriangleMesh) -> TriangleMesh:
     """The mesh and its mirror image."""
-    return joined([mesh, mirrored(mesh)])
+    return join_meshes([mesh, mirror(mesh)])

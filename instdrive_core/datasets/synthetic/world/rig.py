@@ -31,7 +31,7 @@ class RigCamera:
 
     name: str
     position: tuple[float, float, float]
-    """In the car's frame (metres)."""
+    """Place in the car's frame (metres)."""
     heading: tuple[float, float, float, float]
     """Quaternion wxyz from OpenCV camera axes to the car's frame."""
     fx: float
@@ -39,7 +39,7 @@ class RigCamera:
     cx: float
     cy: float
 
-    def posed(self, world_from_ego: Float64[ndarray, "4 4"], width: int, height: int) -> Camera:
+    def place(self, world_from_ego: Float64[ndarray, "4 4"], width: int, height: int) -> Camera:
         """The camera on a car at `world_from_ego`, on a raster of `width`×`height` pixels."""
         ego_from_camera = np.eye(4)
         ego_from_camera[:3, :3] = matrix_from_quaternion(np.array(self.heading))
@@ -47,7 +47,7 @@ class RigCamera:
         full = Camera(
             self.fx, self.fy, self.cx, self.cy, REFERENCE_WIDTH, REFERENCE_HEIGHT, world_from_ego @ ego_from_camera
         )
-        return full.resized(width, height)
+        return full.resize(width, height)
 
 
 # fmt: off
@@ -80,7 +80,7 @@ CAMERAS = (
 # fmt: on
 
 
-def beam_elevations() -> Float64[ndarray, "64"]:
+def compute_beam_elevations() -> Float64[ndarray, "64"]:
     """Elevations of the 64 beams in radians, as the Pandar64 has them: 1/6° apart near the horizon."""
     upper = [15.0, 11.0, 8.0, 5.0, 3.0]
     dense = list(2.0 - np.arange(49) / 6)
@@ -88,11 +88,11 @@ def beam_elevations() -> Float64[ndarray, "64"]:
     return np.radians(upper + dense + lower)
 
 
-def lidar_directions(azimuths: int) -> Float32[ndarray, "n 3"]:
+def compute_lidar_directions(azimuths: int) -> Float32[ndarray, "n 3"]:
     """Unit directions of one turn in the LiDAR's frame (x right, y forward, z up): beam by beam within each azimuth,
     clockwise from behind."""
     azimuth = -np.pi + 2 * np.pi * (np.arange(azimuths) + 0.5) / azimuths
-    elevation = beam_elevations()
+    elevation = compute_beam_elevations()
     horizontal = np.cos(elevation)
     directions = np.empty((azimuths, len(elevation), 3))
     directions[..., 0] = np.sin(azimuth)[:, None] * horizontal

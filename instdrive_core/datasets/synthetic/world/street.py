@@ -13,7 +13,7 @@ from numpy import ndarray
 
 from instdrive_core.datasets.synthetic.world.light import Light
 from instdrive_core.datasets.synthetic.world.materials import MaterialTable
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, joined, planar_pose
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, build_planar_pose, join_meshes
 from instdrive_core.datasets.synthetic.world.rig import EGO_HEIGHT
 
 MOVING_PATH = 1.0
@@ -31,7 +31,7 @@ CLASSES = (
 """PandaSet's semantic classes; number 1 is the first."""
 
 
-def class_number(name: str) -> int:
+def get_class_number(name: str) -> int:
     """PandaSet's number of a semantic class."""
     return CLASSES.index(name) + 1
 
@@ -60,7 +60,7 @@ class Route:
         along, across = (-np.sin(self.yaw), np.cos(self.yaw)), (np.cos(self.yaw), np.sin(self.yaw))
         x = self.x + distance * along[0] + aside * across[0]
         y = self.y + distance * along[1] + aside * across[1]
-        return planar_pose(x, y, height(x, y), self.yaw - turn)
+        return build_planar_pose(x, y, height(x, y), self.yaw - turn)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Fixture:
     """Something that stands where it is; one instance."""
 
     mesh: TriangleMesh
-    """In the street's frame."""
+    """Triangles in the street's frame."""
     label: str
     """One of `CLASSES`."""
     kind: str = "thing"
@@ -107,8 +107,8 @@ class Actor:
 
 
 @dataclass(frozen=True)
-class Instance:
-    """What an instance ID stands for."""
+class StreetInstance:
+    """Object or surface that an instance ID stands for."""
 
     id: int
     label: str
@@ -122,7 +122,7 @@ class StepGeometry:
     """All triangles of one time step."""
 
     mesh: TriangleMesh
-    """In the street's frame."""
+    """Triangles in the street's frame."""
     instances: Int32[ndarray, " n"]
     """Instance ID per triangle."""
 
@@ -147,12 +147,12 @@ class Street:
         """Instance ID of actor `index`."""
         return len(self.fixtures) + 1 + index
 
-    def instances(self, duration: float) -> list[Instance]:
+    def instances(self, duration: float) -> list[StreetInstance]:
         """All instances of a clip of `duration` seconds, by rising ID."""
-        listed = [Instance(k + 1, f.label, f.kind, False, None) for k, f in enumerate(self.fixtures)]
+        listed = [StreetInstance(k + 1, f.label, f.kind, False, None) for k, f in enumerate(self.fixtures)]
         for k, actor in enumerate(self.actors):
             moving = actor.route.speed * duration > MOVING_PATH
-            listed.append(Instance(self.actor_id(k), actor.label, "thing", moving, str(actor.uuid)))
+            listed.append(StreetInstance(self.actor_id(k), actor.label, "thing", moving, str(actor.uuid)))
         return listed
 
     def foot_pose(self, actor: Actor, time: float) -> Float64[ndarray, "4 4"]:
@@ -170,10 +170,10 @@ class Street:
         meshes, owners = [self._standing.mesh], [self._standing.instances]
         for k, actor in enumerate(self.actors):
             if actor.route.speed > 0:
-                mesh = actor.model(actor.route.speed * time).posed(self.foot_pose(actor, time))
+                mesh = actor.model(actor.route.speed * time).transform(self.foot_pose(actor, time))
                 meshes.append(mesh)
                 owners.append(np.full(len(mesh), self.actor_id(k), np.int32))
-        return StepGeometry(joined(meshes), np.concatenate(owners))
+        return StepGeometry(join_meshes(meshes), np.concatenate(owners))
 
     @cached_property
     def _standing(self) -> StepGeometry:
@@ -181,19 +181,19 @@ class Street:
         ids = list(range(1, len(meshes) + 1))
         for k, actor in enumerate(self.actors):
             if actor.route.speed == 0:
-                meshes.append(actor.model(0.0).posed(self.foot_pose(actor, 0.0)))
+                meshes.append(actor.model(0.0).transform(self.foot_pose(actor, 0.0)))
                 ids.append(self.actor_id(k))
         owners = np.repeat(np.array(ids, np.int32), [len(mesh) for mesh in meshes])
-        return StepGeometry(joined(meshes), owners)
+        return StepGeometry(join_meshes(meshes), owners)
 
     def semantics(self) -> UInt8[ndarray, " ids"]:
         """PandaSet class by instance ID; 0 for ID 0."""
         labels = [f.label for f in self.fixtures] + [a.label for a in self.actors]
-        return np.array([0, *(class_number(label) for label in labels)], np.uint8)
+        return np.array([0, *(get_class_number(label) for label in labels)], np.uint8)
 
     def world_from_street(self) -> Float64[ndarray, "4 4"]:
         """The world's origin is the car's frame at time 0, as in PandaSet; the street is turned against its axes."""
-        turned = planar_pose(0, 0, 0, self.heading)
+        turned = build_planar_pose(0, 0, 0, self.heading)
         start = self.ego.pose(0.0, self.height)[:3, 3] + [0, 0, EGO_HEIGHT]
         turned[:3, 3] = -turned[:3, :3] @ start
         return turned

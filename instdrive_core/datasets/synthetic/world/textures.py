@@ -34,8 +34,8 @@ from instdrive_core.datasets.synthetic.world.materials import (
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def hashed(x, y, z):
-    """A number in [0, 1) that depends on three integers in no visible way."""
+def hash_cell(x, y, z):
+    """Turn three integers into a number in [0, 1) that shows no pattern."""
     h = (x * 73856093 ^ y * 19349663 ^ z * 83492791) & 0xFFFFFFFF
     h = ((h ^ (h >> 15)) * 739982445) & 0xFFFFFFFF
     h = ((h ^ (h >> 12)) * 695872825) & 0xFFFFFFFF
@@ -50,15 +50,15 @@ def noise(x, y, z):
     ix, iy, iz = int(fx), int(fy), int(fz)
     x, y, z = x - fx, y - fy, z - fz
     x, y, z = x * x * (3 - 2 * x), y * y * (3 - 2 * y), z * z * (3 - 2 * z)
-    a = hashed(ix, iy, iz) * (1 - x) + hashed(ix + 1, iy, iz) * x
-    b = hashed(ix, iy + 1, iz) * (1 - x) + hashed(ix + 1, iy + 1, iz) * x
-    c = hashed(ix, iy, iz + 1) * (1 - x) + hashed(ix + 1, iy, iz + 1) * x
-    d = hashed(ix, iy + 1, iz + 1) * (1 - x) + hashed(ix + 1, iy + 1, iz + 1) * x
+    a = hash_cell(ix, iy, iz) * (1 - x) + hash_cell(ix + 1, iy, iz) * x
+    b = hash_cell(ix, iy + 1, iz) * (1 - x) + hash_cell(ix + 1, iy + 1, iz) * x
+    c = hash_cell(ix, iy, iz + 1) * (1 - x) + hash_cell(ix + 1, iy, iz + 1) * x
+    d = hash_cell(ix, iy + 1, iz + 1) * (1 - x) + hash_cell(ix + 1, iy + 1, iz + 1) * x
     return (a * (1 - y) + b * y) * (1 - z) + (c * (1 - y) + d * y) * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sharpness(period, footprint):
+def compute_sharpness(period, footprint):
     """1 where detail of `period` metres is resolved, 0 where it is finer than the footprint."""
     return min(1.0, max(0.0, 1.5 - 2.0 * footprint / period))
 
@@ -66,7 +66,7 @@ def sharpness(period, footprint):
 @njit(cache=True, nogil=True, error_model="numpy")
 def grain(x, y, z, period, footprint):
     """Noise around 0, in [-0.5, 0.5], faded where it would alias."""
-    visible = sharpness(period, footprint)
+    visible = compute_sharpness(period, footprint)
     if visible <= 0:
         return 0.0
     return visible * (noise(x / period, y / period, z / period) - 0.5)
@@ -88,7 +88,7 @@ def asphalt(x, y, z, footprint):
     wander = 2.2 * grain(x + 70, y, 0.0, 3.0, footprint) + 0.7 * grain(x, y, 1.0, 0.6, footprint)
     crack = abs(noise(x * 0.22 + wander * 0.3, y * 0.22 - wander * 0.3, 5.0) - 0.5)
     if crack < 0.006:
-        tone -= 0.45 * (1 - crack / 0.006) * sharpness(0.08, footprint)
+        tone -= 0.45 * (1 - crack / 0.006) * compute_sharpness(0.08, footprint)
     return tone
 
 
@@ -101,9 +101,9 @@ def cell_pattern(s, t, width, height, joint, shifted, footprint):
     column = math.floor(s / width)
     ds, dt = s - column * width, t - row * height
     coverage = joints(min(ds, width - ds), min(dt, height - dt), joint, footprint)
-    visible = sharpness(height, footprint)
+    visible = compute_sharpness(height, footprint)
     mean = 2 * joint * (width + height) / (width * height) * 0.5
-    tone = (hashed(int(column), int(row), 17) - 0.5) * visible
+    tone = (hash_cell(int(column), int(row), 17) - 0.5) * visible
     return coverage * visible + mean * (1 - visible), tone
 
 
@@ -119,21 +119,21 @@ def window(s, t, seed, size, footprint):
         frame = max(frame, min(1.0, max(0.0, (0.03 - column) / blur)))
     if size < 2.2:
         frame = max(frame, min(1.0, max(0.0, (0.03 - abs(row)) / blur)))
-    chance = hashed(seed, 3, 1)
-    behind = 0.05 + 0.05 * hashed(seed, 5, 2)
+    chance = hash_cell(seed, 3, 1)
+    behind = 0.05 + 0.05 * hash_cell(seed, 5, 2)
     if chance < 0.45:  # curtains on both sides, or a blind from above
         if chance < 0.3:
-            drawn = 0.12 + 0.25 * hashed(seed, 7, 3)
+            drawn = 0.12 + 0.25 * hash_cell(seed, 7, 3)
             if column > size * (0.5 - drawn):
-                behind = 0.38 + 0.1 * math.sin(s * 45.0) * sharpness(0.14, footprint)
-        elif t > 0.5 + hashed(seed, 9, 4):
+                behind = 0.38 + 0.1 * math.sin(s * 45.0) * compute_sharpness(0.14, footprint)
+        elif t > 0.5 + hash_cell(seed, 9, 4):
             behind = 0.34
     return frame, behind
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def sign_face(s, t, variant):
-    """Which colour a sign's face has at (s, t) in [-1, 1]²: 0 = ground, 1 = second colour, 2 = white, 3 = dark."""
+    """Colour that a sign's face has at (s, t) in [-1, 1]²: 0 = ground, 1 = second colour, 2 = white, 3 = dark."""
     radius = math.sqrt(s * s + t * t)
     if variant < 1:  # speed limit: red ring, dark digits on white
         if radius > 0.72:
@@ -194,7 +194,7 @@ def albedo(kind, x, y, z, r, g, b, r2, g2, b2, size, variant, footprint):
         other = min(1.0, max(0.0, 0.4 + 1.6 * grain(x, y, z, 4.0, footprint)))
     elif kind == PAINTED_LINE:
         worn = noise(x * 7, y * 7, z) * 0.6 + noise(x * 23, y * 23, z) * 0.4
-        other = 0.75 * min(1.0, max(0.0, (worn - 0.56) * 6)) * sharpness(0.12, footprint) + 0.1
+        other = 0.75 * min(1.0, max(0.0, (worn - 0.56) * 6)) * compute_sharpness(0.12, footprint) + 0.1
     elif kind == CAR_PAINT:
         tone = 1 + 0.1 * grain(x, y, z, 0.5, footprint)
         other = 0.45 * max(0.0, 1 - (z - size) / 0.35) * noise(x * 3, y * 3, z * 3)  # dust from the road
@@ -204,7 +204,7 @@ def albedo(kind, x, y, z, r, g, b, r2, g2, b2, size, variant, footprint):
         if radius > size or (radius > 0.3 * size and radius < 0.9 * size and spoke < -0.1):
             other = 1.0
     elif kind == LAMP:
-        tone = 0.85 + 0.3 * math.sin(x * 60) * sharpness(0.1, footprint)
+        tone = 0.85 + 0.3 * math.sin(x * 60) * compute_sharpness(0.1, footprint)
     elif kind == SIGN:
         part = sign_face(x / size, y / size, variant)
         if part == 2:
@@ -214,14 +214,14 @@ def albedo(kind, x, y, z, r, g, b, r2, g2, b2, size, variant, footprint):
         other = float(part)
     elif kind == SHUTTER:
         phase = y / size - math.floor(y / size)
-        other = (1.0 if phase < 0.18 else 0.15 * phase) * sharpness(size, footprint)
+        other = (1.0 if phase < 0.18 else 0.15 * phase) * compute_sharpness(size, footprint)
         tone = 1 + 0.15 * grain(x, y, z, 1.0, footprint)
     elif kind == STRIPES:
         phase = x / size - math.floor(x / size)
         other = 1.0 if phase < 0.5 else 0.0
     elif kind == WOOD:
         plank = math.floor(x / size)
-        tone = 0.85 + 0.3 * hashed(int(plank), 4, 8) + 0.4 * grain(x * 6, y, z, 0.5, footprint)
+        tone = 0.85 + 0.3 * hash_cell(int(plank), 4, 8) + 0.4 * grain(x * 6, y, z, 0.5, footprint)
         if x / size - plank < 0.06:
             tone *= 0.5
     elif kind == CLOTH:
@@ -229,7 +229,7 @@ def albedo(kind, x, y, z, r, g, b, r2, g2, b2, size, variant, footprint):
         if variant > 0:
             other = 1.0 if z / 0.09 - math.floor(z / 0.09) < 0.5 else 0.0
     elif kind == POSTER:
-        letter = hashed(math.floor(x / size), math.floor(y / (1.6 * size)), int(variant))
+        letter = hash_cell(math.floor(x / size), math.floor(y / (1.6 * size)), int(variant))
         inside = abs(y / (1.6 * size) - math.floor(y / (1.6 * size)) - 0.5) < 0.33
         gap = x / size - math.floor(x / size) > 0.25
         other = 1.0 if inside and gap and letter > 0.25 else 0.0

@@ -8,19 +8,19 @@ from functools import partial
 import numpy as np
 
 from instdrive_core.datasets.synthetic.world import furniture
-from instdrive_core.datasets.synthetic.world.cars import CAR_COLORS, CAR_SHAPES, car_mesh
+from instdrive_core.datasets.synthetic.world.cars import CAR_COLORS, CAR_SHAPES, build_car
 from instdrive_core.datasets.synthetic.world.curbside import CurbPlaces
 from instdrive_core.datasets.synthetic.world.ground import CROSS_HALF, FRONT, LANE, PARKING, ROAD_HALF
-from instdrive_core.datasets.synthetic.world.materials import Palette
+from instdrive_core.datasets.synthetic.world.materials import MaterialPalette
 from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh
-from instdrive_core.datasets.synthetic.world.people import random_cyclist, random_person
+from instdrive_core.datasets.synthetic.world.people import draw_cyclist, draw_person
 from instdrive_core.datasets.synthetic.world.street import Actor, Route
 
 EGO_SPEED = 7.0
 _HALF_TURN = np.pi
 
 
-def ego_route(rng: np.random.Generator) -> Route:
+def draw_ego_route(rng: np.random.Generator) -> Route:
     """The recording car: up the right lane, making a little room to the left."""
     return Route(LANE, 0.0, 0.0, EGO_SPEED, -float(rng.uniform(0.3, 0.6)), 28.0)
 
@@ -29,18 +29,20 @@ def _draw_uuid(rng: np.random.Generator) -> uuid.UUID:
     return uuid.UUID(bytes=rng.bytes(16), version=4)
 
 
-def _unchanging(mesh: TriangleMesh, distance: float) -> TriangleMesh:
+def _keep_mesh(mesh: TriangleMesh, distance: float) -> TriangleMesh:
     return mesh
 
 
-def _vehicle(model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: Palette) -> Actor:
+def _build_vehicle(
+    model: str, route: Route, motion: str, color: int, rng: np.random.Generator, palette: MaterialPalette
+) -> Actor:
     shape = CAR_SHAPES[model]
-    mesh = car_mesh(shape, CAR_COLORS[color], rng, palette)
+    mesh = build_car(shape, CAR_COLORS[color], rng, palette)
     low, high = (bound.astype(float) for bound in mesh.bounds())
-    return Actor(shape.label, route, partial(_unchanging, mesh), low, high, _draw_uuid(rng), motion=motion)
+    return Actor(shape.label, route, partial(_keep_mesh, mesh), low, high, _draw_uuid(rng), motion=motion)
 
 
-def _colors(rng: np.random.Generator, count: int) -> list[int]:
+def _draw_colors(rng: np.random.Generator, count: int) -> list[int]:
     """Colours such that neighbours differ."""
     drawn: list[int] = []
     while len(drawn) < count:
@@ -48,13 +50,13 @@ def _colors(rng: np.random.Generator, count: int) -> list[int]:
     return drawn[:count]
 
 
-def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def park_cars(crossing: float, works: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars along both kerbs, with empty places; none at the road works on the left at y = `works`."""
     models = ("hatchback", "sedan", "suv", "estate", "van", "pickup")
     chances = (0.27, 0.22, 0.22, 0.13, 0.09, 0.07)
     actors = []
     for side in (-1, 1):
-        colors = iter(_colors(rng, 60))
+        colors = iter(_draw_colors(rng, 60))
         y = -62.0 + rng.uniform(0, 4)
         while y < 118:
             model = str(rng.choice(models, p=chances))
@@ -64,17 +66,17 @@ def parked_cars(crossing: float, works: float, rng: np.random.Generator, palette
             if abs(middle - crossing) > CROSS_HALF + 10 and rng.random() > 0.24 and not at_works:
                 yaw = (0.0 if side > 0 else _HALF_TURN) + rng.normal(0, 0.015)
                 route = Route(side * PARKING + rng.uniform(-0.1, 0.1), middle, yaw)
-                actors.append(_vehicle(model, route, "Parked", next(colors), rng, palette))
+                actors.append(_build_vehicle(model, route, "Parked", next(colors), rng, palette))
             y += length + rng.uniform(0.8, 1.9)
     return actors
 
 
-def traffic(crossing: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def build_traffic(crossing: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cars ahead of, behind and towards the recording one; others wait at the crossing's red light; cyclists."""
-    colors = iter(_colors(rng, 40))
+    colors = iter(_draw_colors(rng, 40))
 
     def vehicle(model: str, route: Route, motion: str = "Moving") -> Actor:
-        return _vehicle(model, route, motion, next(colors), rng, palette)
+        return _build_vehicle(model, route, motion, next(colors), rng, palette)
 
     def any_model() -> str:
         return str(rng.choice(["hatchback", "sedan", "suv", "estate", "van"]))
@@ -94,17 +96,19 @@ def traffic(crossing: float, rng: np.random.Generator, palette: Palette) -> list
         behind = (place[0] + side * rng.uniform(6.3, 7.5), place[1], place[2])
         actors.append(vehicle(any_model(), Route(*behind), "Stopped"))
     for x, y, yaw in ((3.03, rng.uniform(21, 25), 0.0), (-3.1, rng.uniform(14, 24), _HALF_TURN)):
-        actors.append(_cyclist(Route(x, y, yaw, float(rng.uniform(4.2, 5.2))), rng, palette))
+        actors.append(_build_cyclist(Route(x, y, yaw, float(rng.uniform(4.2, 5.2))), rng, palette))
     return actors
 
 
-def _cyclist(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
-    cyclist = random_cyclist(rng, palette)
+def _build_cyclist(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
+    cyclist = draw_cyclist(rng, palette)
     low, high = (bound.astype(float) for bound in cyclist.cuboid())
     return Actor("Bicycle", route, cyclist.mesh, low, high, _draw_uuid(rng), motion="Moving", rider="With Rider")
 
 
-def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def build_walkers(
+    crossing: float, places: CurbPlaces, rng: np.random.Generator, palette: MaterialPalette
+) -> list[Actor]:
     """People on both pavements in either direction, on the crossing street's crosswalks, and some who stand."""
     actors = []
     for side in (-1, 1):
@@ -113,19 +117,19 @@ def walkers(crossing: float, places: CurbPlaces, rng: np.random.Generator, palet
             x = side * (FRONT - (1.73 if inner else 1.2) + rng.uniform(-0.04, 0.04))
             yaw = 0.0 if inner else _HALF_TURN
             route = Route(float(x), float(y + rng.uniform(-3.5, 3.5)), yaw, float(rng.uniform(1.1, 1.6)))
-            actors.append(_person(route, rng, palette))
+            actors.append(_build_person(route, rng, palette))
         x = side * (ROAD_HALF + rng.uniform(0.75, 0.85))
         y = crossing - side * rng.uniform(2.0, 3.5)
         route = Route(float(x), float(y), 0.0 if side > 0 else _HALF_TURN, float(rng.uniform(1.1, 1.4)))
-        actors.append(_person(route, rng, palette))
+        actors.append(_build_person(route, rng, palette))
         spot = next(y for y in rng.uniform(-12, 24, 200) if places.claim(side, float(y), 0.5))
         standing = Route(side * (ROAD_HALF + 0.7), float(spot), float(rng.uniform(-3, 3)))
-        actors.append(_person(standing, rng, palette))
+        actors.append(_build_person(standing, rng, palette))
     return actors
 
 
-def _person(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
-    person = random_person(rng, palette)
+def _build_person(route: Route, rng: np.random.Generator, palette: MaterialPalette) -> Actor:
+    person = draw_person(rng, palette)
     walking = route.speed > 0
     low, high = (bound.astype(float) for bound in person.cuboid(walking))
     label = "Pedestrian with Object" if person.carries in ("backpack", "bag") else "Pedestrian"
@@ -135,18 +139,18 @@ def _person(route: Route, rng: np.random.Generator, palette: Palette) -> Actor:
     )  # fmt: skip
 
 
-def road_works(y: float, rng: np.random.Generator, palette: Palette) -> list[Actor]:
+def build_road_works(y: float, rng: np.random.Generator, palette: MaterialPalette) -> list[Actor]:
     """Cones around barriers in the left parking strip."""
-    cone = furniture.cone(palette)
+    cone = furniture.build_cone(palette)
     actors = []
     for dx, dy in ((0.95, -2.3), (0.95, 0.0), (0.95, 2.3), (-0.7, -2.5)):
         route = Route(-PARKING + dx, y + dy, float(rng.uniform(-3, 3)))
         low, high = (bound.astype(float) for bound in cone.bounds())
-        actors.append(Actor("Cones", route, partial(_unchanging, cone), low, high, _draw_uuid(rng)))
+        actors.append(Actor("Cones", route, partial(_keep_mesh, cone), low, high, _draw_uuid(rng)))
     for dy in (-1.6, 1.6):
-        mesh = furniture.barrier(palette)
+        mesh = furniture.build_barrier(palette)
         low, high = (bound.astype(float) for bound in mesh.bounds())
         route = Route(-PARKING, y + dy, float(rng.uniform(-0.06, 0.06)))
         label = "Temporary Construction Barriers"
-        actors.append(Actor(label, route, partial(_unchanging, mesh), low, high, _draw_uuid(rng)))
+        actors.append(Actor(label, route, partial(_keep_mesh, mesh), low, high, _draw_uuid(rng)))
     return actors

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy import ndarray
 
-from instdrive_core.datasets.synthetic.world.materials import BARK, LEAF, Color, Material, Palette
-from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, joined
-from instdrive_core.datasets.synthetic.world.primitives import cylinder, sphere, tube
+from instdrive_core.datasets.synthetic.world.materials import BARK, LEAF, Color, Material, MaterialPalette
+from instdrive_core.datasets.synthetic.world.mesh import TriangleMesh, join_meshes
+from instdrive_core.datasets.synthetic.world.primitives import build_cylinder, build_sphere, build_tube
 
 
 @dataclass(frozen=True)
@@ -38,52 +38,54 @@ SPECIES = {
 """Species by name."""
 
 
-def tree_mesh(species: Species, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def build_tree(species: Species, rng: np.random.Generator, palette: MaterialPalette) -> TriangleMesh:
     """A tree: trunk, boughs, and clumps of leaves around dark cores."""
     height = rng.uniform(*species.height)
     foot = species.trunk * height
     bark = palette.add(Material(BARK, (0.14, 0.10, 0.07), reflectivity=0.3))
     tint = rng.uniform(0.85, 1.15, 3)
-    leaf = palette.add(_leaf_material(species, tint))
+    leaf = palette.add(_build_leaf_material(species, tint))
     lean = rng.uniform(-0.03, 0.03, 2) * height
     thick = 0.018 * height + 0.05
-    trunk = tube(
+    trunk = build_tube(
         [(0, 0, -0.2), (0.3 * lean[0], 0.3 * lean[1], 0.5 * foot), (*lean, 0.75 * height)],
         [1.25 * thick, thick, 0.35 * thick],
         bark,
     )
-    clumps = _clumps(species, height, foot, lean, rng)
+    clumps = _draw_clumps(species, height, foot, lean, rng)
     boughs = [
-        cylinder((*(0.6 * lean), 0.9 * foot), clump[:3], 0.4 * thick, bark, 6, 0.12 * thick)
+        build_cylinder((*(0.6 * lean), 0.9 * foot), clump[:3], 0.4 * thick, bark, 6, 0.12 * thick)
         for clump in clumps[:5]
         if species.crown[1] < 0.5
     ]
-    crown = [_clump_mesh(clump[:3], clump[3], leaf, rng) for clump in clumps]
-    return joined([trunk, *boughs, *crown])
+    crown = [_build_clump(clump[:3], clump[3], leaf, rng) for clump in clumps]
+    return join_meshes([trunk, *boughs, *crown])
 
 
-def bush_mesh(length: float, width: float, height: float, rng: np.random.Generator, palette: Palette) -> TriangleMesh:
+def build_bush(
+    length: float, width: float, height: float, rng: np.random.Generator, palette: MaterialPalette
+) -> TriangleMesh:
     """A hedge along x, or a bush where `length` is short."""
     species = Species((0, 0), 0, (0, 0), (0.07, 0.16, 0.03), (0.12, 0.20, 0.05))
-    leaf = palette.add(_leaf_material(species, rng.uniform(0.85, 1.15, 3)))
+    leaf = palette.add(_build_leaf_material(species, rng.uniform(0.85, 1.15, 3)))
     count = max(1, round(length / (0.9 * width)))
     parts = []
     for x in (np.arange(count) + 0.5) * length / count - length / 2:
         centre = np.array([x, rng.uniform(-0.05, 0.05), 0.5 * height])
         radii = np.array([0.62 * width, 0.5 * width, 0.5 * height]) * rng.uniform(0.92, 1.08, 3)
-        parts.append(_clump_mesh(centre, radii, leaf, rng, cards=70))
-    return joined(parts)
+        parts.append(_build_clump(centre, radii, leaf, rng, cards=70))
+    return join_meshes(parts)
 
 
-def _leaf_material(species: Species, tint: ndarray) -> Material:
-    def tinted(color: Color) -> Color:
+def _build_leaf_material(species: Species, tint: ndarray) -> Material:
+    def apply_tint(color: Color) -> Color:
         r, g, b = (float(value) for value in np.round(np.array(color) * tint, 3))
         return r, g, b
 
-    return Material(LEAF, tinted(species.leaf), tinted(species.shade), reflectivity=0.45)
+    return Material(LEAF, apply_tint(species.leaf), apply_tint(species.shade), reflectivity=0.45)
 
 
-def _clumps(
+def _draw_clumps(
     species: Species, height: float, foot: float, lean: ndarray, rng: np.random.Generator
 ) -> Float[ndarray, "n 4"]:
     """Centres and radii of leaf clumps that fill the crown, lowest boughs first."""
@@ -110,7 +112,7 @@ def _clumps(
     return np.array(clumps)
 
 
-def _clump_mesh(
+def _build_clump(
     centre: ndarray, radii: float | ndarray, leaf: int, rng: np.random.Generator, cards: int = 190
 ) -> TriangleMesh:
     """Leaf cards on an ellipsoid around a slightly smaller core; all share the ellipsoid's normals, which makes the
@@ -128,11 +130,11 @@ def _clump_mesh(
     ring = [place - size * side, place - 0.62 * size * other, place + size * side, place + 0.62 * size * other]
     corners = np.stack(ring, axis=1)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
     normals = np.repeat(np.repeat(outward[:, None], 2, axis=0), 3, axis=1)
-    core = sphere(centre, 0.88 * radii, leaf, 1)
+    core = build_sphere(centre, 0.88 * radii, leaf, 1)
     foliage = TriangleMesh(
         corners.astype(np.float32),
         corners.astype(np.float32),
         normals.reshape(-1, 3, 3).astype(np.float32),
         np.full(len(corners), leaf, np.int32),
     )
-    return joined([core, foliage])
+    return join_meshes([core, foliage])

@@ -5,10 +5,16 @@ from pathlib import Path
 import pytest
 from procedural_street import procedural_street
 
-from instdrive_app.files.file_names import enumerated, is_text, name_problem, shown, working_folder
-from instdrive_app.files.folder_listing import listing
-from instdrive_app.panels.dialogs.dropped_files import sorted_out
-from instdrive_app.panels.dialogs.file_purposes import PURPOSES, SCENES, holds_scene
+from instdrive_app.files.file_names import (
+    find_name_problem,
+    find_working_folder,
+    format_path,
+    is_displayable,
+    join_names,
+)
+from instdrive_app.files.folder_listing import list_folder
+from instdrive_app.panels.dialogs.dropped_files import sort_dropped
+from instdrive_app.panels.dialogs.file_purposes import PURPOSES, SCENE_ENDINGS, holds_scene
 from instdrive_core.formats.registry import save_scene
 
 
@@ -24,62 +30,62 @@ def folder(tmp_path):
 
 def test_scenes_projects_and_the_rest_keep_their_order(folder):
     names = ["drive.instdrive", "photo.jpg", "street", "b.SPZ", "a.ply", "a.ply"]
-    found = sorted_out([folder / name for name in names])
+    found = sort_dropped([folder / name for name in names])
     assert [path.name for path in found.scenes] == ["street", "b.SPZ", "a.ply"], "and nothing twice"
     assert [path.name for path in found.projects] == ["drive.instdrive"]
     assert [path.name for path in found.openable] == ["drive.instdrive", "street", "b.SPZ", "a.ply"]
-    assert found.complaint == "photo.jpg is no scene or project that can be opened"
+    assert found.complaint == "photo.jpg is not a scene or project that can be opened"
 
 
 def test_each_problem_has_its_own_words(folder):
-    problems = sorted_out(
+    problems = sort_dropped(
         [folder / "empty", folder / "gone.ply", folder / "gone" / ("n" * 300), Path("https://a.org/s.ply")]
     ).problems
-    assert problems[0].startswith("The folder empty holds no scene")
-    assert problems[1].startswith(f"{folder / 'gone.ply'} cannot be found")
-    assert "cannot be found" in problems[2]
+    assert problems[0].startswith("The folder empty contains no scene")
+    assert problems[1].startswith(f"{folder / 'gone.ply'} was not found")
+    assert "was not found" in problems[2]
     assert problems[3].startswith("https://a.org/s.ply is not on this computer")
 
 
 def test_of_many_problems_the_number_is_told(folder):
-    complaint = sorted_out([folder / f"{number}.ply" for number in range(7)]).complaint
-    assert "2.ply cannot be found" in complaint
+    complaint = sort_dropped([folder / f"{number}.ply" for number in range(7)]).complaint
+    assert "2.ply was not found" in complaint
     assert "3.ply" not in complaint
     assert "4 others" in complaint
-    assert sorted_out([]).complaint == ""
+    assert sort_dropped([]).complaint == ""
 
 
 def test_names_that_are_no_text_are_told_and_not_listed(folder):
     odd = folder / "caf\udce9.ply"
     odd.touch()
-    assert not is_text(odd)
-    assert is_text(folder / "café.ply")
-    assert shown(odd.name) == "caf\ufffd.ply"
-    assert name_problem(folder / "café.ply") == ""
-    assert sorted_out([odd]).openable == ()
-    assert odd.name not in [entry.path.name for entry in listing(folder, SCENES, holds_scene)]
+    assert not is_displayable(odd)
+    assert is_displayable(folder / "café.ply")
+    assert format_path(odd.name) == "caf\ufffd.ply"
+    assert find_name_problem(folder / "café.ply") == ""
+    assert sort_dropped([odd]).openable == ()
+    assert odd.name not in [entry.path.name for entry in list_folder(folder, SCENE_ENDINGS, holds_scene)]
 
 
 def test_paths_that_cannot_be_looked_at_are_no_answer(folder):
     for purpose in PURPOSES.values():
-        assert purpose.problem(folder / ("n" * 300) / "a.ply")
+        assert purpose.find_problem(folder / ("n" * 300) / "a.ply")
     assert not holds_scene(folder / ("n" * 300))
 
 
 def test_enumerations():
     paths = [Path(f"/x/{letter}.ply") for letter in "abcdef"]
-    assert enumerated(paths[:1]) == "a.ply"
-    assert enumerated(paths[:2]) == "a.ply and b.ply"
-    assert enumerated(paths[:4]) == "a.ply, b.ply, c.ply and d.ply"
-    assert enumerated(paths) == "a.ply, b.ply, c.ply and 3 others"
+    assert join_names(paths[:1]) == "a.ply"
+    assert join_names(paths[:2]) == "a.ply and b.ply"
+    assert join_names(paths[:4]) == "a.ply, b.ply, c.ply and d.ply"
+    assert join_names(paths) == "a.ply, b.ply, c.ply and 3 others"
 
 
 def test_a_working_folder_that_is_gone_or_no_text_is_not_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert working_folder() == tmp_path
+    assert find_working_folder() == tmp_path
     for name in ("d\udce9r", "gone"):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
         if name == "gone":
             (tmp_path / name).rmdir()
-        assert working_folder() == Path.home()
+        assert find_working_folder() == Path.home()

@@ -3,17 +3,18 @@
 import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD
 
-from instdrive_app.panels.instances.rows import InstanceRows, Query, natural
-from instdrive_core.edits.bases.relabel import RenameInstance
+from instdrive_app.panels.instances.rows import InstanceRows, Query, build_natural_key, matches
 from instdrive_core.edits.kinds.classes import SetInstanceClass
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.rename import RenameInstance
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances, LockInstances
+from instdrive_core.instances.table import Instance
 
 CARS = tuple(range(FIRST_CAR, FIRST_CAR + 5))
 
 
-def listed(document, **query):
+def list_names(document, **query):
     rows = InstanceRows()
     rows.update(document, Query(**query))
     return rows.ids
@@ -38,20 +39,20 @@ def test_every_column_sorts_both_ways(street):
     street.apply(HideInstances((30,)))
     street.apply(LockInstances((31,)))
     for column in ("#", "Code", "Name", "Class", "Splats", "Shown", "Locked"):
-        up, down = (listed(street, column=column, descending=descending) for descending in (False, True))
-        assert sorted(up) == sorted(down) == list(listed(street))
+        up, down = (list_names(street, column=column, descending=descending) for descending in (False, True))
+        assert sorted(up) == sorted(down) == list(list_names(street))
         assert up[0] != down[0], column
-    assert listed(street, column="Splats", descending=True)[0] == ROAD
-    assert listed(street, column="Shown")[-1] == 30
-    assert listed(street, column="Locked")[0] == 31
+    assert list_names(street, column="Splats", descending=True)[0] == ROAD
+    assert list_names(street, column="Shown")[-1] == 30
+    assert list_names(street, column="Locked")[0] == 31
 
 
 def test_names_are_sorted_as_people_count(street):
     street.apply(RenameInstance(FIRST_CAR, "car 10"))
     street.apply(RenameInstance(FIRST_CAR + 1, "car 9"))
-    assert listed(street, column="Name", search="car 10")[0] == FIRST_CAR
-    assert listed(street, column="Name")[:2] == (FIRST_CAR + 1, FIRST_CAR)
-    assert natural("x") < natural("x 2") < natural("x 10")
+    assert list_names(street, column="Name", search="car 10")[0] == FIRST_CAR
+    assert list_names(street, column="Name")[:2] == (FIRST_CAR + 1, FIRST_CAR)
+    assert build_natural_key("x") < build_natural_key("x 2") < build_natural_key("x 10")
 
 
 @pytest.mark.parametrize("edit", [DeleteInstances((HOUSES,)), RenameInstance(HOUSES, "a barn")])
@@ -78,3 +79,10 @@ def test_nothing_is_sorted_again_for_a_selection(street, monkeypatch):
     street.apply(DeleteInstances((FIRST_CAR,)))
     rows.update(street, Query())
     assert FIRST_CAR not in rows.place
+
+
+@pytest.mark.parametrize(
+    ("search", "found"), [("", True), ("CAR", True), ("17", True), ("red car", True), ("tree", False)]
+)
+def test_search_takes_every_word(search, found):
+    assert matches(Instance(17, "red taxi", class_name="Car"), search.lower().split()) is found

@@ -8,16 +8,16 @@ from procedural_street import DRIVING_CAR, FIRST_CAR, HOUSES, ROAD, procedural_s
 from random_scene import random_scene
 
 from instdrive_app import camera
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.render.gl.splat_textures import WIDTH
 from instdrive_app.state import EditorState, ViewMode, Viewpoint, resolve
 from instdrive_core.edits.bases.adjustments import RANGES
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances, DeleteSelected
 from instdrive_core.edits.kinds.duplicate import DuplicateInstances
 from instdrive_core.edits.kinds.insert import InsertScene
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.move import MoveInstances
 from instdrive_core.edits.kinds.reassign import ReassignSelected
 from instdrive_core.edits.kinds.relative_adjustment import AdjustInstances
@@ -25,7 +25,7 @@ from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.split import SplitInstance
 from instdrive_core.edits.kinds.turn_scene import TurnScene
 from instdrive_core.edits.kinds.visibility import HideInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.scene.scene import Scene
 from instdrive_core.scene.selection import Flag
 
@@ -88,7 +88,7 @@ def street(street):
 
 @pytest.fixture
 def renderer(gl, street):
-    made = Renderer(gl, street)
+    made = GlRenderer(gl, street)
     yield made
     made.release()
     assert gl.error == "GL_NO_ERROR"
@@ -96,16 +96,16 @@ def renderer(gl, street):
 
 def state_at(document, index, **changes):
     view = document.scene.views[index]
-    return EditorState(viewpoint=camera.through(view), time=view.time, **changes)
+    return EditorState(viewpoint=camera.view_from_camera(view), time=view.time, **changes)
 
 
 def look(renderer, snapshot):
     renderer.render(snapshot)
-    return renderer.read_blended(), renderer.instance_ids(snapshot)
+    return renderer.read_blended(), renderer.read_instance_ids(snapshot)
 
 
-def drawn_afresh(gl, document, snapshot):
-    renderer = Renderer(gl, document)
+def draw_afresh(gl, document, snapshot):
+    renderer = GlRenderer(gl, document)
     pictures = look(renderer, snapshot)
     renderer.release()
     return pictures
@@ -127,9 +127,9 @@ def test_an_edit_shows_what_baking_it_would(gl, renderer, street, edits):
         street.apply(edit)
     after = look(renderer, snapshot)
     assert any((a != b).mean() > 1e-3 for a, b in zip(after, before, strict=True)), "the edit is seen"
-    if not street.state.mask(Flag.HIDDEN).any():  # hiding is a way of looking, not part of what is exported
-        assert_same_look(after, drawn_afresh(gl, Document(baked(street, snapshot.time)), snapshot))
-    for one, fresh in zip(after, drawn_afresh(gl, street, snapshot), strict=True):
+    if not street.state.find_mask(Flag.HIDDEN).any():  # hiding is a way of looking, not part of what is exported
+        assert_same_look(after, draw_afresh(gl, Document(bake_document(street, snapshot.time)), snapshot))
+    for one, fresh in zip(after, draw_afresh(gl, street, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh, err_msg="what was uploaded step by step is what is there")
     for _ in edits:
         street.undo()
@@ -149,12 +149,12 @@ def test_edited_tracks_hold_at_every_time(gl, renderer, street):
     for time in (0.0, 1.25, 3.0, 0.0):
         state.time = time
         snapshot = resolve(state, *SIZE)
-        assert_same_look(look(renderer, snapshot), drawn_afresh(gl, Document(baked(street, time)), snapshot))
+        assert_same_look(look(renderer, snapshot), draw_afresh(gl, Document(bake_document(street, time)), snapshot))
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.6])
 def test_a_moved_car_seen_from_the_same_side_looks_the_same(renderer, street, scale):
-    others = tuple(i for i in street.visible_instances() if i != BLUE_CAR)
+    others = tuple(i for i in street.find_visible_instances() if i != BLUE_CAR)
     street.apply(HideInstances(others))
     state = state_at(street, 0, show_sky=False)
     before, ids = look(renderer, resolve(state, *SIZE))
@@ -176,19 +176,19 @@ def test_a_moved_car_seen_from_the_same_side_looks_the_same(renderer, street, sc
 def test_rows_beyond_the_first_texture_row_and_beyond_its_spare_are_kept(gl):
     """Many copies, each seen; the textures grow several times."""
     document = Document(procedural_street(spacing=0.5))
-    renderer = Renderer(gl, document)
+    renderer = GlRenderer(gl, document)
     snapshot = resolve(state_at(document, 0), *SIZE)
     look(renderer, snapshot)
     for step in range(12):
         document.apply(DuplicateInstances((ROAD, BLUE_CAR, HOUSES), (0.0, 0.5 * step, 0.2)))
         look(renderer, snapshot)
     assert len(document.scene) * 3 > 2 * WIDTH
-    for one, fresh in zip(look(renderer, snapshot), drawn_afresh(gl, document, snapshot), strict=True):
+    for one, fresh in zip(look(renderer, snapshot), draw_afresh(gl, document, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh)
     for _ in range(12):
         document.undo()
     document.apply(DuplicateInstances((FIRST_CAR,), (1.0, 0.0, 0.0)))
-    for one, fresh in zip(look(renderer, snapshot), drawn_afresh(gl, document, snapshot), strict=True):
+    for one, fresh in zip(look(renderer, snapshot), draw_afresh(gl, document, snapshot), strict=True):
         np.testing.assert_array_equal(one, fresh)
     renderer.release()
 
@@ -201,7 +201,7 @@ def test_flat_views_follow_copies(gl, renderer, street, mode):
     street.apply(DuplicateInstances((BLUE_CAR,), (-2.5, 1.0, 0.0)))
     street.apply(MergeInstances((FIRST_CAR,), ROAD))
     renderer.render(snapshot)
-    fresh = Renderer(gl, street)
+    fresh = GlRenderer(gl, street)
     fresh.render(snapshot)
     np.testing.assert_array_equal(renderer.read_picture(), fresh.read_picture())
     assert (renderer.read_picture() != before).any()
@@ -217,11 +217,11 @@ def test_a_scene_that_had_nothing_shows_what_is_inserted(gl, street):
     )
     document = Document(empty)
     document.open_scene = lambda path: street_scene
-    renderer, snapshot = Renderer(gl, document), resolve(state_at(document, 0), *SIZE)
+    renderer, snapshot = GlRenderer(gl, document), resolve(state_at(document, 0), *SIZE)
     renderer.render(snapshot)
-    assert not renderer.instance_ids(snapshot).any()
+    assert not renderer.read_instance_ids(snapshot).any()
     document.apply(InsertScene("street.ply"))
-    assert len(np.unique(renderer.instance_ids(snapshot))) > 8
+    assert len(np.unique(renderer.read_instance_ids(snapshot))) > 8
     document.undo()
-    assert not renderer.instance_ids(snapshot).any()
+    assert not renderer.read_instance_ids(snapshot).any()
     renderer.release()

@@ -7,17 +7,17 @@ import pytest
 from procedural_street import DRIVING_CAR, FIRST_CAR, ROAD
 
 from instdrive_app import camera
-from instdrive_app.render.gl.renderer import Renderer
+from instdrive_app.render.gl.renderer import GlRenderer
 from instdrive_app.state import EditorState, ViewMode, resolve
-from instdrive_core.edits.bases.relabel import MergeInstances
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.kinds.delete import DeleteInstances
+from instdrive_core.edits.kinds.merge import MergeInstances
 from instdrive_core.edits.kinds.select import SelectInstances
 from instdrive_core.edits.kinds.visibility import HideInstances
-from instdrive_core.edits.queries.bake import baked
+from instdrive_core.edits.queries.bake import bake_document
 from instdrive_core.instances.colormap import ID_LIMIT, colors_from_ids, ids_from_colors
-from instdrive_core.maths.spherical_harmonics import view_colors
-from instdrive_core.rasterize.preview import PickRule, preview
+from instdrive_core.maths.spherical_harmonics import evaluate_view_colors
+from instdrive_core.rasterize.preview import PickRule, render_preview
 
 SIZE = (300, 180)
 NEAREST_SOLID = PickRule(min_share=0.0, min_coverage=2.0)
@@ -26,7 +26,7 @@ NEAREST_SOLID = PickRule(min_share=0.0, min_coverage=2.0)
 
 @pytest.fixture
 def renderer(gl, street):
-    made = Renderer(gl, street)
+    made = GlRenderer(gl, street)
     yield made
     made.release()
     assert gl.error == "GL_NO_ERROR"
@@ -34,34 +34,34 @@ def renderer(gl, street):
 
 def state_at(document, index, **changes):
     view = document.scene.views[index]
-    return EditorState(viewpoint=camera.through(view), time=view.time, **changes)
+    return EditorState(viewpoint=camera.view_from_camera(view), time=view.time, **changes)
 
 
 def cpu_frame(document, snapshot, rule=NEAREST_SOLID):
     """The edited document, baked at the moment, drawn by the CPU rasterizer."""
-    scene = baked(document, snapshot.time)
+    scene = bake_document(document, snapshot.time)
     gaussians = scene.gaussians
     directions = gaussians.means - snapshot.camera.position.astype(np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    colors = view_colors(gaussians.sh_dc, gaussians.sh_rest, directions)
+    colors = evaluate_view_colors(gaussians.sh_dc, gaussians.sh_rest, directions)
     shape = (gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacities)
-    return preview(*shape, colors, snapshot.camera, rule=rule)
+    return render_preview(*shape, colors, snapshot.camera, rule=rule)
 
 
-def edited(document):
+def edit_street(document):
     document.apply(RecolorInstances((FIRST_CAR + 1,), "tint", (0.9, 0.4, 0.1)))
     document.apply(RecolorInstances((ROAD,), "solid", (0.2, 0.3, 0.2)))
     document.apply(DeleteInstances((FIRST_CAR,)))
 
 
 @pytest.mark.parametrize("index", [0, 3, 6])
-@pytest.mark.parametrize("change", [lambda document: None, edited], ids=["as trained", "edited"])
+@pytest.mark.parametrize("change", [lambda document: None, edit_street], ids=["as trained", "edited"])
 def test_color_equals_the_cpu_rasterizer(renderer, street, index, change):
     change(street)
     snapshot = resolve(state_at(street, index), *SIZE)
     renderer.render(snapshot)
     frame = cpu_frame(street, snapshot)
-    sky = street.scene.sky.colors(snapshot.camera.ray_directions())
+    sky = street.scene.sky.sample(snapshot.camera.compute_ray_directions())
     expected = np.concatenate([frame.color + (1 - frame.alpha[..., None]) * sky, frame.alpha[..., None]], axis=2)
     error = np.abs(renderer.read_blended() - expected)
     assert error.mean() < 1e-4
@@ -84,7 +84,7 @@ def test_depth_equals_the_cpu_rasterizer(renderer, street):
 @pytest.mark.parametrize("index", [0, 5])
 def test_the_id_view_shows_the_nearest_solid_splat(renderer, street, index):
     snapshot = resolve(state_at(street, index), *SIZE)
-    rows = renderer.rows(snapshot).astype(np.int64) - 1
+    rows = renderer.read_rows(snapshot).astype(np.int64) - 1
     winners = cpu_frame(street, snapshot).winner  # nothing is deleted and the driving car is present: rows agree
     assert (rows == winners).mean() > 0.999  # thresholds met within float rounding may fall on either side
 
@@ -93,7 +93,7 @@ def test_the_id_view_shows_the_nearest_solid_splat(renderer, street, index):
 def test_flat_views_decode_to_exact_ids(renderer, street, mode):
     snapshot = resolve(state_at(street, 0, view_mode=mode), *SIZE)
     renderer.render(snapshot)
-    rows = renderer.rows(snapshot)
+    rows = renderer.read_rows(snapshot)
     ids = street.scene.instance_ids if mode is ViewMode.INSTANCE else street.scene.codewords
     expected = np.append(np.uint32(0), ids)[rows]
     np.testing.assert_array_equal(ids_from_colors(renderer.read_picture()), expected)
@@ -105,9 +105,9 @@ def test_every_id_has_the_color_of_the_bijection(gl, street, mode):
     rng, scene = np.random.default_rng(6), street.scene
     scene.instance_ids = rng.integers(1, ID_LIMIT, len(scene), np.uint32)
     scene.codewords = rng.integers(0, 1 << 32, len(scene), np.uint32)
-    renderer, snapshot = Renderer(gl, street), resolve(state_at(street, 0, view_mode=mode), *SIZE)
+    renderer, snapshot = GlRenderer(gl, street), resolve(state_at(street, 0, view_mode=mode), *SIZE)
     renderer.render(snapshot)
-    rows = renderer.rows(snapshot)
+    rows = renderer.read_rows(snapshot)
     ids = scene.instance_ids if mode is ViewMode.INSTANCE else scene.codewords % ID_LIMIT
     expected = colors_from_ids(np.append(np.uint32(0), ids)[rows])
     assert len(np.unique(rows)) > 2000
@@ -123,7 +123,7 @@ def test_hidden_and_deleted_instances_vanish_and_undo_restores_every_pixel(rende
         street.apply(edit)
     renderer.render(snapshot)
     assert (renderer.read_picture() != before).any(axis=2).mean() > 0.1
-    assert not np.isin(renderer.instance_ids(snapshot), [FIRST_CAR, FIRST_CAR + 1]).any()
+    assert not np.isin(renderer.read_instance_ids(snapshot), [FIRST_CAR, FIRST_CAR + 1]).any()
     street.undo()
     street.undo()
     renderer.render(snapshot)
@@ -135,10 +135,10 @@ def test_an_actor_moves_with_time_and_is_absent_outside_its_track(renderer, stre
     places = []
     for time in (0.0, 1.0):
         state.time = time
-        places.append(np.argwhere(renderer.instance_ids(resolve(state, *SIZE)) == DRIVING_CAR).mean(axis=0))
+        places.append(np.argwhere(renderer.read_instance_ids(resolve(state, *SIZE)) == DRIVING_CAR).mean(axis=0))
     assert np.linalg.norm(places[0] - places[1]) > 3
     state.time = 60.0
-    assert not (renderer.instance_ids(resolve(state, *SIZE)) == DRIVING_CAR).any()
+    assert not (renderer.read_instance_ids(resolve(state, *SIZE)) == DRIVING_CAR).any()
 
 
 def test_merged_instances_change_their_color(renderer, street):
@@ -158,7 +158,7 @@ def test_outlines_surround_what_is_selected_and_hovered(renderer, street):
     state.hovered = FIRST_CAR
     renderer.render(resolve(state, *SIZE))
     changed = (renderer.read_picture() != plain).any(axis=2)
-    ids = renderer.instance_ids(resolve(state, *SIZE))
+    ids = renderer.read_instance_ids(resolve(state, *SIZE))
     assert changed[ids == FIRST_CAR + 1].mean() > 0.95  # tinted
     assert changed[ids == FIRST_CAR].mean() < 0.2  # outlined only
     state.view_mode = ViewMode.INSTANCE

@@ -22,7 +22,7 @@ def test_what_is_written_in_pieces_and_grown_over_is_what_is_there(gl, kind):
     expected = np.zeros((0, texels * channels), NUMPY[dtype])
     for count in (10, 5000, 5003, 21000, 9000, 30000):
         grown = rng.integers(0, 200, (max(count - len(expected), 0), texels * channels)).astype(NUMPY[dtype])
-        array.hold(count)
+        array.reserve(count)
         array.write(grown, len(expected))
         expected = np.concatenate([expected[:count], grown])
         start = int(rng.integers(0, count))
@@ -36,24 +36,24 @@ def test_what_is_written_in_pieces_and_grown_over_is_what_is_there(gl, kind):
 
 def test_a_texture_stays_the_same_while_there_is_room(gl):
     array = ArrayTexture(gl, 1, "u2")
-    array.hold(100 * WIDTH)
+    array.reserve(100 * WIDTH)
     first = array.texture
-    array.hold(100 * WIDTH)
-    array.hold(7)
+    array.reserve(100 * WIDTH)
+    array.reserve(7)
     assert array.texture is first
-    array.hold(100 * WIDTH + 1)
+    array.reserve(100 * WIDTH + 1)
     grown = array.texture
     assert grown is not first
-    array.hold(110 * WIDTH)
+    array.reserve(110 * WIDTH)
     assert array.texture is grown, "what has grown once has room to grow"
     array.release()
 
 
 def test_more_than_the_driver_can_hold_is_refused_with_the_number(gl):
     array, limit = ArrayTexture(gl, 1, "u1"), gl.info["GL_MAX_TEXTURE_SIZE"]
-    array.hold(50)
+    array.reserve(50)
     with pytest.raises(GraphicsError, match=rf"{limit * WIDTH + 1:,} splats .* {limit}"):
-        array.hold(limit * WIDTH + 1)
+        array.reserve(limit * WIDTH + 1)
     array.write(np.arange(50, dtype=np.uint8), 0)
     np.testing.assert_array_equal(contents(array, KINDS[2])[:50, 0], np.arange(50))
     array.release()

@@ -1,0 +1,50 @@
+"""Cleaning up after a deletion."""
+
+from __future__ import annotations
+
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable
+from instdrive_app.session.editor_session import EditorSession
+
+
+def list_actions(session: EditorSession) -> list[Action]:
+    """List the ends of the Edit and View menus."""
+    review = session.deletion.review
+
+    def has_residue() -> bool:
+        found = review.findings
+        return is_editable(session) and found is not None and found.residue_count > 0
+
+    def has_hole() -> bool:
+        found = review.findings
+        return is_editable(session) and found is not None and found.hole is not None and not review.is_filling
+
+    return [
+        Action(
+            "deletion.absorb",
+            "Absorb floaters of the deletion",
+            review.absorb,
+            "Edit",
+            enabled=has_residue,
+            icon="ICON_FA_BROOM",
+            separator=True,
+            undoable=True,
+        ),
+        Action(
+            "deletion.fill",
+            "Fill hole",
+            review.fill,
+            "Edit",
+            enabled=has_hole,
+            icon="ICON_FA_FILL_DRIP",
+            undoable=True,
+        ),
+        Action(
+            "deletion.clear",
+            "Clear report of the deletion",
+            review.clear,
+            "View",
+            enabled=lambda: review.findings is not None,
+            icon="ICON_FA_XMARK",
+        ),
+    ]

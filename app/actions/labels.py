@@ -1,0 +1,93 @@
+"""Repairing labels: which splats belong to which instance, and of which class instances are."""
+
+from __future__ import annotations
+
+from instdrive_app.action import Action
+from instdrive_app.actions.conditions import is_editable, put_request
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_app.session.requests import AskClass, AskReassign, AskSplit
+
+
+def list_actions(session: EditorSession) -> list[Action]:
+    """The Labels menu."""
+    return [*_list_instance_actions(session), *_list_splat_actions(session)]
+
+
+def _list_instance_actions(session: EditorSession) -> list[Action]:
+    def some(count: int = 1) -> bool:
+        return is_editable(session) and len(session.selection.ids) >= count
+
+    def one() -> bool:
+        return is_editable(session) and len(session.selection.ids) == 1
+
+    return [
+        Action(
+            "labels.class",
+            "Set class…",
+            lambda: session.requests.put(AskClass(session.selection.ids)),
+            "Labels",
+            ("Ctrl+T",),
+            enabled=some,
+            icon="ICON_FA_TAG",
+            undoable=True,
+        ),
+        Action(
+            "labels.merge",
+            "Merge",
+            lambda: session.labels.merge(session.selection.ids),
+            "Labels",
+            ("Ctrl+M",),
+            enabled=lambda: some(2),
+            icon="ICON_FA_OBJECT_GROUP",
+            separator=True,
+            undoable=True,
+        ),
+        Action(
+            "labels.split",
+            "Split by component…",
+            lambda: session.requests.put(AskSplit(session.selection.ids[0])),
+            "Labels",
+            ("Ctrl+J",),
+            enabled=one,
+            icon="ICON_FA_OBJECT_UNGROUP",
+            undoable=True,
+        ),
+    ]
+
+
+def _list_splat_actions(session: EditorSession) -> list[Action]:
+    def splats() -> bool:
+        return is_editable(session) and not session.selection.is_empty
+
+    return [
+        Action(
+            "labels.reassign",
+            "Reassign the selected splats…",
+            put_request(session, AskReassign()),
+            "Labels",
+            ("Ctrl+R",),
+            enabled=splats,
+            icon="ICON_FA_RIGHT_LEFT",
+            undoable=True,
+        ),
+        Action(
+            "labels.new",
+            "New instance from the selected splats",
+            lambda: session.labels.reassign(None),
+            "Labels",
+            ("Ctrl+Shift+N",),
+            enabled=splats,
+            icon="ICON_FA_CIRCLE_PLUS",
+            undoable=True,
+        ),
+        Action(
+            "labels.absorb",
+            "Absorb floaters",
+            lambda: session.labels.absorb(session.selection.ids),
+            "Labels",
+            ("Ctrl+B",),
+            enabled=lambda: is_editable(session) and bool(session.selection.ids),
+            icon="ICON_FA_BROOM",
+            undoable=True,
+        ),
+    ]

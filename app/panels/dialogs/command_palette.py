@@ -1,0 +1,103 @@
+"""The command palette: finds any action by a few letters of its name."""
+
+from __future__ import annotations
+
+from imgui_bundle import ImVec2, imgui
+
+from instdrive_app.action import Action, format_shortcut
+from instdrive_app.matching import find_best_matches
+from instdrive_app.panels.menus import format_action_title
+from instdrive_app.panels.widgets.theme import DIM, TEXT, pack_color
+from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, get_icon, scale_pixels
+from instdrive_app.session.requests import ShowPalette
+
+TITLE = "Command palette"
+POPUP = "##palette"
+"""ID of the popup, which has no title bar."""
+ROWS = 11
+
+
+class CommandPalette:
+    """Lists the actions that match what is typed; arrow keys or the mouse choose one, Enter runs it."""
+
+    def __init__(self) -> None:
+        self._typed = ""
+        self._chosen = 0
+
+    def open(self, ui: Ui, request: ShowPalette) -> None:
+        """Open it, with nothing typed."""
+        self._typed, self._chosen = "", 0
+        imgui.open_popup(POPUP)
+
+    def draw(self, ui: Ui) -> None:
+        """Draw one frame."""
+        viewport, em = imgui.get_main_viewport(), imgui.get_font_size()
+        imgui.set_next_window_pos(
+            ImVec2(viewport.get_center().x, viewport.pos.y + 5 * em), imgui.Cond_.always, ImVec2(0.5, 0)
+        )
+        imgui.set_next_window_size(ImVec2(36 * em, 0))
+        if not imgui.begin_popup(POPUP, imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_move):
+            return
+        run = self._draw_search(ui)
+        found = find_best_matches(
+            self._typed, (c for c in ui.session.actions if c.menu), lambda c: f"{c.menu} {c.title}"
+        )
+        self._move_cursor(len(found))
+        clicked = self._draw_list(ui, found)
+        if clicked is None and run and found:
+            clicked = found[self._chosen]
+        if clicked is not None and clicked.enabled():
+            imgui.close_current_popup()
+            ui.session.actions.run(clicked.id)
+        imgui.end_popup()
+
+    def _draw_search(self, ui: Ui) -> bool:
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        hint = f"{get_icon('ICON_FA_MAGNIFYING_GLASS')}  What do you want to do?"
+        before = self._typed
+        entered, self._typed = imgui.input_text_with_hint(
+            "##typed", hint, self._typed, imgui.InputTextFlags_.enter_returns_true
+        )
+        ui.mark("palette.search")
+        if self._typed != before:
+            self._chosen = 0
+        return entered
+
+    def _move_cursor(self, count: int) -> None:
+        step = imgui.is_key_pressed(imgui.Key.down_arrow) - imgui.is_key_pressed(imgui.Key.up_arrow)
+        self._chosen = (self._chosen + step) % count if count else 0
+        self._walked = step != 0
+
+    def _draw_list(self, ui: Ui, found: list[Action]) -> Action | None:
+        clicked, line = None, imgui.get_text_line_height_with_spacing()
+        if imgui.begin_child("##found", ImVec2(0, ROWS * line)):
+            if not found:
+                draw_dim_text("No action matches")
+            for number, command in enumerate(found):
+                if self._draw_row(ui, command, number == self._chosen):
+                    clicked = command
+                if number == self._chosen and self._walked:
+                    imgui.set_scroll_here_y(0.5)
+        imgui.end_child()
+        return clicked
+
+    def _draw_row(self, ui: Ui, command: Action, chosen: bool) -> bool:
+        at, em, width = imgui.get_cursor_screen_pos(), imgui.get_font_size(), imgui.get_content_region_avail().x
+        flags = imgui.SelectableFlags_.no_auto_close_popups
+        if not command.enabled():
+            flags |= imgui.SelectableFlags_.disabled
+        clicked = imgui.selectable(f"##{command.id}", chosen, flags)[0]
+        ui.mark(f"palette.{command.id}")
+        color, draw = pack_color(TEXT if command.enabled() else DIM), imgui.get_window_draw_list()
+        glyph = get_icon(command.icon)
+        draw.add_text(ImVec2(at.x + (1.4 * em - imgui.calc_text_size(glyph).x) / 2, at.y), color, glyph)
+        draw.add_text(ImVec2(at.x + 2 * em, at.y), color, format_action_title(command))
+        keys = format_shortcut(command.shortcuts[0]) if command.shortcuts else ""
+        draw.add_text(
+            ImVec2(at.x + width - imgui.calc_text_size(keys).x - scale_pixels(4), at.y), pack_color(DIM), keys
+        )
+        menu = imgui.calc_text_size(command.menu).x
+        draw.add_text(ImVec2(at.x + width - 8 * em - menu, at.y), pack_color(DIM, 0.75), command.menu)
+        return clicked

@@ -1,0 +1,36 @@
+"""Every overlay of the viewport: a new one is a file and a line here."""
+
+from __future__ import annotations
+
+from instdrive_app.panels.overlays import Handles, Overlay, OverlayRecord
+from instdrive_app.panels.overlays.camera_tag import CameraTag
+from instdrive_app.panels.overlays.deletion import DeletionOverlay
+from instdrive_app.panels.overlays.depth_legend import DepthLegend
+from instdrive_app.panels.overlays.first_picture import FirstPictureNotice
+from instdrive_app.panels.overlays.gizmo import Gizmo
+from instdrive_app.panels.overlays.hover_label import HoverLabel
+from instdrive_app.panels.overlays.opacity_slider import OpacitySlider
+from instdrive_app.panels.overlays.reference import ReferenceOverlay
+from instdrive_app.panels.overlays.region_outline import RegionOutline
+from instdrive_app.panels.overlays.toolbar import Toolbar
+from instdrive_app.panels.overlays.view_switch import ViewSwitch
+
+BELOW_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
+    OverlayRecord("Photo and masks", "ICON_FA_IMAGE", ReferenceOverlay),
+    OverlayRecord("Notice of the first picture", "ICON_FA_HOURGLASS_HALF", FirstPictureNotice),
+    OverlayRecord("Review of a deletion", "ICON_FA_BROOM", DeletionOverlay),
+)
+"""Drawn first, in this order."""
+HANDLES: OverlayRecord[Handles] = OverlayRecord("Handles", "ICON_FA_UP_DOWN_LEFT_RIGHT", Gizmo)
+ABOVE_HANDLES: tuple[OverlayRecord[Overlay], ...] = (
+    OverlayRecord("View modes", "ICON_FA_EYE", ViewSwitch),
+    OverlayRecord("Toolbar", "ICON_FA_TOOLBOX", Toolbar),
+    OverlayRecord("Camera", "ICON_FA_VIDEO", CameraTag),
+    OverlayRecord("Scale of depths", "ICON_FA_RULER", DepthLegend),
+    OverlayRecord("Minimum opacity", "ICON_FA_SLIDERS", OpacitySlider),
+    OverlayRecord("Label of the hovered instance", "ICON_FA_COMMENT", HoverLabel),
+    OverlayRecord("Outline of a region", "ICON_FA_DRAW_POLYGON", RegionOutline),
+)
+"""Drawn last, in this order."""
+OVERLAYS: tuple[OverlayRecord[Overlay], ...] = (*BELOW_HANDLES, HANDLES, *ABOVE_HANDLES)
+"""All overlays in the order of drawing."""

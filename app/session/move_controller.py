@@ -1,0 +1,250 @@
+"""Moving the selection, by drags of a gizmo and by typed numbers, and duplicating it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import count
+from weakref import ref
+
+import numpy as np
+from jaxtyping import Float, Float64
+from numpy import ndarray
+
+from instdrive_app.messages import user_message
+from instdrive_app.session.context import SessionContext
+from instdrive_app.session.selection_box import Box, SelectionBoxes
+from instdrive_core.edits.bases.append import AppendEdit
+from instdrive_core.edits.bases.parameters import Vector
+from instdrive_core.edits.bases.relabel import create_instances
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.compound import CompoundEdit
+from instdrive_core.edits.kinds.duplicate import DuplicateInstances
+from instdrive_core.edits.kinds.move import SCALE_LIMITS, MoveInstances
+from instdrive_core.edits.kinds.reset_moves import ResetMoves
+from instdrive_core.edits.kinds.select import SelectInstances, SelectMode
+from instdrive_core.edits.queries.placement import find_lane
+from instdrive_core.errors import EditError
+from instdrive_core.instances.vehicles import is_vehicle
+from instdrive_core.maths.rotations import quaternion_from_matrix
+from instdrive_core.scene.transforms import extract_scale
+
+COPY_GAP = 0.5
+"""Metres between an object and its copy."""
+Ids = tuple[int, ...]
+
+
+@dataclass
+class MoveOptions:
+    """Constraints of moves."""
+
+    on_ground: bool = False
+    along_lane: bool = False
+    yaw_only: bool | None = None
+    """None: vehicles and actors turn about the vertical only."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Position, heading and size of the selection, as numbers to type."""
+
+    position: Vector
+    """Centre of the selection in the world, metres."""
+    yaw: float
+    """Degrees about the vertical: an actor's in the world, else since training. The first one's where several are selected."""
+    scale: float
+    """Size relative to the trained one. The first one's where several are selected."""
+
+
+@dataclass
+class Drag:
+    """One drag of the gizmo; every frame moves from its start, so that no errors add up."""
+
+    document: Document
+    ids: Ids
+    time: float
+    gesture: str
+    center: Float64[ndarray, "3"]
+    """Centre of the selection at the start, metres."""
+    axes: Float64[ndarray, "3 3"]
+    """The gizmo's axes, as columns."""
+    is_reported: bool = False
+    """Whether the user was told what prevents the move."""
+
+
+class MoveController:
+    """Moves the selected instances at the shown time."""
+
+    def __init__(self, context: SessionContext) -> None:
+        self._context, self._state, self._messages = context, context.state, context.messages
+        self.options = MoveOptions()
+        self.drag: Drag | None = None
+        """The drag in progress."""
+        self._gestures = count()
+        self._boxes = SelectionBoxes()
+        self._lane: tuple[object, Float64[ndarray, "3"] | None] | None = None
+
+    @property
+    def ids(self) -> Ids:
+        """IDs of the selected instances."""
+        document = self._context.document
+        return document.find_selected_instances() if document is not None else ()
+
+    @property
+    def yaw_only(self) -> bool:
+        """Whether the selection turns about the vertical only."""
+        if self.options.yaw_only is not None:
+            return self.options.yaw_only
+        document = self._context.document
+        if document is None:
+            return False
+        instances = [document.scene.table[number] for number in self.ids]
+        return all(instance.node or is_vehicle(instance) for instance in instances)
+
+    def find_box(self) -> Box:
+        """Find the box of the selection, which must not be empty."""
+        return self._boxes.find_box(self._document, self.ids, self._state.time)
+
+    def find_center(self) -> Float64[ndarray, "3"]:
+        """Find the centre of the box; unlike that of the bounds it does not move as instances turn."""
+        return self.find_box().center
+
+    def find_lane(self) -> Float64[ndarray, "3"] | None:
+        """Find the unit direction of the lane at the selection, which must not be empty; None where no lane is known."""
+        if self._lane is not None and self.drag is not None:
+            return self._lane[1]
+        document, ids, time, place = self._document, self.ids, self._state.time, self.find_center()
+        key = (ref(document), ids, time, place.tobytes(), document.versions.tracks)
+        if self._lane is None or self._lane[0] != key:
+            try:
+                self._lane = (key, find_lane(document, ids, place, time))
+            except EditError:
+                self._lane = (key, None)
+        return self._lane[1]
+
+    def find_placement(self) -> Placement:
+        """Find the present placement of the selection, which must not be empty."""
+        document, time = self._document, self._state.time
+        first = document.scene.table[self.ids[0]]
+        matrix = document.transforms.get_move(int(document.transforms.indices[document.find_rows((first.id,))[0]]))
+        turned = document.scene.actors[first.node - 1].interpolate_pose(time) if first.node else matrix
+        yaw = math.degrees(math.atan2(turned[1, 0], turned[0, 0]))
+        return Placement(_as_vector(self.find_center()), yaw, extract_scale(matrix))
+
+    def place(self, before: Placement, wanted: Placement, gesture: str | None = None) -> None:
+        """Move from one placement to another; onto the ground where that is switched on and no height was typed."""
+        if not self.ids:
+            return
+        half = math.radians(wanted.yaw - before.yaw) / 2
+        self._context.apply(
+            lambda: MoveInstances(
+                self.ids,
+                _as_vector(np.subtract(wanted.position, before.position)),
+                (math.cos(half), 0.0, 0.0, math.sin(half)),
+                clamp_scale(wanted.scale / before.scale),
+                before.position,
+                self._state.time,
+                on_ground=self.options.on_ground and wanted.position[2] == before.position[2],
+            ),
+            gesture,
+        )
+
+    def shift_along_lane(self, metres: float, gesture: str | None = None) -> None:
+        """Move along the lane by metres since the start of the `gesture`, whose moves become one step."""
+        document, ids, time, ground = self._document, self.ids, self._state.time, self.options.on_ground
+
+        def edit() -> MoveInstances:
+            shift = _as_vector(find_lane(document, ids, self.find_center(), time) * metres)
+            return MoveInstances(ids, shift, time=time, on_ground=ground)
+
+        self._context.apply(edit, gesture)
+
+    def put_on_ground(self) -> None:
+        """Lift or lower the selection onto the ground."""
+        ids, time = self.ids, self._state.time
+        self._context.apply(lambda: MoveInstances(ids, time=time, on_ground=True))
+
+    def reset(self) -> None:
+        """Move the selection back to where it is in the scene's file."""
+        self._context.apply(lambda: ResetMoves(self.ids))
+
+    def duplicate(self) -> None:
+        """Copy the selection beside itself, along a lane where there is one; select the copy and take the move tool."""
+        document, ids = self._context.document, self.ids
+        if document is None or not ids:
+            return
+        lane = self.find_lane()
+        direction = np.array([1.0, 0.0, 0.0]) if lane is None else lane
+        edit = DuplicateInstances(ids, _as_vector(direction * (self.find_box().extent(direction) + COPY_GAP)))
+        if self.apply_and_select(edit, len(ids)):
+            self._state.tool = "move"
+
+    def apply_and_select(self, edit: AppendEdit, instances: int, mode: SelectMode = "replace") -> bool:
+        """Do an edit that adds so many instances, and select them, as one step; returns whether that was done."""
+        document = self._document
+
+        def both() -> CompoundEdit:
+            added = tuple(entry.id for entry in create_instances(document, [None] * instances))
+            return CompoundEdit((edit, SelectInstances(added, mode)), edit.title)
+
+        return self._context.apply(both)
+
+    # ------------------------------------------------------------------ drags
+
+    def begin_drag(self, axes: Float64[ndarray, "3 3"]) -> None:
+        """Begin a drag of the gizmo with these axes (columns)."""
+        gesture = f"gizmo {next(self._gestures)}"
+        self.drag = Drag(self._document, self.ids, self._state.time, gesture, self.find_center(), axes)
+
+    def drag_to(self, shift: Float[ndarray, "3"], rotation: Float[ndarray, "3 3"], scale: float) -> None:
+        """Move by a shift (metres), a rotation matrix and a scale factor, all since the drag began."""
+        drag = self.drag
+        if drag is None or drag.document is not self._context.document or drag.ids != self.ids:
+            self.drag = None
+            return
+        lane = self.find_lane() if self.options.along_lane else None
+        if lane is not None:  # found once: in a scene without cameras that takes longer than a frame
+            shift = lane * (lane @ shift)
+        try:
+            edit = MoveInstances(
+                drag.ids,
+                _as_vector(shift),
+                tuple(quaternion_from_matrix(np.asarray(rotation, np.float64)).tolist()),
+                clamp_scale(scale),
+                _as_vector(drag.center),
+                drag.time,
+                yaw_only=self.yaw_only,
+                along_lane=self.options.along_lane and lane is None,  # then the edit reports that no lane is known
+                on_ground=self.options.on_ground,
+            )
+            drag.document.apply(edit, drag.gesture)
+        except EditError as error:
+            if not drag.is_reported:  # else the same message would appear in every frame
+                self._messages.error(user_message(error))
+            drag.is_reported = True
+
+    def cancel_drag(self) -> None:
+        """End the drag and move everything back to where it began."""
+        drag, self.drag = self.drag, None
+        if drag is not None and drag.document is self._context.document and drag.ids == self.ids:
+            self._context.apply(lambda: MoveInstances(drag.ids, time=drag.time), drag.gesture)
+
+    def end_drag(self) -> None:
+        """End the drag."""
+        self.drag = None
+
+    @property
+    def _document(self) -> Document:
+        document = self._context.document
+        assert document is not None, "no document is open"
+        return document
+
+
+def _as_vector(values: Float[ndarray, "3"]) -> Vector:
+    x, y, z = np.asarray(values, np.float64).tolist()
+    return x, y, z
+
+
+def clamp_scale(scale: float) -> float:
+    """Limit a scale factor to those that a move may have."""
+    return float(np.clip(scale, *SCALE_LIMITS))

@@ -1,0 +1,17 @@
+"""Instance IDs out of any other numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Int, UInt32
+from numpy import ndarray
+
+
+def number_by_size(groups: Int[ndarray, " n"]) -> UInt32[ndarray, " n"]:
+    """Groups (negative = none) as 1, 2, … from most to fewest Gaussians, ties by the lower number; none becomes 0."""
+    different, inverse, counts = np.unique(groups, return_inverse=True, return_counts=True)
+    real = different >= 0
+    order = np.lexsort((different[real], -counts[real]))
+    numbers = np.zeros(len(different), np.uint32)
+    numbers[np.flatnonzero(real)[order]] = np.arange(1, real.sum() + 1)
+    return numbers[inverse]

@@ -1,0 +1,152 @@
+"""Fragments of one pixel, without drawing the frame: clicks and hovering read them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from jaxtyping import Float, Float32, Int32, Int64
+from numpy import ndarray
+
+from instdrive_core.rasterize.kernels.bin import TILE
+from instdrive_core.rasterize.kernels.fragment import FLOOR, compute_exponent, power_of_two
+from instdrive_core.rasterize.kernels.layout import to_kernel_array
+from instdrive_core.rasterize.kernels.project import DEPTH, OPACITY, camera_to_row, project
+from instdrive_core.rasterize.kernels.settings import DEFAULT_SETTINGS, RasterSettings
+from instdrive_core.rasterize.preview import DEFAULT_PICK_RULE, PickRule
+from instdrive_core.scene.camera import Camera
+
+_CHUNK = 1 << 14
+
+
+@dataclass(frozen=True)
+class Contributors:
+    """Fragments at one pixel, front to back."""
+
+    rows: Int32[ndarray, " k"]
+    alphas: Float32[ndarray, " k"]
+    """α′."""
+    weights: Float32[ndarray, " k"]
+    """Weights in the pixel's colour; 0 where what is in front lets no light through."""
+    depths: Float32[ndarray, " k"]
+    """z in metres."""
+    opacities: Float32[ndarray, " k"]
+    """Opacities of the splats, as drawn."""
+
+    @property
+    def blended(self) -> Contributors:
+        """Fragments that the pixel's colour is made of."""
+        seen = np.flatnonzero(self.weights)
+        return Contributors(
+            self.rows[seen], self.alphas[seen], self.weights[seen], self.depths[seen], self.opacities[seen]
+        )
+
+
+def find_fragments_among(
+    near: Int64[ndarray, " k"],
+    means: Float[ndarray, "k 3"],
+    quats: Float[ndarray, "k 4"],
+    log_scales: Float[ndarray, "k 3"],
+    opacities: Float[ndarray, " k"],
+    camera: Camera,
+    x: int,
+    y: int,
+    settings: RasterSettings = DEFAULT_SETTINGS,
+) -> Contributors:
+    """Find all that reaches pixel (column x, row y), hidden or not, given only the rows `near` it and their splats."""
+    means, quats, log_scales, opacities = (to_kernel_array(array) for array in (means, quats, log_scales, opacities))
+    projection = project(means, quats, log_scales, opacities, camera, settings)
+    left, top = x // TILE * TILE, y // TILE * TILE
+    alphas = np.zeros(len(projection.rows), np.float32)
+    _alphas_at(projection.splats, np.float32(left), np.float32(top), x - left, y - top, settings.to_row(), alphas)
+    behind = np.cumprod(1 - alphas)
+    reaching = np.flatnonzero(alphas > 0)
+    behind_each = behind[reaching]
+    before = np.concatenate([np.ones(1, np.float32), behind])[reaching]
+    weights = np.where(behind_each > np.float32(settings.min_transmittance), before - behind_each, np.float32(0))
+    return Contributors(
+        near[projection.rows[reaching]].astype(np.int32),
+        alphas[reaching],
+        weights,
+        projection.splats[reaching, DEPTH],
+        projection.splats[reaching, OPACITY],
+    )
+
+
+def pick_winner(contributors: Contributors, rule: PickRule = DEFAULT_PICK_RULE) -> int:
+    """Pick the row that the pixel stands for, by the rule of `render_preview`; -1 for none."""
+    total = contributors.weights.sum()
+    solid = (contributors.opacities >= rule.min_opacity) & (contributors.alphas >= rule.min_alpha)
+    if solid.any():
+        nearest = int(np.argmax(solid))
+        if contributors.weights[nearest] >= rule.min_share * total:
+            return int(contributors.rows[nearest])
+    elif not len(contributors.rows) or total < rule.min_coverage:
+        return -1
+    median = int(np.argmax(np.cumsum(contributors.weights) >= 0.5 * total))
+    return int(contributors.rows[median])
+
+
+def find_rows_near_pixel(
+    means: Float[ndarray, "n 3"],
+    log_sizes: Float[ndarray, "n a"],
+    opacities: Float[ndarray, " n"],
+    camera: Camera,
+    x: int,
+    y: int,
+    settings: RasterSettings = DEFAULT_SETTINGS,
+) -> Int64[ndarray, " k"]:
+    """Find the rows, rising, whose splat may reach pixel (column x, row y): a bound far cheaper than the projection.
+
+    `log_sizes` are log scales, or only the largest of each row. Raises ValueError where the pixel is outside the image.
+    """
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise ValueError(f"pixel ({x}, {y}) is outside the {camera.width} × {camera.height} image")
+    means, log_sizes, opacities = (to_kernel_array(array) for array in (means, log_sizes, opacities))
+    chunks = -(-len(means) // _CHUNK)
+    found, counts = np.empty(len(means), np.int64), np.zeros(chunks, np.int64)
+    pixel = np.array([x + 0.5, y + 0.5], np.float32)
+    _find_near(means, log_sizes, opacities, camera_to_row(camera), settings.to_row(), pixel, found, counts)
+    return np.concatenate([found[k * _CHUNK : k * _CHUNK + counts[k]] for k in range(chunks)] or [found])
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def _find_near(means, log_sizes, opacities, view, constants, pixel, found, counts):
+    near, low_pass, min_alpha = constants[0], constants[1], constants[2]
+    fx, fy, cx, cy = view[12], view[13], view[14], view[15]
+    one, two = np.float32(1), np.float32(2)
+    slope_x, slope_y = max(-view[18], view[19]), max(-view[20], view[21])
+    stretch = fx * fx * (one + slope_x * slope_x) + fy * fy * (one + slope_y * slope_y)
+    largest = two * np.log(one / min_alpha)
+    for chunk in numba.prange(len(counts)):
+        start, kept = chunk * _CHUNK, 0
+        for i in range(start, min(start + _CHUNK, len(means))):
+            mx, my, mz = means[i, 0], means[i, 1], means[i, 2]
+            z = view[6] * mx + view[7] * my + view[8] * mz + view[11]
+            if not (z > near and opacities[i] >= min_alpha):
+                continue
+            rz = one / z
+            dx = fx * rz * (view[0] * mx + view[1] * my + view[2] * mz + view[9]) + cx - pixel[0]
+            dy = fy * rz * (view[3] * mx + view[4] * my + view[5] * mz + view[10]) + cy - pixel[1]
+            largest_log = log_sizes[i, 0]
+            for axis in range(1, log_sizes.shape[1]):
+                largest_log = max(largest_log, log_sizes[i, axis])
+            size = np.exp(largest_log) * rz
+            if dx * dx + dy * dy <= np.float32(1.01) * largest * (stretch * size * size + low_pass):
+                found[start + kept] = i
+                kept += 1
+        counts[chunk] = kept
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _alphas_at(splats, left, top, column, line, constants, alphas):
+    """α′ of projected splats at one pixel of the tile at (left, top), in the arithmetic of the blending loops."""
+    min_alpha, max_alpha = constants[2], constants[3]
+    for v in range(len(splats)):
+        x, y, base, xx, xy, yy = compute_exponent(splats, v, left, top, min_alpha)
+        dx, dy = np.float32(column) - x, np.float32(line) - y
+        exponent = base + yy * dy * dy + dx * (xy * dy + xx * dx)
+        if exponent >= FLOOR:
+            alpha = power_of_two(exponent)
+            alphas[v] = min(alpha, max_alpha) if alpha >= min_alpha else np.float32(0)

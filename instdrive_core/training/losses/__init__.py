@@ -1,0 +1,1 @@
+"""Loss terms of a training step: one record each, listed in `registry`."""

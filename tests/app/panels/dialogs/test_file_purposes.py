@@ -1,0 +1,46 @@
+"""Which paths fit each purpose, and what the file browser lists."""
+
+import pytest
+
+from instdrive_app.files.folder_listing import list_folder
+from instdrive_app.panels.dialogs.file_browser import has_desktop_dialogs
+from instdrive_app.panels.dialogs.file_purposes import PURPOSES, holds_scene
+from instdrive_core.formats.folder.scenes import MANIFEST
+
+
+def test_the_file_browser_lists_folders_and_scenes(tmp_path):
+    for name in ("a.ply", "notes.txt", ".hidden.ply", "Z.PLY", "b.splat", "c.compressed.ply"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "run").mkdir()
+    found = list_folder(tmp_path, PURPOSES["open"].suffixes, holds_scene)
+    assert [entry.path.name for entry in found] == ["run", "a.ply", "b.splat", "c.compressed.ply", "Z.PLY"]
+    assert [entry.is_scene for entry in found] == [False, True, True, True, True]
+    (tmp_path / "b.splat").write_bytes(b"x" * 4_200_000)
+    sizes = {entry.path.name: entry.size_text for entry in list_folder(tmp_path, (".splat",), holds_scene)}
+    assert sizes == {"run": "", "b.splat": "4.2 MB"}
+    assert list_folder(tmp_path / "nowhere", (".ply",), holds_scene) == []
+
+
+def test_paths_are_judged_before_they_are_used(tmp_path):
+    (tmp_path / "a.ply").write_bytes(b"")
+    (tmp_path / "run").mkdir()
+    opened, exported, saved = (PURPOSES[name].find_problem for name in ("open", "export", "save"))
+    assert not opened(tmp_path / "a.ply")
+    assert opened(tmp_path / "run")
+    (tmp_path / "run" / MANIFEST).write_text("{}")
+    assert not opened(tmp_path / "run")
+    for name in ("new.ply", "new.compressed.ply", "new.SPLAT", "new_run"):
+        assert not exported(tmp_path / name)
+    assert ".ply" in exported(tmp_path / "new.obj")
+    assert "does not exist" in exported(tmp_path / "nowhere" / "new.ply")
+    assert "file name" in exported(tmp_path)
+    assert not saved(tmp_path / "new.instdrive")
+    assert ".instdrive" in saved(tmp_path / "new.ply")
+    assert ".instdrive" in saved(tmp_path / "new")
+
+
+@pytest.mark.parametrize(("tools", "expected"), [((), False), (("zenity",), True), (("kdialog",), True)])
+def test_desktop_dialogs_need_their_program(monkeypatch, tools, expected):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("shutil.which", lambda name: name if name in tools else None)
+    assert has_desktop_dialogs() is expected

@@ -1,0 +1,154 @@
+"""The report of what a deletion left, in a session without a window."""
+
+import numpy as np
+import pytest
+from parked_street import CAR, OTHER_CAR, ROAD, parked_street
+from session_driver import finish
+
+from instdrive_app.actions import register_actions
+from instdrive_app.panels.overlays.hole_pattern import build_hole_pattern, project_shapes
+from instdrive_app.session.editor_session import EditorSession
+from instdrive_core.edits.deletion_report import report_deletion
+from instdrive_core.edits.document.document import Document
+from instdrive_core.edits.kinds.select_rows import SelectRows
+from instdrive_core.scene.camera import Camera, look_at
+from instdrive_core.scene.selection import Flag
+
+
+@pytest.fixture
+def session():
+    session = EditorSession()
+    register_actions(session)
+    session.show(Document(parked_street().scene))
+    yield session
+    session.close()
+
+
+def texts(session):
+    return [message.text for message in session.messages.log]
+
+
+def test_a_deletion_is_reported_and_cleaned_up(session):
+    assert not session.actions["deletion.fill"].enabled()
+    session.deletion.delete((CAR,))
+    assert session.deletion.review.findings is None, "nothing waits for the report"
+    finish(session)
+    found = session.deletion.review.findings
+    assert found.residue_count == 40
+    assert texts(session)[-1] == f"Deleted Car 7: {found.report.summary}"
+    assert session.actions.run("deletion.absorb")
+    assert session.deletion.review.findings.residue_count == 0
+    assert not session.actions.run("deletion.absorb"), "there is nothing left to absorb"
+    assert session.actions.run("deletion.fill")
+    assert not session.actions.run("deletion.fill"), "it is being worked out"
+    finish(session)
+    assert session.deletion.review.findings is None
+    titles = [edit.title for edit in session.document.history.done]
+    assert titles[:2] == ["Delete instance 7", "Absorb floaters of instance 7"]
+    assert titles[2].startswith("Fill hole of")
+
+
+def test_undo_brings_the_report_back_and_takes_it_away(session):
+    session.deletion.delete((CAR,))
+    finish(session)
+    session.deletion.review.absorb()
+    session.deletion.review.fill()
+    finish(session)
+    session.history.undo()
+    found = session.deletion.review.findings
+    assert (found.residue_count, found.hole is not None) == (0, True)
+    session.history.undo()
+    assert session.deletion.review.findings.residue_count == 40
+    session.history.undo()
+    assert session.deletion.review.findings is None
+    session.history.redo()
+    assert session.deletion.review.findings.residue_count == 40
+    session.actions.run("deletion.clear")
+    assert session.deletion.review.findings is None
+
+
+def test_selected_splats_leave_what_was_missed(session):
+    document = session.document
+    rows = document.find_rows((CAR,))
+    session.history.apply(SelectRows(rows[50:]))
+    session.deletion.delete_selection()
+    finish(session)
+    found = session.deletion.review.findings
+    assert found.report.carriers[CAR] > 25
+    session.deletion.review.absorb()
+    assert np.isin(document.state.find_rows(Flag.DELETED), found.report.residue).sum() == len(found.report.residue)
+
+
+def test_surfaces_are_deleted_without_a_word(session):
+    before = texts(session)
+    session.deletion.delete((ROAD,))
+    finish(session)
+    assert texts(session) == before
+    assert session.deletion.review.findings is None
+
+
+def test_a_report_of_a_deletion_that_was_undone_or_of_another_scene_is_not_shown(session):
+    session.deletion.delete((CAR,))
+    session.history.undo()
+    finish(session)
+    assert session.deletion.review.findings is None
+    session.deletion.delete((CAR,))
+    session.show(Document(parked_street().scene))
+    finish(session)
+    assert session.deletion.review.findings is None
+    session.deletion.delete((CAR,))
+    finish(session)
+    session.show(Document(parked_street().scene))
+    assert session.deletion.review.findings is None
+
+
+def test_editing_goes_on_while_a_fill_is_worked_out(session):
+    session.deletion.delete((CAR,))
+    finish(session)
+    session.deletion.review.fill()
+    session.deletion.delete((OTHER_CAR,))
+    finish(session)
+    kinds = [edit.kind for edit in session.document.history.done]
+    assert kinds == ["delete_instances", "delete_instances", "fill_hole"]
+
+
+def test_a_hole_without_ground_around_is_explained(session):
+    session.deletion.delete((CAR,))
+    finish(session)
+    report = session.deletion.review.findings
+    session.deletion.delete((1, 2, 3))
+    finish(session)
+    assert session.deletion.review.findings is report
+    session.deletion.review.fill()
+    finish(session)
+    assert texts(session)[-1].startswith("The hole cannot be filled: no ground")
+    assert not session.deletion.review.is_filling
+
+
+def test_the_pattern_covers_the_hole():
+    hole = report_deletion(Document(parked_street().scene), (CAR,), 0.0).hole
+    pattern = build_hole_pattern(hole)
+    first, second = (pattern.stripes[:, k] - pattern.stripes[:, 0] for k in (1, 3))
+    areas = np.linalg.norm(np.cross(first, second), axis=1)
+    assert areas.sum() == pytest.approx(hole.area, rel=0.01)
+    lengths = np.linalg.norm(pattern.outline[:, 1] - pattern.outline[:, 0], axis=1)
+    np.testing.assert_allclose(lengths, hole.grid.size, rtol=0.01)
+    heights = hole.grid.compute_heights(pattern.outline.reshape(-1, 3))
+    np.testing.assert_allclose(heights, 0, atol=1e-9)
+    ends = {tuple(point) for point in pattern.outline.reshape(-1, 3).round(6).tolist()}
+    counts = [np.all(np.isclose(pattern.outline.reshape(-1, 3), end), axis=1).sum() for end in ends]
+    assert all(count % 2 == 0 for count in counts), "the outline is closed"
+    ahead = Camera(100.0, 100.0, 50.0, 50.0, 100, 100, look_at(np.array([0.0, -9, 2]), np.array([2.0, 0, 0])))
+    behind = Camera(100.0, 100.0, 50.0, 50.0, 100, 100, look_at(np.array([0.0, -9, 2]), np.array([0.0, -20, 0])))
+    assert len(project_shapes(pattern.stripes, ahead)) == len(pattern.stripes)
+    assert project_shapes(pattern.stripes, behind) == []
+
+
+def test_nothing_is_told_where_very_many_instances_were_deleted(session, monkeypatch):
+    monkeypatch.setattr("instdrive_app.session.deletion_review.MOST_INSTANCES", 1)
+    session.deletion.delete((CAR,))
+    finish(session)
+    assert session.deletion.review.findings is not None
+    session.deletion.delete((OTHER_CAR, ROAD))
+    assert session.jobs.current is None
+    assert session.deletion.review.findings is None

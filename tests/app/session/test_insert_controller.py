@@ -1,0 +1,93 @@
+"""Inserting scenes: before the camera, side by side, on the ground; what cannot be read is told."""
+
+import numpy as np
+import pytest
+from procedural_street import FIRST_CAR, procedural_street
+from session_driver import errors, finish
+
+from instdrive_app.state import Intrinsics, Viewpoint
+from instdrive_core.formats.registry import save_scene
+from instdrive_core.scene.camera import look_at
+from instdrive_core.scene.scene import scene_from_gaussians
+
+TREE = 30
+LENS = Intrinsics(500.0, 500.0, 320.0, 180.0, 640, 360)
+
+
+@pytest.fixture
+def session(session):
+    session.selection.select((FIRST_CAR,))
+    return session
+
+
+def car_file(folder, instances=False):
+    scene = procedural_street()
+    rows = np.isin(scene.instance_ids, (FIRST_CAR + 4, TREE)) if instances else scene.instance_ids == FIRST_CAR + 4
+    part = scene_from_gaussians(scene.gaussians.select(np.flatnonzero(rows)))
+    part.gaussians.means[:] += np.float32([100, 0, 40])
+    if instances:
+        part.instance_ids[:] = scene.instance_ids[rows]
+        part.table.instances |= {i: scene.table[i] for i in (FIRST_CAR + 4, TREE)}
+    path = folder / "car.ply"
+    save_scene(path, part)
+    return path
+
+
+@pytest.mark.parametrize("instances", [False, True])
+def test_an_inserted_scene_stands_before_the_camera_on_the_ground(session, street, tmp_path, instances):
+    street.open_scene = None
+    session.state.viewpoint = Viewpoint(look_at(np.array([0.0, 0, 2]), np.array([0.0, 10, 2])), LENS)
+    steps = street.history.cursor
+    session.insertion.insert(car_file(tmp_path, instances))
+    finish(session)
+    assert not errors(session)
+    added = session.selection.ids
+    assert len(added) == (2 if instances else 1)
+    assert street.history.cursor == steps + 1
+    assert session.state.tool == "move"
+    rows = street.find_rows(added)
+    means = street.compute_means(rows)
+    assert np.quantile(means[:, 2], 0.02) == pytest.approx(0, abs=0.15)
+    assert abs(np.mean(np.quantile(means[:, 0], [0.03, 0.97]))) < 0.2
+    assert 6 < np.mean(np.quantile(means[:, 1], [0.03, 0.97])) < 40
+    session.history.undo()
+    assert session.selection.ids == (FIRST_CAR,)
+    assert len(street.scene) == len(procedural_street())
+
+
+def test_several_scenes_stand_side_by_side_and_are_selected_together(session, street, tmp_path):
+    session.state.viewpoint = Viewpoint(look_at(np.array([0.0, 0, 2]), np.array([0.0, 10, 2])), LENS)
+    (tmp_path / "broken.ply").write_bytes(b"ply\nnonsense")
+    (tmp_path / "more").mkdir()
+    car, two = car_file(tmp_path), car_file(tmp_path / "more", instances=True)
+    paths = [car, tmp_path / "broken.ply", two, car]
+    steps = street.history.cursor
+    session.insertion.insert(*paths)
+    finish(session)
+    assert ["broken.ply" in error for error in errors(session)] == [True]
+    assert street.history.cursor == steps + 3
+    edges = []
+    for first, count in ((0, 1), (1, 2), (3, 1)):
+        means = street.compute_means(street.find_rows(session.selection.ids[first : first + count]))
+        low, high = np.quantile(means, [0.03, 0.97], axis=0)
+        assert 6 < (low[1] + high[1]) / 2 < 40, "before the camera"
+        edges += [low[0], high[0]]
+    assert np.all(np.diff(edges) > 0), "from left to right, with room between them"
+
+
+def test_a_scene_inserted_where_no_ground_is_stands_below_the_camera_and_that_is_told(session, street, tmp_path):
+    session.state.viewpoint = Viewpoint(look_at(np.array([500.0, 0, 12]), np.array([500.0, 10, 12])), LENS)
+    session.insertion.insert(car_file(tmp_path))
+    finish(session)
+    means = street.compute_means(street.find_rows(session.selection.ids))
+    assert np.quantile(means[:, 2], 0.02) == pytest.approx(12 - 1.6, abs=0.05)
+    assert "no ground" in session.messages.log[-1].text
+
+
+def test_what_cannot_be_inserted_is_told(session, street, tmp_path):
+    (tmp_path / "broken.ply").write_bytes(b"ply\nnonsense")
+    steps = street.history.cursor
+    session.insertion.insert(tmp_path / "broken.ply")
+    finish(session)
+    assert "broken.ply" in errors(session)[-1]
+    assert street.history.cursor == steps

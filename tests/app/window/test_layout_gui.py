@@ -1,0 +1,94 @@
+"""Nothing is cut off or covered: where widgets are in the real window, at several sizes and scales."""
+
+import json
+import shutil
+import subprocess
+import sys
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.gui
+
+TOUR = Path(__file__).parents[2] / "support/window/look_tour.py"
+SIZES = [((1280, 720), 1.0), ((1280, 720), 2.0), ((1600, 900), 1.0), ((1024, 640), 1.0)]
+MOST_TELLING = ("empty", "open", "one", "move tool", "side by side, depth", "hover", "dialog export", "dialog cleanup")
+MOST_TELLING += ("dialog shortcuts", "dialog about", "menu Help")
+"""States that are looked at where the window is large: frames are slow, and there is more room for everything."""
+CONTAINERS = ("viewport", "picture", "reference", "hover label", "deletion review")
+"""What other widgets stand in, or what follows the mouse over them."""
+SLACK = 1.0
+"""Pixels by which neighbours may overlap: halves that were rounded."""
+ALWAYS_IN_VIEW = {
+    "empty": ("empty.open", "empty.sample"),
+    "open": ("view.depth", "tool.scale", "instances.search", "timeline.slider", "time.play", "view.beside"),
+    "one": ("inspector.name", "edit.delete", "labels.absorb", "inspector.class", "inspector.color.black"),
+    "dialog shortcuts": ("dialog.cancel",),
+    "dialog export": ("dialog.path", "dialog.accept", "dialog.cancel"),
+    "dialog about": ("about.copy", "dialog.cancel"),
+    "menu Help": ("menu help.log",),
+}
+
+
+@pytest.fixture(scope="module", params=SIZES, ids=lambda item: f"{item[0][0]}x{item[0][1]} at {item[1]:g}")
+def tour(request, tmp_path_factory):
+    """What the tour saw: size, marks and cut widgets of each state."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("Xvfb is not installed")
+    (width, height), scale = request.param
+    out = tmp_path_factory.mktemp("looks") / "tour"
+    command = [sys.executable, str(TOUR), str(out), "--size", str(width), str(height), "--scale", str(scale)]
+    if width * scale > 1280:
+        command += [word for state in MOST_TELLING for word in ("--only", state)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+    assert done.returncode == 0, done.stderr
+    states = json.loads((out / "looks.json").read_text())
+    return {"pixels": [width * scale, height * scale], "states": states}
+
+
+def test_the_window_and_its_text_are_as_large_as_asked(tour):
+    for name, state in tour["states"].items():
+        assert state["size"] == tour["pixels"], name
+
+
+def test_every_widget_is_whole_and_inside_the_window(tour):
+    width, height = tour["pixels"]
+    for name, state in tour["states"].items():
+        assert state["cut"] == [], name
+        for mark, (left, top, right, bottom) in state["marks"].items():
+            inside = left >= -SLACK and top >= -SLACK and right <= width + SLACK and bottom <= height + SLACK
+            assert inside, f"{name}: {mark} at {left, top, right, bottom}"
+
+
+def test_no_widget_is_on_top_of_another(tour):
+    background = {}
+    for name, state in tour["states"].items():
+        marks = state["marks"]
+        if name.startswith(("dialog", "menu")):  # what pops up covers what was there, which has its marks still
+            behind = {mark for mark in marks if mark in background or mark.startswith("instances.")}
+            marks = {mark: place for mark, place in marks.items() if mark not in behind}
+        else:
+            background = marks
+        for first, second in combinations(sorted(marks), 2):
+            if not _may_overlap(first, second):
+                assert not _overlap(marks[first], marks[second]), f"{name}: {first} and {second}"
+
+
+def test_what_is_needed_most_is_in_view(tour):
+    for name, needed in ALWAYS_IN_VIEW.items():
+        missing = [mark for mark in needed if mark not in tour["states"][name]["marks"]]
+        assert missing == [], name
+
+
+def _may_overlap(first, second):
+    if first in CONTAINERS or second in CONTAINERS or "gizmo" in first + second:
+        return True
+    row = first.split(".")[0] == "instances" and first.split(".")[-1].isdigit()
+    return second.startswith(f"{first}.") or (row and second == "instances.name")  # what stands in a row of the list
+
+
+def _overlap(one, other):
+    width = min(one[2], other[2]) - max(one[0], other[0])
+    height = min(one[3], other[3]) - max(one[1], other[1])
+    return width > SLACK and height > SLACK

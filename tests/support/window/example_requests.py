@@ -1,0 +1,71 @@
+"""One request for each way in which a dialog of the window can be opened."""
+
+from datetime import UTC, datetime
+
+import numpy as np
+
+from instdrive_app.session.requests import (
+    AskChangedScene,
+    AskClass,
+    AskExport,
+    AskName,
+    AskOtherSave,
+    AskPath,
+    AskReassign,
+    AskSplit,
+    AskTooLarge,
+    AskUnsaved,
+    AskUp,
+    OfferCleanup,
+    OfferRecovery,
+    ReceiveDrop,
+    ShowAbout,
+    ShowPalette,
+    ShowShortcuts,
+    do_nothing,
+)
+from instdrive_core.errors import SceneTooLargeError
+from instdrive_core.project.recoverable import RecoverableSession
+from instdrive_core.scene.lint import Defect
+
+
+def list_requests(scene, instance):
+    """Requests by the names of their dialogs: about a scene file and one of its instances."""
+    too_large = SceneTooLargeError(scene, 40_000_000, 2e10, 6e9, 4)
+    return {
+        "open": AskPath("open"),
+        "insert": AskPath("insert"),
+        "save": AskPath("save"),
+        "export": AskExport(),
+        "shortcuts": ShowShortcuts(),
+        "about": ShowAbout(),
+        "palette": ShowPalette(),
+        "unsaved": AskUnsaved(do_nothing),
+        "cleanup": OfferCleanup(),
+        "recovery": OfferRecovery(),
+        "changed scene": AskChangedScene(f"{scene.name} has changed since these edits were made.", do_nothing),
+        "other save": AskOtherSave(scene, do_nothing),
+        "too large": AskTooLarge(scene, too_large),
+        "split": AskSplit(instance),
+        "turn upright": AskUp(),
+        "class": AskClass((instance,)),
+        "rename": AskName(instance),
+        "reassign": AskReassign(),
+        "dropped": ReceiveDrop((scene,)),
+    }
+
+
+def fill_in(session, scene):
+    """Give the session what dialogs show that have nothing to show otherwise: defects, and work to recover."""
+    not_finite = Defect(
+        "not_finite",
+        "3 splats hold values that are not finite (means of 2, log_scales of 3)",
+        3,
+        np.arange(3),
+        "Best deleted: most viewers draw nothing or fail where one is in view",
+    )
+    session.files.defects = (not_finite, Defect("far_outlier", "1 splat is far away", 1, np.arange(1), "Best deleted"))
+    session.files.autosave.recoverable = [
+        RecoverableSession(scene.parent, scene, datetime(2026, 5, 4, 12, 30, tzinfo=UTC), 12),
+        RecoverableSession(scene.parent, scene.with_name("gone.ply"), datetime.now(UTC), 1, "gone.ply is gone"),
+    ]
