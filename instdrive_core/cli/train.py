@@ -42,7 +42,7 @@ def train(
         init: Start from this scene file or run instead of LiDAR points.
         freeze_geometry: Keep the Gaussians of --init as they are and learn instances only.
         static: Treat everything as background, also what moves.
-        tracks: Where moving objects are taken from: `annotated` (cuboids), `found` (in the LiDAR sweeps, without labels)
+        tracks: Where moving objects are taken from: `annotated` (cuboids), `found` (in the LiDAR sweeps, no labels)
             or `none`; default: annotated where the clip has cuboids, else found where it has LiDAR.
         device: `cuda` trains on an NVIDIA GPU with gsplat; `auto` does where both are there.
         options: Which part of the clip to use.

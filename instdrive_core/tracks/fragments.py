@@ -87,14 +87,10 @@ def _goes_on(earlier: Trajectory, later: Trajectory) -> bool:
     off = min(np.linalg.norm(ahead[1, :2] - back[1, :2]), np.linalg.norm(ahead[0, :2] - back[0, :2]))
     velocity, other = earlier.velocities_at(moments[:1])[0], later.velocities_at(moments[1:])[0]
     change = float(np.linalg.norm(velocity - other))
-    return bool(
-        off < DRIFT + DRIFT_PER_SECOND * abs(hidden) and change < 0.8 + SPEED_CHANGE * max(abs(hidden), 0.3)
-    )
+    return bool(off < DRIFT + DRIFT_PER_SECOND * abs(hidden) and change < 0.8 + SPEED_CHANGE * max(abs(hidden), 0.3))
 
 
-def join(
-    first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
-) -> SolvedThing | None:
+def join(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]) -> SolvedThing | None:
     """Both as one thing, solved again; None where that is too large or moves worse than its parts."""
     clusters = union(first.clusters, second.clusters, clouds, votes)
     whole = solve_thing(clusters, clouds, [joint_guess(first, second)])
@@ -108,9 +104,7 @@ def join(
     return whole if whole.ratio < max(first.ratio, second.ratio, 0.3) + SLACK else None
 
 
-def union(
-    first: list[Cluster], second: list[Cluster], clouds: list[SweepCloud], votes: list[Votes]
-) -> list[Cluster]:
+def union(first: list[Cluster], second: list[Cluster], clouds: list[SweepCloud], votes: list[Votes]) -> list[Cluster]:
     """The clusters of both, those of one sweep as one."""
     rows: dict[int, ndarray] = {one.sweep: one.rows for one in first}
     for one in second:
@@ -143,10 +137,7 @@ def _offset(first: SolvedThing, second: SolvedThing) -> tuple[Float64[ndarray, "
     """Where the origin of the second is in the first's frame, and how it is turned there."""
     start = max(first.trajectory.start, second.trajectory.start)
     end = min(first.trajectory.end, second.trajectory.end)
-    if end > start:
-        times = np.linspace(start, end, 8)
-    else:
-        times = np.array([(start + end) / 2])
+    times = np.linspace(start, end, 8) if end > start else np.array([(start + end) / 2])
     own, others = first.trajectory.poses_at(times), second.trajectory.poses_at(times)
     turn = np.angle(np.exp(1j * (others[:, 2] - own[:, 2])).mean())
     shift = into_frame(own, others[:, :2]).mean(axis=0)

@@ -60,9 +60,7 @@ def observe(cloud: SweepCloud, rows: ndarray, sweep: int) -> list[Observation]:
     return found
 
 
-def surface_normals(
-    points: Float32[ndarray, "k 3"], around: Float32[ndarray, "n 3"]
-) -> Float32[ndarray, "k 3"]:
+def surface_normals(points: Float32[ndarray, "k 3"], around: Float32[ndarray, "n 3"]) -> Float32[ndarray, "k 3"]:
     """Direction across the surface at each point, from its neighbours; those on one scan line are taken to lie on an
     upright surface. 0 where it is unknown or level."""
     count = min(NEIGHBOURS, len(around))

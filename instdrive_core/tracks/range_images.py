@@ -201,5 +201,3 @@ def _voters(number: int, times: Float64[ndarray, " s"], images_each: int) -> lis
     far = [other for other in others if abs(times[other] - times[number]) > WINDOW]
     room = max(4, MAX_IMAGES // max(1, images_each) - len(near))
     return near + far[:: max(1, -(-len(far) // room))]
-
-

@@ -29,7 +29,7 @@ LARGEST = {"Pedestrian": (1.2, 1.1), "Bicycle": (2.3, 1.1), "Car": (5.6, 2.4)}
 LORRY = (18.0, 3.2)
 """The same for all others."""
 MAX_CHANGE = 0.5
-"""Metres (median) by which a thing's places may change when it is solved again; more, and it slid onto something else."""
+"""Metres (median) by which a thing's places may change when it is solved again; then it slid away."""
 REACHES = (0.4, 0.35, 0.3, 0.25, 0.25, 0.25)
 """Metres within which points of two observations are of one place, step by step; poses are nearly right."""
 

@@ -59,7 +59,9 @@ class SolvedThing:
         poses = self.trajectory.poses_at(np.array([one.time for one in self.observations]))
         offset = np.array([clouds[one.sweep].position[:2] for one in self.observations]) - poses[:, :2]
         cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        return np.column_stack([cosine * offset[:, 0] + sine * offset[:, 1], cosine * offset[:, 1] - sine * offset[:, 0]])
+        return np.column_stack(
+            [cosine * offset[:, 0] + sine * offset[:, 1], cosine * offset[:, 1] - sine * offset[:, 0]]
+        )
 
     def distance(self, clouds: list[SweepCloud]) -> float:
         """Metres from the sensor where it is nearest."""

@@ -141,9 +141,7 @@ def _cloud(
     )
 
 
-def _turn(
-    found: SweepPoints, times: Float64[ndarray, " n"], position: Float64[ndarray, "3"]
-) -> Float64[ndarray, " b"]:
+def _turn(found: SweepPoints, times: Float64[ndarray, " n"], position: Float64[ndarray, "3"]) -> Float64[ndarray, " b"]:
     """Median time of the first LiDAR's points in each direction, that of the nearest direction where it saw none."""
     first = found.sensor == found.sensor.min()
     bearing = bearing_of(found.points[first, :2] - position[:2])

@@ -69,7 +69,9 @@ def read_track_file(path: Path, clip: Clip) -> FoundTracks:
     entries = require_field(path, content, "tracks")
     if not isinstance(entries, list) or not isinstance(notes, list):
         raise DataError(path, "the fields 'tracks' and 'notes' are no lists", "Find the tracks again")
-    tracks = tuple(_track(path, entry, f"tracks[{number}].", origin - clip.origin) for number, entry in enumerate(entries))
+    tracks = tuple(
+        _track(path, entry, f"tracks[{number}].", origin - clip.origin) for number, entry in enumerate(entries)
+    )
     if len({track.id for track in tracks}) < len(tracks):
         raise DataError(path, "two tracks have the same id", "Find the tracks again")
     return FoundTracks(tracks, tuple(str(note) for note in notes))

@@ -7,9 +7,10 @@ from instdrive_core.datasets.twins import are_twins, merge_twins
 from instdrive_core.scene.track import Track
 
 CAR = (1.9, 4.6, 1.6)
+STEPS = np.arange(10) / 10
 
 
-def track(name, x, y=0.0, times=np.arange(10) / 10, size=CAR):
+def track(name, x, y=0.0, times=STEPS, size=CAR):
     poses = np.tile(np.eye(4), (len(times), 1, 1))
     poses[:, 0, 3], poses[:, 1, 3] = x, y
     return Track(name, "Car", np.array(size), np.asarray(times, float), poses, moving=True)

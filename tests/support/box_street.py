@@ -90,7 +90,11 @@ def _met(body, origins, directions, times):
 
     def into(vectors):
         return np.stack(
-            [cosine * vectors[:, 0] + sine * vectors[:, 1], cosine * vectors[:, 1] - sine * vectors[:, 0], vectors[:, 2]],
+            [
+                cosine * vectors[:, 0] + sine * vectors[:, 1],
+                cosine * vectors[:, 1] - sine * vectors[:, 0],
+                vectors[:, 2],
+            ],
             axis=1,
         )
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from box_street import Body, box_clip, standing, walls
+from box_street import Body, box_clip, walls
 
 from instdrive_core.tracks.finder import find_tracks
 

@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from instdrive_core.datasets.clip import Clip
 from instdrive_core.datasets.twins import merge_twins
-from instdrive_core.scene.track import Track, points_inside
+from instdrive_core.scene.track import Track, find_points_inside
 
 MIN_PATH = 1.0
 """Metres that a mover travels within the clip's sweeps."""
@@ -73,7 +73,7 @@ def annotated_movers(clip: Clip) -> list[Mover]:
             if np.linalg.norm(pose[:3, 3] - ego) > FARTHEST:
                 continue
             near = points[np.abs(points[:, :2] - pose[:2, 3]).max(axis=1) < track.dimensions.max() + 1]
-            count = int(points_inside(near, pose, track.dimensions, MARGIN, BOTTOM).sum())
+            count = int(find_points_inside(near, pose, track.dimensions, MARGIN, BOTTOM).sum())
             times, most = movers[track.id]
             movers[track.id] = ([*times, sweep.time] if count else times, max(most, count))
     found = []
@@ -108,9 +108,7 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
             if distance[row, column] < reach[row, 0]:
                 matches[here[row].track.id].append((there[column].id, float(distance[row, column])))
                 hits[there[column].id] += 1
-    is_found = {
-        mover.track.id: len(matches[mover.track.id]) >= FOUND_SHARE * len(mover.times) for mover in movers
-    }
+    is_found = {mover.track.id: len(matches[mover.track.id]) >= FOUND_SHARE * len(mover.times) for mover in movers}
     many = [mover for mover in movers if mover.points >= MANY]
     some = [mover for mover in movers if mover.points >= SOME]
     errors = [error for mover in many if is_found[mover.track.id] for _, error in matches[mover.track.id]]
@@ -150,5 +148,3 @@ def _on_any(track: Track, every: tuple[Track, ...]) -> bool:
 def _path(track: Track, times: Float64[ndarray, " t"]) -> float:
     places = np.array([track.pose_at(time)[:2, 3] for time in times])
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-
-
