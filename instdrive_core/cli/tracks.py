@@ -61,5 +61,5 @@ def _print_table(found: tuple[Track, ...]) -> None:
         width, length, height = track.dimensions
         print(
             f"{track.id:<10} {track.label:<19} {track.times[0]:>7.2f} {track.times[-1]:>7.2f} "
-            f"{track.path_length():>7.1f} {f'{width:.1f} × {length:.1f} × {height:.1f}':>20}"
+            f"{track.compute_path_length():>7.1f} {f'{width:.1f} × {length:.1f} × {height:.1f}':>20}"
         )

@@ -122,7 +122,7 @@ def _cloud(
         build_range_image(found.points[found.sensor == sensor], position) for sensor in np.unique(found.sensor)
     )
     rows = np.flatnonzero(np.linalg.norm(found.points - position.astype(np.float32), axis=1) < FARTHEST)
-    above = ground.above(found.points[rows])
+    above = ground.compute_heights_above(found.points[rows])
     distance = np.linalg.norm(found.points[rows] - position.astype(np.float32), axis=1)
     kept = (distance > NEAREST) & (above > FLOOR + FLOOR_PER_METRE * distance) & (above < CEILING)
     rows, above, distance = rows[kept], above[kept], distance[kept]

@@ -61,7 +61,7 @@ def load_tracks(
     twins = merge_twins(tracks, lambda track: track.id in second)
     note = twins.note()
     # A pair that stands still does not move for lying a hand's breadth apart.
-    whole = tuple(replace(track, moving=track.path_length() > MOVING_PATH_LENGTH) for track in twins.tracks)
+    whole = tuple(replace(track, moving=track.compute_path_length() > MOVING_PATH_LENGTH) for track in twins.tracks)
     return whole, () if note is None else (note,)
 
 

@@ -99,8 +99,8 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
         there = [track for track in found if track.covers(time, 0.051)]
         if not here or not there:
             continue
-        centers = np.array([mover.track.pose_at(time)[:2, 3] for mover in here])
-        others = np.array([track.pose_at(time)[:2, 3] for track in there])
+        centers = np.array([mover.track.interpolate_pose(time)[:2, 3] for mover in here])
+        others = np.array([track.interpolate_pose(time)[:2, 3] for track in there])
         distance = np.linalg.norm(centers[:, None] - others[None], axis=2)
         reach = np.array([max(MATCH, mover.track.dimensions[1] / 2) for mover in here])[:, None]
         cost = np.where(distance < reach, distance, 1e3)
@@ -134,17 +134,17 @@ def score_tracks(found: tuple[Track, ...], movers: list[Mover], every: tuple[Tra
 def _on_any(track: Track, every: tuple[Track, ...]) -> bool:
     """Whether a track lies, most of the time, on an annotated one that travels a little at least."""
     for other in every:
-        if other.path_length() < 0.5 * MIN_PATH:
+        if other.compute_path_length() < 0.5 * MIN_PATH:
             continue
         shared = [time for time in track.times if other.covers(float(time), 0.051)]
         if not shared:
             continue
-        off = [np.linalg.norm(track.pose_at(time)[:2, 3] - other.pose_at(time)[:2, 3]) for time in shared]
+        off = [np.linalg.norm(track.interpolate_pose(time)[:2, 3] - other.interpolate_pose(time)[:2, 3]) for time in shared]
         if np.mean(np.array(off) < max(MATCH, other.dimensions[1] / 2)) > 0.5:
             return True
     return False
 
 
 def _path(track: Track, times: Float64[ndarray, " t"]) -> float:
-    places = np.array([track.pose_at(time)[:2, 3] for time in times])
+    places = np.array([track.interpolate_pose(time)[:2, 3] for time in times])
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
