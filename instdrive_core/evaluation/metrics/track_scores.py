@@ -69,7 +69,7 @@ def annotated_movers(clip: Clip) -> list[Mover]:
         for track in tracks:
             if not track.covers(sweep.time, 1e-3):
                 continue
-            pose = track.pose_at(sweep.time)
+            pose = track.interpolate_pose(sweep.time)
             if np.linalg.norm(pose[:3, 3] - ego) > FARTHEST:
                 continue
             near = points[np.abs(points[:, :2] - pose[:2, 3]).max(axis=1) < track.dimensions.max() + 1]
