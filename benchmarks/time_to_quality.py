@@ -83,7 +83,7 @@ def quality(scene: Scene, clip: Clip, photos: int) -> Quality:
     )
 
 
-def scene_of(trainer: Trainer, clip: Clip) -> Scene:
+def build_scene(trainer: Trainer, clip: Clip) -> Scene:
     """What has been learned so far, without instances."""
     exposures = None
     if trainer.config.geometry.exposure_lr:
@@ -113,7 +113,7 @@ def main(options: Options) -> dict[str, object]:
             if trainer.iteration in due:
                 before = time.perf_counter()
                 photos = options.photos if trainer.iteration < total else 1_000_000
-                reached = quality(scene_of(trainer, clip), clip, photos)
+                reached = quality(build_scene(trainer, clip), clip, photos)
                 drawing += time.perf_counter() - before
                 seconds = time.perf_counter() - started - drawing
                 psnr_actors = reached.psnr_actors

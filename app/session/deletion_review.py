@@ -20,7 +20,7 @@ from instdrive_core.edits.kinds.absorb import AbsorbFloaters
 from instdrive_core.errors import EditError
 
 MOST_INSTANCES = 100
-"""Deletions of more instances are not reviewed: that would take minutes, and they are no object taken out of a scene."""
+"""Deletions of more instances are not reviewed: that would take minutes, and no single object was taken out."""
 
 
 @dataclass

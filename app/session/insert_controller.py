@@ -103,10 +103,8 @@ def find_spot(document: Document, source: Scene, viewpoint: Viewpoint, time: flo
     try:
         ground = find_ground_below(document, (), place)
     except EditError as error:
-        ground, note = (
-            float(viewpoint.position[2]) - EYE_HEIGHT,
-            f"; {error}, so it was put on the ground below the camera",
-        )
+        ground = float(viewpoint.position[2]) - EYE_HEIGHT
+        note = f"; {error}, so it stands {EYE_HEIGHT:g} m below the camera"
     x, y = (place - (low + high) / 2)[:2].tolist()
     return Spot((x, y, ground - bottom), aside + half_width, note)
 

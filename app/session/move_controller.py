@@ -46,14 +46,14 @@ class MoveOptions:
 
 @dataclass(frozen=True)
 class Placement:
-    """Position, heading and size of the selection, as numbers to type."""
+    """Position of the selection, heading and size of its first instance, as numbers to type."""
 
     position: Vector
     """Centre of the selection in the world, metres."""
     yaw: float
-    """Degrees about the vertical: an actor's in the world, else since training. The first one's where several are selected."""
+    """Degrees about the vertical: an actor's heading in the world, else the turn since training; the first one's."""
     scale: float
-    """Size relative to the trained one. The first one's where several are selected."""
+    """Size relative to the trained one; the first one's."""
 
 
 @dataclass
@@ -110,7 +110,7 @@ class MoveController:
         return self.find_box().center
 
     def find_lane(self) -> Float64[ndarray, "3"] | None:
-        """Find the unit direction of the lane at the selection, which must not be empty; None where no lane is known."""
+        """Find the unit direction of the lane at the selection (not empty); None where there is no lane."""
         if self._lane is not None and self.drag is not None:
             return self._lane[1]
         document, ids, time, place = self._document, self.ids, self._state.time, self.find_center()

@@ -10,7 +10,7 @@ from pathlib import Path
 from instdrive_core.errors import DataError
 from instdrive_core.files.atomic import write_bytes
 
-KEPT = 10
+MAX_RECENTS = 10
 _log = logging.getLogger(__name__)
 
 
@@ -28,7 +28,7 @@ class RecentFiles:
     def add(self, path: Path) -> None:
         """Put a path at the top of the list."""
         path = path.absolute()
-        listed = [path, *(other for other in self._read_list() if other != path)][:KEPT]
+        listed = [path, *(other for other in self._read_list() if other != path)][:MAX_RECENTS]
         try:
             write_bytes(self._file, json.dumps([str(entry) for entry in listed], indent=1).encode())
         except DataError:

@@ -20,7 +20,7 @@ from instdrive_core.masks.label_map_folder import SIDECAR, FrameMasks, open_mask
 from instdrive_core.scene.camera import CameraView
 
 _log = logging.getLogger(__name__)
-KEPT = 16
+MAX_PICTURES = 16
 """Pictures kept in memory, so that going a few steps back and forth reads nothing again."""
 MAX_WIDTH = 1920
 """Pixels; wider photos are scaled down."""
@@ -96,7 +96,7 @@ class ReferencePictures:
         future = self._pool.submit(load_reference_picture, view, kind)
         future.add_done_callback(lambda _: self._wake())
         self._pictures[key] = future
-        while len(self._pictures) > KEPT:
+        while len(self._pictures) > MAX_PICTURES:
             self._pictures.popitem(last=False)
 
 

@@ -63,7 +63,7 @@ class TurnController:
         )
 
     def find_view_up(self) -> tuple[Float64[ndarray, "3"], float]:
-        """Find what is up in the view (unit vector), snapped to a near axis, and by how many degrees it was off."""
+        """Find the unit vector that is up in the view, snapped to a near axis, and how many degrees it was off."""
         up = -self._state.viewpoint.world_from_camera[:3, 1]
         axis, angle = find_nearest_axis(up)
         return (compute_axis_direction(axis), angle) if angle <= VIEW_SNAP else (up, 0.0)

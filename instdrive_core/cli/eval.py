@@ -28,7 +28,7 @@ def evaluate(
     """
     from rich.console import Console
 
-    from instdrive_core.cli.eval_progress import eval_progress
+    from instdrive_core.cli.eval_progress import show_eval_progress
     from instdrive_core.evaluation.page.report import write_report
     from instdrive_core.evaluation.protocol import evaluate_run
     from instdrive_core.evaluation.tables import (
@@ -41,7 +41,7 @@ def evaluate(
     )
 
     console = Console()
-    with eval_progress(console) as show:
+    with show_eval_progress(console) as show:
         evaluation = evaluate_run(run, show)
     if evaluation.has_truth:
         console.print(build_map_table(evaluation))

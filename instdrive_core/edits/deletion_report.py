@@ -39,7 +39,7 @@ class DeletedPart:
 
 @dataclass(frozen=True)
 class DeletionReport:
-    """What is left of a deletion, and what it uncovers."""
+    """The residue of a deletion, and the hole that it uncovers."""
 
     parts: tuple[DeletedPart, ...]
     residue: Int64[ndarray, " r"]
@@ -88,7 +88,7 @@ class DeletionReport:
 
 
 def report_deletion(document: Document, ids: Iterable[int], time: float) -> DeletionReport:
-    """What deleting instances left, or would leave; `time` (seconds) says where moving ones are.
+    """Report what deleting instances left, or would leave; `time` (seconds) says where moving ones are.
 
     Raises EditError for an unknown ID.
     """
@@ -100,7 +100,7 @@ def report_deletion(document: Document, ids: Iterable[int], time: float) -> Dele
 
 
 def report_row_deletion(document: Document, rows: Int64[ndarray, " m"], time: float) -> DeletionReport:
-    """What the deletion of some rows of any instances, such as a selection, left or would leave.
+    """Report what deleting some rows of any instances, such as a selection, left or would leave.
 
     `time` (seconds) says where moving instances are.
     """

@@ -121,7 +121,7 @@ def evaluate_scene(
     learned, objects = build_empty_scores(), ()
     if scene.instance_ids.any() and has_truth:
         learned = _measure_ids(measure, scene.instance_ids, get_codes(scene), "deletions", progress)
-        objects = measure.objects(scene.instance_ids, get_codes(scene))
+        objects = measure.list_objects(scene.instance_ids, get_codes(scene))
     reference = build_empty_scores()
     if with_reference and ground_truth.source == "exact":
         true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
@@ -140,7 +140,7 @@ def evaluate_scene(
     controls = _build_controls(scene, clip, ground_truth) if has_truth else {}
     return Evaluation(
         figures=figures,
-        controls={name: measure.scores(ids) for name, ids in controls.items()},
+        controls={name: measure.compute_scores(ids) for name, ids in controls.items()},
         held_out_steps=tuple(sorted({view.frame.view.index for view in views})),
         privileged=facts["masks"] == ground_truth.source == "annotations",
         scene=scene,
@@ -160,7 +160,7 @@ def _measure_ids(
 ) -> dict[str, Any]:
     """`per_view`, `scene`, `lidar` and `click`."""
     clicked = measure.score_clicks(ids, lambda done, total: progress(stage, done, total))
-    return measure.scores(ids, codes) | {"click": clicked}
+    return measure.compute_scores(ids, codes) | {"click": clicked}
 
 
 def _measure_held_out_views(

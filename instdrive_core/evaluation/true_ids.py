@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Float32, Int, UInt32
+from jaxtyping import Float32, Integer, UInt32
 from numpy import ndarray
 from scipy.sparse import csr_array, find
 from scipy.spatial import KDTree
@@ -56,7 +56,7 @@ def find_true_ids(
 
 def _collect_votes(
     world: WorldGaussians, frame: Frame, labels: UInt32[ndarray, " p"], count: int, rng: np.random.Generator
-) -> tuple[Int[ndarray, " m"], UInt32[ndarray, " m"], Float32[ndarray, " m"]]:
+) -> tuple[Integer[ndarray, " m"], UInt32[ndarray, " m"], Float32[ndarray, " m"]]:
     """Collect Gaussians, IDs and blending weights of `count` random labelled pixels."""
     labelled = np.flatnonzero(labels)
     pixels = np.sort(rng.choice(labelled, min(count, len(labelled)), replace=False))

@@ -23,7 +23,7 @@ _MAX_RATIO = 200
 
 
 class Archive:
-    """Members by name. Every method raises DataError where the file is damaged."""
+    """An open archive, read by the names of its members. Every method raises DataError where the file is damaged."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self.path, self._archive = path, archive
@@ -31,11 +31,11 @@ class Archive:
 
     @property
     def names(self) -> frozenset[str]:
-        """Of all members."""
+        """Names of all members."""
         return frozenset(self._members)
 
     def read(self, name: str, limit: int) -> bytes:
-        """A whole member of at most `limit` bytes; its checksum is compared."""
+        """Read a whole member of at most `limit` bytes and compare its checksum."""
         info = self._find_member(name)
         if info.file_size > limit:
             raise DataError(
@@ -49,7 +49,7 @@ class Archive:
 
     @contextmanager
     def open_member(self, name: str) -> Iterator[IO[bytes]]:
-        """A member to be read to its end, which compares its checksum; one that unfolds absurdly far is refused."""
+        """Open a member, to be read to its end, where its checksum is compared. Refuses one that unfolds too far."""
         info = self._find_member(name)
         if info.file_size > _SMALL + _MAX_RATIO * info.compress_size:
             problem = f"{name!r} would unfold from {info.compress_size} to {info.file_size} bytes"
@@ -86,7 +86,7 @@ class Archive:
 
 @contextmanager
 def open_project_archive(path: Path) -> Iterator[Archive]:
-    """The members of a project file. Raises DataError where it is no whole zip archive."""
+    """Open a project file. Raises DataError where it is no whole zip archive."""
     try:
         archive = zipfile.ZipFile(require_plain_file(path))
     except OSError as error:

@@ -12,7 +12,7 @@ MAX_DEPTH = 32
 
 
 def parse_bounded_json(text: bytes) -> Any:
-    """The value, of which every number is finite. Raises ValueError where it is none, or nested too deep."""
+    """Parse JSON of finite numbers. Raises ValueError for anything else, and for values nested too deep."""
     try:
         value = parse_json(text, parse_constant=_refuse, parse_float=_parse_finite)
     except RecursionError as error:
@@ -26,13 +26,13 @@ def parse_bounded_json(text: bytes) -> Any:
 
 
 def _list_parts(value: Any) -> list[Any]:
-    """What is inside of an object or list and has an inside, too."""
+    """List the objects and lists directly inside an object or list."""
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return [part for part in parts if isinstance(part, dict | list)]
 
 
 def _parse_finite(number: str) -> float:
-    """Digits that are too many make an infinity, too."""
+    """Refuse numbers of so many digits that they become infinite."""
     value = float(number)
     return value if math.isfinite(value) else _refuse(number)
 

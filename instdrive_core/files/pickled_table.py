@@ -1,4 +1,4 @@
-"""What a pickled DataFrame asks for, as inert records, and the columns that the records amount to.
+"""Inert records of what a pickled DataFrame asks for, and the columns that they amount to.
 
 The layouts are those of pandas' ``DataFrame.__setstate__``, ``BlockManager.__reduce__`` (1.3 and later) and
 ``BlockManager.__setstate__`` (before), and numpy's ``ndarray.__setstate__`` and ``dtype.__setstate__``.
@@ -85,7 +85,7 @@ class DataFrame(Recorded):
 
 
 def extract_columns(frame: Any) -> dict[str, ndarray]:
-    """Columns (n,) by name of a recorded DataFrame. Raises ValueError and its like where the record is malformed."""
+    """Extract the columns (n,) of a recorded DataFrame by name. Raises ValueError and its like for a bad record."""
     if not isinstance(frame, DataFrame):
         raise ValueError(f"expected a DataFrame, found {type(frame).__name__}")
     state = _expect(frame.state, dict)

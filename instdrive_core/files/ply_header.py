@@ -35,11 +35,11 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What a reader needs to know before it touches the body."""
+    """The vertices that a file promises, and where they begin."""
 
     is_ascii: bool
     noun: str
-    """What the vertices are, for messages: ``splats`` or ``points``."""
+    """Name of the vertices in messages: ``splats`` or ``points``."""
     count: int
     """Rows of the vertex element."""
     dtype: np.dtype

@@ -30,7 +30,7 @@ class NeighborForest:
 
     points: Float64[ndarray, "m 3"]
     rows: Int64[ndarray, " m"]
-    """What number each point had where it came from."""
+    """Number of each point where it came from."""
     starts: Int64[ndarray, " l1"]
     """The points of label l are `starts[l]:starts[l + 1]`."""
     boxes: Float64[ndarray, "m 6"]
@@ -45,7 +45,7 @@ class NeighborForest:
         ranks: Int64[ndarray, " m"] | None = None,
         below: Int64[ndarray, " q"] | None = None,
     ) -> tuple[Float64[ndarray, "q k"], Int32[ndarray, "q k"]]:
-        """Distances to the `count` nearest points of each query's own label, rising, and those points' numbers.
+        """Find the `count` nearest points of each query's own label: their distances, rising, and their numbers.
 
         Args:
             queries: any places.
@@ -68,7 +68,7 @@ class NeighborForest:
     def find_nearest_to_each(
         self, count: int, reach: Float[ndarray, " m"]
     ) -> tuple[Float64[ndarray, "m k"], Int32[ndarray, "m k"]]:
-        """As `nearest` with the forest's own points as queries, by their numbers; each is its own first neighbour."""
+        """Find the nearest points to each of the forest's own, by number; each is its own first neighbour."""
         distances, found = np.empty((len(self.rows), count)), np.empty((len(self.rows), count), np.int32)
         labels = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
         # In the order of the trees one query looks at the points that the last one has just read.
@@ -80,7 +80,7 @@ class NeighborForest:
 
 
 def build_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) -> NeighborForest:
-    """Trees for finite points with labels from 0 on."""
+    """Build the trees of finite points with labels from 0 on."""
     count = len(points)
     sizes = np.bincount(labels)
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
@@ -101,7 +101,7 @@ def build_forest(points: Float[ndarray, "m 3"], labels: Int64[ndarray, " m"]) ->
 @numba.njit(cache=True)
 @no_type_check
 def _sort_by_label(labels, starts):
-    """Numbers of the points, label by label, rising."""
+    """Sort the numbers of the points label by label, rising."""
     places, rows = starts.copy(), np.empty(len(labels), np.int64)
     for row in range(len(labels)):
         rows[places[labels[row]]] = row
@@ -186,7 +186,7 @@ def _select(points, rows, axis, first, last, middle):
 @numba.njit(cache=True)
 @no_type_check
 def _find_lowest_ranks(rows, starts, ranks):
-    """The lowest rank among the points of each node: where none is below a query's, there is nothing to look for."""
+    """Find the lowest rank among the points of each node: where none is below a query's, the search passes it over."""
     lowest = np.empty(len(rows), np.int64)
     nodes = np.empty((_DEPTH, 2), np.int64)
     for label in range(len(starts) - 1):
@@ -217,7 +217,7 @@ def _find_lowest_ranks(rows, starts, ranks):
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 @no_type_check
 def _answer(points, rows, starts, boxes, ranks, lowest, queries, labels, below, places, reach, distances, found):
-    """Query q's neighbours go to row `places[q]` of the results."""
+    """Answer all queries; query q's neighbours go to row `places[q]` of the results."""
     for chunk in numba.prange((len(queries) + _CHUNK - 1) // _CHUNK):
         left, away = np.empty((_DEPTH, 2), np.int64), np.empty(_DEPTH)
         for q in range(chunk * _CHUNK, min(len(queries), (chunk + 1) * _CHUNK)):
@@ -235,7 +235,7 @@ def _answer(points, rows, starts, boxes, ranks, lowest, queries, labels, below, 
 @numba.njit(cache=True, error_model="numpy")
 @no_type_check
 def _search(points, rows, boxes, ranks, lowest, start, stop, query, below, reach, left, away, squares, numbers):
-    """Nearer child first; what cannot hold a point nearer than the worst kept one is passed over."""
+    """Search a tree, nearer child first; a node that cannot hold a point nearer than the worst kept one is skipped."""
     x, y, z = query[0], query[1], query[2]
     last, limit = len(squares) - 1, reach * reach
     left[0, 0], left[0, 1], away[0] = start, stop, _compute_square_to_box(boxes, (start + stop) // 2, x, y, z)

@@ -86,7 +86,7 @@ def _sort(depths, near):
 @numba.njit(cache=True, nogil=True)
 @no_type_check
 def _choose_digits(low, high):
-    """Half the number of bits, rounded up, that keys from 0 to `high` - `low` have; at least 1."""
+    """Choose a digit's bits: half of those that keys from 0 to `high` - `low` have, rounded up; at least 1."""
     bits, rest = 0, high - low
     while rest > 0:
         bits, rest = bits + 1, rest >> 1
@@ -108,7 +108,7 @@ def _turn_into_cursors(counters):
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def _survey_chunk(depths, near, start, stop):
-    """Number of depths that count, and the least and the greatest of their bits."""
+    """Count the depths that matter; returns their number, and the least and the greatest of their bits."""
     bits = depths.view(np.uint32)
     number, low, high = np.int64(0), np.int64(0xFFFFFFFF), np.int64(0)
     for row in range(start, stop):

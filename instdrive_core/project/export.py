@@ -31,7 +31,7 @@ _NAME_LENGTH = 40
 
 @dataclass(frozen=True)
 class ExportedParts:
-    """What was written into a folder."""
+    """Files that were written into a folder."""
 
     files: tuple[Path, ...]
     """Files of splats."""

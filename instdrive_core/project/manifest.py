@@ -25,7 +25,7 @@ class OtherVersionError(ValueError):
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a project says of itself."""
+    """The manifest of a project."""
 
     program: str
     """Version of the program that saved it."""

@@ -49,7 +49,7 @@ class Recovery:
         self._replaced, self._is_announced = restored, False
         self._changed = threading.Condition()
         """Guards all below."""
-        self._wanted = self._now()
+        self._wanted = self._capture_history()
         self._marks: list[dict[str, Any]] = [{"saved": None if restored else self._wanted.cursor}]
         """Lines to be written after the history."""
         self._behind, self._ending = True, False
@@ -89,7 +89,7 @@ class Recovery:
         Takes microseconds; the thread finds out what is new. `take_problem` returns what the disk refused.
         """
         with self._changed:
-            now = self._now()
+            now = self._capture_history()
             if now != self._wanted:
                 self._wanted = now
                 self._wake()
@@ -97,7 +97,7 @@ class Recovery:
     def mark_saved(self, path: str | Path, state: ProjectState) -> None:
         """Note that `state` of the document was written to `path`, which names the session from now on."""
         with self._changed:
-            self._wanted = self._now()
+            self._wanted = self._capture_history()
             done = state.edits[: state.cursor]
             # Undone and edited on meanwhile, the saved state may be none that the journal knows: nothing is saved then.
             is_known = count_shared_edits(done, self._wanted.edits) == len(done)
@@ -135,7 +135,7 @@ class Recovery:
             self._thread.join()
         self._journal.close()
 
-    def _now(self) -> LoggedHistory:
+    def _capture_history(self) -> LoggedHistory:
         return LoggedHistory(self._document.history.edits, self._document.history.cursor)
 
     def _wake(self) -> None:

@@ -34,7 +34,7 @@ class RecordedSource:
     """A scene as a project names it."""
 
     relative: str
-    """From the project's folder, with ``/``; empty where there is no such path."""
+    """Path from the project's folder, with ``/``; empty where there is none."""
     absolute: str
     identity: FileIdentity
     keep_every: int = 1

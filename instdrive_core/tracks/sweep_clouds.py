@@ -59,7 +59,7 @@ class SweepCloud:
 def bearing_of(offset: Float64[ndarray, "... 2"]) -> ndarray:
     """Number of the direction of offsets along the ground, 0 to `BEARINGS` - 1."""
     angle = np.arctan2(offset[..., 1], offset[..., 0]) + np.pi
-    return (angle / (2 * np.pi) * BEARINGS).astype(np.int64) % BEARINGS
+    return np.asarray((angle / (2 * np.pi) * BEARINGS).astype(np.int64) % BEARINGS)
 
 
 def gather_clouds(clip: Clip, sweeps: tuple[Sweep, ...]) -> tuple[list[SweepCloud], list[str]]:

@@ -8,7 +8,7 @@ from PIL import Image
 from random_scene import random_scene
 
 from instdrive_app.main import main
-from instdrive_core.cli.render import orbit_camera
+from instdrive_core.cli.render import place_orbit_camera
 from instdrive_core.edits.document.document import Document
 from instdrive_core.edits.kinds.color import RecolorInstances
 from instdrive_core.edits.queries.bake import bake_document, freeze_at_time
@@ -119,11 +119,11 @@ def test_a_wider_picture_keeps_the_middle(run, tmp_path):
 
 def test_orbit_sees_most_of_a_scene_without_views(scene):
     bare = dataclasses.replace(scene, views=())
-    camera = orbit_camera(bare, 0.0)
+    camera = place_orbit_camera(bare, 0.0)
     inside, depth = camera.project(bare.gaussians.means[bare.nodes == 0])
     seen = (depth > 0) & (inside >= 0).all(axis=1) & (inside < [camera.width, camera.height]).all(axis=1)
     assert seen.mean() > 0.8
-    assert orbit_camera(random_scene(count=0, actors=0), 0.0).position.shape == (3,)
+    assert place_orbit_camera(random_scene(count=0, actors=0), 0.0).position.shape == (3,)
 
 
 @pytest.mark.parametrize(

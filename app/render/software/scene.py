@@ -33,7 +33,7 @@ class SceneState:
     instance_ids: UInt32[ndarray, " n"]
     flags: UInt8[ndarray, " n"]
     color_entries: UInt16[ndarray, " n"]
-    color_values: Float32[ndarray, "p 13"]
+    color_values: Float32[ndarray, "p 30"]
     move_entries: UInt16[ndarray, " n"]
     move_matrices: Float64[ndarray, "q 3 4"]
     actors: tuple[Track, ...]

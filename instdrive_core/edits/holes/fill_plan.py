@@ -133,7 +133,7 @@ def _find_nearest_rows(
 
 
 def _find_replaced(grid: GroundGrid, near: Neighborhood, hole: Bool[ndarray, "a b"]) -> Int64[ndarray, " r"]:
-    """What lies in the hole at ground level, and under it and right beside it below."""
+    """Rows that lie in the hole at ground level, or below ground under it and right beside it."""
     cells = grid.find_cells(near.means)
     inside = grid.contains(cells)
     cells = np.where(inside[:, None], cells, 0)

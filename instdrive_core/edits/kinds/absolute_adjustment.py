@@ -55,9 +55,9 @@ class SetAdjustment(ColorEdit):
     def do(self, document: Document) -> bool:
         """Add the changed entries and point the instances' rows at them."""
         parts = find_editable_parts(document, self.ids)
-        return self.assign(document, parts, self._change(document, parts))
+        return self.assign(document, parts, self._make_change(document, parts))
 
-    def _change(self, document: Document, parts: RowParts) -> PartsChange:
+    def _make_change(self, document: Document, parts: RowParts) -> PartsChange:
         palette = document.colors
 
         @cache

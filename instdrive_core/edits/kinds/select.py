@@ -161,7 +161,7 @@ class SelectNone(FlagEdit):
 
 
 def plan_selection_changes(state: SplatState, rows: ndarray, mode: SelectMode) -> Iterator[FlagChange]:
-    """What a select edit that found `rows` (m,) changes, by its mode."""
+    """The flag changes of a select edit that found `rows` (m,), by its mode."""
     if mode == "remove":
         yield FlagChange(rows, Flag.SELECTED, False)
         return

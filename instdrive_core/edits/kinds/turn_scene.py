@@ -42,7 +42,7 @@ _SAME = 0.5
 
 @dataclass(frozen=True)
 class _Before:
-    """What a turn replaced."""
+    """The parts of a document that a turn replaced."""
 
     entries: UInt16[ndarray, " n"]
     palette_size: int
@@ -146,7 +146,7 @@ class TurnScene(Edit):
         return True
 
     @property
-    def _growth(self) -> Similarity:
+    def _scaling(self) -> Similarity:
         """The scaling in the frames of boxes."""
         return np.c_[self.scale * np.eye(3), np.zeros(3)]
 
@@ -166,7 +166,10 @@ class TurnScene(Edit):
         """Add the turned entries of all rows. Tracks turn the actors: in a box's frame splats only grow."""
         nodes = document.scene.nodes
         still, driving = np.flatnonzero(nodes == 0), np.flatnonzero(nodes)
-        changes = [(RowParts.whole(still), rebase_entry(matrix)), (RowParts.whole(driving), rebase_entry(self._growth))]
+        changes = [
+            (RowParts.whole(still), rebase_entry(matrix)),
+            (RowParts.whole(driving), rebase_entry(self._scaling)),
+        ]
         entries = np.empty(len(nodes), np.uint16)
         entries[np.concatenate([still, driving])] = add_changed_entries(document.transforms, changes)
         return entries
@@ -183,7 +186,7 @@ class TurnScene(Edit):
     def _turn_table(self, document: Document, matrix: Similarity) -> None:
         """Turn the bounds by quarter turns; those of actors lie in the boxes' frames."""
         for entry in tuple(document.scene.table):
-            bounds = transform_bounds(entry.bounds, self._growth if entry.node else matrix)
+            bounds = transform_bounds(entry.bounds, self._scaling if entry.node else matrix)
             document.scene.table.set(replace(entry, bounds=bounds))
 
     def _recount_bounds(self, document: Document, key: bytes) -> None:

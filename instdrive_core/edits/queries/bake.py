@@ -26,7 +26,7 @@ def bake_document(
 
     With a `time` (seconds) the actors are placed where they are then, or left out where they are not yet or no longer,
     and become part of the background; without one they keep their frames and tracks.
-    With `rows`, rising, only those of them that are left; tracks, sky and cameras stay (`edits.parts` takes them away).
+    With `rows`, rising, only those of them that are left; tracks, sky and cameras stay (`bake_part` takes them away).
     Arrays are copies; rows that no edit touched and no track moves keep their bits. `to_read` promises that nothing is
     written to them: where every row is left, arrays that no edit has changed are then the document's own.
     """

@@ -1,4 +1,4 @@
-"""Which instances are compact objects, and what space they fill."""
+"""Compact objects among the instances, and the space they fill."""
 
 from __future__ import annotations
 

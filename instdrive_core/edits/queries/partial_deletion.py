@@ -59,7 +59,7 @@ def is_near_deleted(document: Document, rows: Int64[ndarray, " n"], remainder: R
 
 
 def _find_missed(means: Float64[ndarray, "n 3"], left: Bool[ndarray, " n"]) -> Bool[ndarray, " k"]:
-    """Which of the splats that are left belong to scraps that were missed."""
+    """Mask of the splats left over that belong to missed scraps."""
     rows = np.flatnonzero(left)
     found = _find_nearest(means, means[rows], _WITNESSES + 1)[:, 1:]
     place = np.full(len(left), -1)

@@ -38,7 +38,7 @@ def bake_part(document: Document, rows: Int[ndarray, " k"], time: float | None =
 
 
 def bake_actor(document: Document, node: int) -> Scene:
-    """What is left of one actor, in its box's frame (x right, y forward, z up, metres, origin in the box's centre).
+    """Bake what is left of an actor in its box's frame (x right, y forward, z up, metres, origin in the box's centre).
 
     A static scene of background splats: with the track's pose of a time, it stands where the actor stands then.
     Raises EditError where the scene has no such actor, or all of it is deleted.

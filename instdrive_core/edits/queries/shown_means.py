@@ -1,4 +1,4 @@
-"""Where the splats are at one moment, as the user sees them."""
+"""World positions of the splats at one moment, as the user sees them."""
 
 from __future__ import annotations
 

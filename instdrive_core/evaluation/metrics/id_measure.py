@@ -56,7 +56,7 @@ class IdMeasure:
         """Select IDs of the ground truth that are ``thing`` or ``stuff``."""
         return {instance.id for instance in self.instances.values() if instance.kind == kind}
 
-    def scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
+    def compute_scores(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> dict[str, Any]:
         """`per_view`, `scene` and `lidar`; `codes` as in `score_points`."""
         shown = self.draw_maps(ids)
         return {
@@ -74,9 +74,13 @@ class IdMeasure:
         )
         return score_selections(clicks) | deleted
 
-    def objects(self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None) -> tuple[ObjectRow, ...]:
-        """A row per object. Codes are those of the Gaussians that pixels stand for: blended features invent codes along
-        borders."""
+    def list_objects(
+        self, ids: UInt32[ndarray, " n"], codes: UInt64[ndarray, " n"] | None = None
+    ) -> tuple[ObjectRow, ...]:
+        """List a row per object.
+
+        Codes are those of the Gaussians that pixels stand for: blended features invent codes along borders.
+        """
         return list_object_rows(self.draw_maps(ids), None if codes is None else self.draw_maps(codes), self.instances)
 
 

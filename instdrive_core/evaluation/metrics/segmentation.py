@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int64, UInt32
+from jaxtyping import Bool, Float64, Int64, Integer, UInt32
 from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
@@ -22,8 +22,8 @@ MIN_VISIBLE_PIXELS = 100
 class Confusion:
     """Pixel counts between t ground-truth instances and p predicted instances, both without ID 0."""
 
-    truth_ids: Int[ndarray, " t"]
-    predicted_ids: Int[ndarray, " p"]
+    truth_ids: Integer[ndarray, " t"]
+    predicted_ids: Integer[ndarray, " p"]
     shared: Int64[ndarray, "t p"]
     """Pixels that carry both IDs."""
     truth_areas: Int64[ndarray, " t"]
@@ -44,7 +44,7 @@ class Confusion:
 class Matching:
     """IoU and recall that a matching gives each ground-truth instance; an unmatched one has 0 and 0."""
 
-    truth_ids: Int[ndarray, " t"]
+    truth_ids: Integer[ndarray, " t"]
     iou: Float64[ndarray, " t"]
     recall: Float64[ndarray, " t"]
 
@@ -76,7 +76,7 @@ def prepare_truth(
     return ids[inverse].reshape(labels.shape)
 
 
-def count_confusion(truth: Int[ndarray, "*n"], predicted: Int[ndarray, "*n"]) -> Confusion:
+def count_confusion(truth: Integer[ndarray, "*n"], predicted: Integer[ndarray, "*n"]) -> Confusion:
     """Count shared pixels of two label arrays of one shape; several views are compared by concatenating them."""
     truth_ids, truth_index = np.unique(truth, return_inverse=True)
     predicted_ids, predicted_index = np.unique(predicted, return_inverse=True)
@@ -145,8 +145,8 @@ class LabelledView:
 
     camera: str
     time: float
-    truth: Int[ndarray, "h w"]
-    predicted: Int[ndarray, "h w"]
+    truth: Integer[ndarray, "h w"]
+    predicted: Integer[ndarray, "h w"]
 
 
 def count_id_switches(views: Sequence[LabelledView]) -> int:

@@ -87,7 +87,7 @@ def _find_box(mask: Bool[ndarray, "h w"]) -> tuple[slice, slice]:
     return slices[0], slices[1]
 
 
-def _fit_to_row(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h w 3"]:
+def _fit_to_row(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "fitted_h fitted_w 3"]:
     """Resize a picture to the height of a table's row."""
     height, width = image.shape[:2]
     factor = min(_MAX_ENLARGED, _HEIGHT / height, _MAX_WIDTH / width)

@@ -55,7 +55,7 @@ def write_objects_glb(path: Path, scene: Scene, objects: Sequence[SceneObject], 
 
 
 def _build_mesh(entry: SceneObject, pose: Float64[ndarray, "4 4"]) -> trimesh.Trimesh:
-    """The shape in the box's frame, so that the node's place is the object's middle."""
+    """Build the shape in the box's frame, so that the node's place is the object's middle."""
     if entry.hull is None:
         mesh = trimesh.creation.box(extents=entry.box.size)
     else:
@@ -82,7 +82,7 @@ def _describe_object(entry: SceneObject) -> dict[str, Any]:
 
 
 def _choose_unique_names(objects: Sequence[SceneObject]) -> list[str]:
-    """The instances' names; one that is empty, taken or reserved gets its ID."""
+    """Choose the instances' names; one that is empty, taken or reserved gets its ID."""
     taken, names = {"world", ROOT}, []
     for entry in objects:
         instance = entry.instance
@@ -105,6 +105,6 @@ def _name_material(entry: SceneObject) -> str:
 
 
 def _linearize(color: tuple[int, int, int]) -> list[float]:
-    """An sRGB colour as glTF's factors are meant: linear. Exact enough that rounding gives the 8 bits back."""
+    """Turn an sRGB colour into the linear one of glTF's factors, exact enough that rounding gives the 8 bits back."""
     values = np.array(color) / 255
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4).tolist()

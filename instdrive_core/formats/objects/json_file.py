@@ -26,7 +26,7 @@ CONVENTIONS = {
     "track": "x right, y forward, z up in the box's centre; rotations are quaternions w, x, y, z",
     "time": "seconds since the clip's first time step",
 }
-"""Said in every file."""
+"""Conventions that every file states."""
 
 
 def write_objects_json(path: Path, scene: Scene, objects: Sequence[SceneObject], time: float) -> None:
@@ -73,7 +73,7 @@ def _describe_box(box: OrientedBox) -> dict[str, Any]:
 
 
 def describe_track(track: Track) -> dict[str, Any]:
-    """A track as JSON values."""
+    """Describe a track as JSON values."""
     width, length, height = track.dimensions.tolist()
     return {
         "id": track.id,
@@ -87,5 +87,5 @@ def describe_track(track: Track) -> dict[str, Any]:
 
 
 def _round_numbers(values: ndarray) -> list[float]:
-    """To a ten thousandth of a millimetre: more digits say nothing, and make the file twice as long."""
+    """Round to a ten-thousandth of a millimetre: more digits say nothing and double the file."""
     return np.round(values, 7).tolist()

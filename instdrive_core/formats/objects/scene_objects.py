@@ -1,4 +1,4 @@
-"""What a scene's instances are as objects: where they stand, how large they are, how they move."""
+"""A scene's instances as objects: where they stand, how large they are, how they move."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SOLID = 0.1
 FORWARD = math.pi / 2
 """Yaw, in a track's frame, of where the object heads."""
 HULL_SLACK = 1e-3
-"""Of the box's longest side: corners of the hull lie in the box, but for this."""
+"""Share of the box's longest side by which corners of the hull may leave the box."""
 
 Hull = tuple[Float64[ndarray, "v 3"], Int64[ndarray, "f 3"]]
 """Corners and triangles, counter-clockwise from outside."""
@@ -36,21 +36,21 @@ class SceneObject:
     count: int
     """Splats."""
     track: Track | None
-    """What it moves with; None where it stands still."""
+    """The track that it moves with; None where it stands still."""
     present: bool
     """Whether its track covers the moment; where not, it stands where the track begins or ends."""
     box: OrientedBox
     """With a track, x points forward; else along the longer side, one way or the other."""
     bounds: OrientedBox
-    """The same with yaw 0: the axis-aligned box."""
+    """The axis-aligned box (yaw 0)."""
     box_in_track: OrientedBox | None
-    """In the track's frame (x right, y forward, z up), x of the box forward: the same at any moment."""
+    """The box in the track's frame (x right, y forward, z up), its x forward: the same at any moment."""
     hull: Hull | None
     """None where none was asked for, or the splats span no volume."""
 
 
 def find_scene_objects(scene: Scene, time: float, hulls: bool = False) -> tuple[SceneObject, ...]:
-    """The objects of all instances that have a splat with finite values, in the order of their IDs.
+    """Find the objects of all instances that have a splat with finite values, in the order of their IDs.
 
     Floaters, faint splats and the farthest 2 % at each face do not count (`instances.oriented_box`).
     """
@@ -93,7 +93,7 @@ def _group_rows(scene: Scene) -> Iterator[tuple[Instance, Int64[ndarray, " k"]]]
 
 
 def _select_shaping(scene: Scene, rows: Int64[ndarray, " k"]) -> Int64[ndarray, " m"]:
-    """Rows that say where the object is."""
+    """Select the rows that say where an object is."""
     gaussians = scene.gaussians
     numbers = (gaussians.means[rows], gaussians.quats[rows], gaussians.log_scales[rows])
     # Above 80 the scale is no float32 any more; a quaternion of 0 has no direction.

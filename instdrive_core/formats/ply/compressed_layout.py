@@ -1,4 +1,4 @@
-"""The header of a .compressed.ply: where chunks, packed vertices and SH bytes stand, checked against the file."""
+"""The header of a .compressed.ply: places of chunks, packed vertices and SH bytes, checked against the file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CHUNK = 256
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _AXES, _SCALES, _CHANNELS = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
 BOUNDS = tuple(f"{end}_{name}" for names in (_AXES, _SCALES, _CHANNELS) for end in ("min", "max") for name in names)
-"""In the order of the file: the least and the most of position, log scale and colour."""
+"""Columns of a chunk in the file's order: the least and the most of position, log scale and colour."""
 COLOR_BOUNDS = BOUNDS[12:]
 """Absent in files of the first versions, where colours are from 0 to 1."""
 
@@ -34,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True)
 class CompressedLayout:
-    """What the reader needs to know before it touches the body."""
+    """Where the tables of a .compressed.ply lie."""
 
     chunks: Table
     vertices: Table
@@ -69,7 +69,7 @@ def read_compressed_layout(file: BinaryIO, path: Path, file_size: int) -> Compre
 
 
 def _locate_tables(layout: PlyLayout, path: Path, file_size: int) -> dict[str, Table]:
-    """Every element before the first with lists, whose rows cannot be counted in bytes."""
+    """Locate every element before the first one with lists, whose rows cannot be counted in bytes."""
     tables: dict[str, Table] = {}
     offset = layout.body_offset
     fixed = True
@@ -90,7 +90,7 @@ def _build_table(element: PlyElement, order: str, offset: int) -> Table:
 
 
 def _check_length(end: int, is_all: bool, path: Path, file_size: int) -> None:
-    """A lying count must fail here, before anything is allocated by it."""
+    """Refuse a lying count before anything is allocated by it."""
     if file_size < end:
         problem = f"the header promises {end} bytes, {file_size} are there"
         raise DataError(path, problem, "The file was cut off or its header is wrong; copy or export it again")

@@ -29,7 +29,7 @@ class SogPalette:
     """SH above the constant: each splat names one of `count` entries."""
 
     count: int | None
-    """None where only the image's size says it."""
+    """Entries; None where only the image's size says it."""
     rest: int | None
     """Coefficients per entry (3, 8 or 15); None where only the image's size says it."""
     values: Float32[ndarray, "256"]
@@ -39,12 +39,12 @@ class SogPalette:
 
 @dataclass(frozen=True)
 class SogMeta:
-    """What a meta.json says. File names are not checked: the store does that."""
+    """The content of a meta.json. File names are not checked: the store does that."""
 
     count: int
     lowest: Float64[ndarray, "3"]
     highest: Float64[ndarray, "3"]
-    """Of sign(x) ln(1 + |x|) for positions x."""
+    """Bounds of sign(x) ln(1 + |x|) for positions x."""
     log_scales: Float32[ndarray, "3 256"]
     sh_dc: Float32[ndarray, "3 256"]
     opacity_logits: Float32[ndarray, "256"]
@@ -57,7 +57,7 @@ class SogMeta:
 
 
 def parse_sog_meta(content: dict[str, Any], path: Path) -> SogMeta:
-    """Raises DataError where a field is missing or wrong."""
+    """Parse a meta.json. Raises DataError where a field is missing or wrong."""
     version = content.get("version", 1)
     if version not in (1, 2):
         raise DataError(path, f"meta.json has 'version' {version!r}, not 2", "Export it as version 2")

@@ -1,6 +1,6 @@
 """Scenes in PlayCanvas's SOG: lossless WebP images whose bytes are quantised attributes, and a meta.json.
 
-Read only, from a .sog archive, a meta.json with its images beside it, or a scene in levels of detail (`sog_levels`).
+Read only, from a .sog archive, a meta.json with its images beside it, or a scene in levels of detail (`levels`).
 A splat is one pixel of each image; its values come out exactly as the file defines them, so that what differs from the
 scene that was packed was lost in packing:
 
@@ -50,13 +50,13 @@ def read_sog(path: str | Path, options: ReadOptions = WHOLE) -> Scene:
 
 
 def read_sog_meta_scene(store: Store, name: str, options: ReadOptions = WHOLE) -> Scene:
-    """The scene of one meta.json, whose images lie where it does. Raises DataError."""
+    """Read the scene of one meta.json, whose images lie beside it. Raises DataError."""
     meta = parse_sog_meta(store.read_json(name), store.path)
     return replace(scene_from_gaussians(read_sog_gaussians(store, meta, options)), antialiased=meta.antialiased)
 
 
 def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE) -> Gaussians:
-    """The Gaussians that a meta.json describes. Raises DataError."""
+    """Read the Gaussians that a meta.json describes. Raises DataError."""
     check_plausible_count(store.path, meta.count, store.size)
     entries = None if meta.palette is None else _read_palette(meta.palette, store)
     rest = 0 if entries is None else entries.shape[1]
@@ -81,7 +81,7 @@ def read_sog_gaussians(store: Store, meta: SogMeta, options: ReadOptions = WHOLE
 
 
 def _read_splat_pixels(store: Store, name: object, count: int, options: ReadOptions) -> UInt8[ndarray, "m 4"]:
-    """The kept ones of the first `count` pixels; images are rounded up to rows, or even to powers of two."""
+    """Read the first `count` pixels and keep those asked for; images are rounded up to rows, or to powers of two."""
     pixels = store.read_pixels(name, count, 4 * count + 65536).reshape(-1, 4)[:count]
     return pixels[:: options.keep_every].copy() if options.keep_every > 1 else pixels
 
@@ -111,7 +111,7 @@ def _decode_rotations(pixels: UInt8[ndarray, "n 4"], start: int, path: Path) -> 
 def _read_labels(
     meta: SogMeta, palette: SogPalette, store: Store, entries: int, options: ReadOptions
 ) -> Int64[ndarray, " m"]:
-    """Which entry of the palette each splat has."""
+    """Read the palette entry of each splat."""
     pixels = _read_splat_pixels(store, palette.labels, meta.count, options)
     labels = pixels[:, 0].astype(np.int64) + pixels[:, 1].astype(np.int64) * 256
     wrong = np.flatnonzero(labels >= entries)

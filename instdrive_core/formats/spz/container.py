@@ -40,7 +40,7 @@ _ZSTD_LEVEL, _GZIP_LEVEL = 6, 6
 
 @dataclass(frozen=True)
 class SpzHeader:
-    """What all versions say of their content."""
+    """The header that all versions have."""
 
     version: int
     count: int
@@ -65,7 +65,7 @@ Blocks = Iterator[tuple[str, ndarray]]
 
 
 def read_container(file: BinaryIO, path: Path, size: int) -> tuple[SpzHeader, Blocks]:
-    """The checked header, and an iterator over each attribute's bytes (n, width), then the extensions' (m,).
+    """Read the header, and an iterator over each attribute's bytes (n, width), then those of the extensions (m,).
 
     Raises DataError, also while iterating, where anything is wrong or cut off.
     """
@@ -130,7 +130,7 @@ def _read_gzip_blocks(packed: gzip.GzipFile, header: SpzHeader, path: Path) -> B
 
 
 def _unpack(packed: gzip.GzipFile, wanted: int, name: str, path: Path, short: bool = False) -> bytearray:
-    """The next `wanted` bytes (or, where `short`, up to that many)."""
+    """Unpack the next `wanted` bytes (or, where `short`, up to that many)."""
     data, start = bytearray(wanted), 0
     with memoryview(data) as view:
         while start < wanted:

@@ -88,7 +88,7 @@ def write_spz(
 
     Args:
         path: the file.
-        scene: without moving actors: place them first (`edits.bake.frozen_at`).
+        scene: without moving actors: place them first (`edits.queries.bake.freeze_at_time`).
         version: 1 to 4; older ones for older programs.
         harmonics_bits: 1 to 8 for SH of degree 1, and of higher degrees.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt32
+from jaxtyping import Float32, Int32, Int64, UInt32
 from numpy import ndarray
 from scipy import ndimage
 
@@ -69,7 +69,7 @@ def classify_clusters(
 
 
 def _measure_length(
-    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int32[ndarray, " c"]
+    points: Float32[ndarray, "n 3"], clusters: Int32[ndarray, " n"], counts: Int64[ndarray, " c"]
 ) -> Float32[ndarray, " c"]:
     """Longest extent along the ground, over a few directions."""
     numbers = np.arange(len(counts))

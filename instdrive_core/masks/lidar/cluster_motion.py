@@ -57,7 +57,7 @@ class Link:
 
 
 def link_clusters(
-    earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]], gap: float
+    earlier: list[Float32[ndarray, "_ 3"]], later: list[Float32[ndarray, "_ 3"]], gap: float
 ) -> list[Link]:
     """Link clusters of two sweeps that are the same thing, at most one of each; `gap` is in seconds."""
     if not earlier or not later or gap > MAX_GAP:
@@ -77,7 +77,7 @@ def link_clusters(
 def find_again(
     moving: Float32[ndarray, "k 3"],
     velocity: Float64[ndarray, "3"],
-    others: list[Float32[ndarray, "k 3"]],
+    others: list[Float32[ndarray, "_ 3"]],
     gap: float,
 ) -> int | None:
     """Find the cluster of another sweep that a moving one is after `gap` seconds (negative: before); None = none."""
@@ -140,7 +140,7 @@ def _gather_neighbouring_points(
     backward: list[dict[int, Link]],
     step: int,
     position: int,
-) -> list[Float32[ndarray, "k 3"]]:
+) -> list[Float32[ndarray, "_ 3"]]:
     """Gather points of the same thing in the next sweeps in both directions, brought to where it is in this one."""
     parts = []
     for direction in (1, -1):
@@ -158,12 +158,12 @@ def _gather_neighbouring_points(
     return parts
 
 
-def _list_points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "k 3"]]:
+def _list_points(clusters: list[MovingCluster]) -> list[Float32[ndarray, "_ 3"]]:
     return [one.points for one in clusters]
 
 
 def _compare_boxes(
-    earlier: list[Float32[ndarray, "k 3"]], later: list[Float32[ndarray, "k 3"]]
+    earlier: list[Float32[ndarray, "_ 3"]], later: list[Float32[ndarray, "_ 3"]]
 ) -> tuple[Float64[ndarray, "a b 3"], Float64[ndarray, "a b 3"]]:
     """Compute how middle and size of the boxes around each pair of clusters differ."""
     lows, highs = (np.array([how(part, axis=0) for part in earlier], float) for how in (np.min, np.max))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int32, UInt8, UInt32
+from jaxtyping import Bool, Float32, Int32, Integer, UInt8, UInt32
 from numpy import ndarray
 from scipy import ndimage
 from skimage.measure import label
@@ -169,7 +169,7 @@ def _find_median(depths: Float32[ndarray, " n"]) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def _find_touching_parts(parts: Int[ndarray, "h w"]) -> Int[ndarray, "p 2"]:
+def _find_touching_parts(parts: Integer[ndarray, "h w"]) -> Integer[ndarray, "p 2"]:
     """Find pairs of different parts in pixels side by side in a row."""
     different = parts[:, 1:] != parts[:, :-1]
     return np.column_stack([parts[:, :-1][different], parts[:, 1:][different]])

@@ -7,7 +7,7 @@ from math import sqrt
 
 import numba
 import numpy as np
-from jaxtyping import Float32, Int, Int32
+from jaxtyping import Float32, Int32, Integer
 from numpy import ndarray
 from scipy.sparse import csr_array
 
@@ -33,7 +33,7 @@ class MaskWeights:
     def __len__(self) -> int:
         return len(self.weights.indptr) - 1
 
-    def select_rows(self, rows: Int[ndarray, " v"]) -> MaskWeights:
+    def select_rows(self, rows: Integer[ndarray, " v"]) -> MaskWeights:
         """Select the given Gaussians."""
         return MaskWeights(self.weights[rows], self.view_of_mask)
 
@@ -78,7 +78,7 @@ def _weights_in_masks(
     return rows[used[local]].astype(np.int32), masks, values, len(labels)
 
 
-def _grid_pixels(labels: Int[ndarray, "h w"], number: int) -> Int[ndarray, " p"]:
+def _grid_pixels(labels: Integer[ndarray, "h w"], number: int) -> Integer[ndarray, " p"]:
     """Flat indices of the masked pixels on the view's grid, rising."""
     step = max(1, round(sqrt(labels.size / PIXELS_PER_VIEW)))
     top, left = number % step, number // step % step

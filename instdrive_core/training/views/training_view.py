@@ -66,8 +66,8 @@ class TrainingView:
         )
 
 
-def _halve_image(image: UInt8[ndarray, "2*h 2*w 3"]) -> UInt8[ndarray, "h w 3"]:
-    """Average each block of 2×2 pixels, rounded half up."""
+def _halve_image(image: UInt8[ndarray, "h w 3"]) -> UInt8[ndarray, "h//2 w//2 3"]:
+    """Average each block of 2×2 pixels, rounded half up; height and width are even."""
     total = image[::2, ::2].astype(np.uint16)
     for corner in (image[::2, 1::2], image[1::2, ::2], image[1::2, 1::2]):
         total += corner

@@ -77,7 +77,7 @@ def test_what_was_found_before_an_edit_is_given_up(session, meanwhile):
     finish(session)
     np.testing.assert_array_equal(selected(session), rows)
     assert session.document.history.cursor == steps
-    assert "given up" in told(session)
+    assert "was cancelled because the scene changed" in told(session)
     select_half(session)
     session.selection.border.grow()
     finish(session)

@@ -38,7 +38,7 @@ def test_a_foreign_street_that_lies_is_told_of_and_turned_by_nobody(session, axi
     session.show(Document(bake_document(document)))
     finish(session)
     (said,) = [text for text in told_texts(session) if "Turn upright…" in text]
-    assert f"{format_axis(axis)} is up, by the ground" in said
+    assert f"{format_axis(axis)} is up, judging by the ground" in said
     assert session.document.history.cursor == 0
 
 

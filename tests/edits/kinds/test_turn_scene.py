@@ -161,7 +161,9 @@ def test_drives_are_scaled_with_the_street():
     document.apply(edit)
     for time, means in before.items():
         np.testing.assert_allclose(world_means(document, time), means @ edit.linear.T, atol=1e-4)
-    assert [track.compute_path_length() for track in document.scene.actors] == pytest.approx([2.5 * each for each in lengths])
+    assert [track.compute_path_length() for track in document.scene.actors] == pytest.approx(
+        [2.5 * each for each in lengths]
+    )
 
 
 def test_turns_add_up_and_a_turn_back_leaves_the_identity():

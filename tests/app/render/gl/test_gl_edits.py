@@ -159,7 +159,7 @@ def test_a_moved_car_seen_from_the_same_side_looks_the_same(renderer, street, sc
     state = state_at(street, 0, show_sky=False)
     before, ids = look(renderer, resolve(state, *SIZE))
     move = MoveInstances((BLUE_CAR,), (5.0, -3.0, 1.0), rotation=TURN, scale=scale)
-    matrix = move.matrix(street)
+    matrix = move.compute_matrix(street)
     street.apply(move)
     pose = state.viewpoint.world_from_camera.copy()
     pose[:3, 3] = matrix[:, :3] @ pose[:3, 3] + matrix[:, 3]

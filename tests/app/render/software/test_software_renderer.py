@@ -134,7 +134,7 @@ def test_the_picked_instance_is_that_of_the_id_view_at_500_pixels(software, stre
     software.render(snapshot)
     shown, picker = ids_from_colors(software.read_picture()), Picker()
     rng = np.random.default_rng(6)
-    for x, y in zip(rng.integers(0, SIZE[0], 500), rng.integers(0, SIZE[1], 500), strict=True):
+    for x, y in zip(rng.integers(0, SIZE[0], 500).tolist(), rng.integers(0, SIZE[1], 500).tolist(), strict=True):
         row = software.shown.read_row_at(x, y)
         picked = int(street.scene.instance_ids[row]) if row >= 0 else 0
         below = picker.find_instances_at(street, snapshot, float(x), float(y))
