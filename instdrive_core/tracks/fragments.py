@@ -19,6 +19,8 @@ GAP, WIDE_GAP = 0.7, 2.0
 """Metres between the points of such parts."""
 CAR, LORRY, TALL = (5.8, 2.6), (18.0, 3.2), 2.3
 """Length and width in metres up to which parts are one thing, and for things higher than so many metres."""
+TRIM = 0.3
+"""Percent of the points on either side that do not count: a fragment may be small."""
 MAX_HIDDEN = 1.6
 """Seconds for which a thing may be hidden between two fragments."""
 DRIFT, DRIFT_PER_SECOND = 0.8, 1.5
@@ -97,7 +99,7 @@ def join(first: SolvedThing, second: SolvedThing, clouds: list[SweepCloud], vote
     if whole is None:
         return None
     local = whole.local_points()
-    extent = np.percentile(local, 98, axis=0) - np.percentile(local, 2, axis=0)
+    extent = np.percentile(local, 100 - TRIM, axis=0) - np.percentile(local, TRIM, axis=0)
     length, width = LORRY if np.percentile(local[:, 2], 98) > TALL else CAR
     if extent[0] > length or extent[1] > width:
         return None

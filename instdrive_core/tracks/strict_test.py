@@ -18,6 +18,8 @@ SEEN = 0.1
 """Share of points at places seen through below which more is asked of a thing."""
 FEW_SEEN, SURE_MOTION = 0.02, 0.35
 """What walks along a wall is seldom seen through: so many points suffice if no more of its distances are left."""
+UNSEEN_WAY = 5.0
+"""Metres that a thing must travel whose places nobody saw through: far edges of parked cars creep less."""
 NEAR = 30.0
 """Metres within which a mover is seen through, as beams are dense there."""
 FLAT, FLAT_REACH = 0.35, 40.0
@@ -52,6 +54,8 @@ def why_not(thing: SolvedThing, clouds: list[SweepCloud]) -> str:
     walks_by = seen > FEW_SEEN and thing.ratio < SURE_MOTION and way > 3 * size
     if seen < SEEN and ((distance < NEAR and not walks_by) or way < 2 * size):
         return f"seen {seen:.2f} at {distance:.0f} way {way:.1f}"
+    if seen < FEW_SEEN and way < UNSEEN_WAY:
+        return f"never seen through, way {way:.1f}"
     if extent[2] < FLAT and distance < FLAT_REACH:
         return f"flat {extent[2]:.2f}"
     if extent[:2].max() < THIN and seen < 3 * SEEN:

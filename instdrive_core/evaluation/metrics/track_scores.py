@@ -139,7 +139,9 @@ def _on_any(track: Track, every: tuple[Track, ...]) -> bool:
         shared = [time for time in track.times if other.covers(float(time), 0.051)]
         if not shared:
             continue
-        off = [np.linalg.norm(track.interpolate_pose(time)[:2, 3] - other.interpolate_pose(time)[:2, 3]) for time in shared]
+        off = [
+            np.linalg.norm(track.interpolate_pose(time)[:2, 3] - other.interpolate_pose(time)[:2, 3]) for time in shared
+        ]
         if np.mean(np.array(off) < max(MATCH, other.dimensions[1] / 2)) > 0.5:
             return True
     return False
