@@ -8,7 +8,7 @@ from imgui_bundle import ImVec4, imgui
 from instdrive_app.memory import MemoryGauge
 from instdrive_app.panels.widgets.theme import ACCENT, DIM, rgba
 from instdrive_app.panels.widgets.ui import Ui, draw_dim_text, fit_text, get_icon, scale_pixels
-from instdrive_app.session.document_files import list_changes
+from instdrive_app.session.files.document_files import list_changes
 from instdrive_core.scene.selection import Flag
 from instdrive_core.wording import format_count
 

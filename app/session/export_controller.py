@@ -7,8 +7,8 @@ from pathlib import Path
 
 from instdrive_app.files.file_names import find_working_folder
 from instdrive_app.session.context import SessionContext
-from instdrive_app.session.document_files import DocumentFiles
 from instdrive_app.session.export_kinds import KINDS, ExportChoice, ExportKind, ExportRequest, What
+from instdrive_app.session.files.document_files import DocumentFiles
 from instdrive_core.project.export import make_file_name
 from instdrive_core.project.sources import is_source
 

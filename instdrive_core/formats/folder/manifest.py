@@ -175,7 +175,7 @@ def _parse_views(entries: list[dict[str, Any]], arrays: dict[str, ndarray]) -> t
     return tuple(views)
 
 
-def _parse_exposures(keys: list[str] | None, arrays: dict[str, ndarray]) -> Exposures | None:
+def _parse_exposures(keys: Any, arrays: dict[str, ndarray]) -> Exposures | None:
     """Parse the exposures; None also where the manifest is older than these."""
     if keys is None:
         return None

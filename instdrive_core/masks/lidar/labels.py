@@ -99,7 +99,7 @@ class LidarLabels:
         draw_things(self._things | self._scene.place_moving(time), camera, labels, depths)
         return np.where(np.isfinite(depths) & (labels > 0), labels.astype(np.int32), OPEN), depths
 
-    def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l"]:
+    def _compute_limits(self, originals: Int32[ndarray, " l"], width: int) -> Float32[ndarray, " l+1"]:
         kinds = np.append(self._scene.kinds, THING)[np.minimum(originals, len(self._scene.kinds))]
         shares = [REACHES.get(kind, REACH) for kind in kinds.tolist()] + [SKY_REACH]
         return np.array(shares, np.float32) * np.float32(width)

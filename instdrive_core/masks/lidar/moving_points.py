@@ -76,7 +76,7 @@ def _find_seen_through(sweeps: list[ClusteredSweep]) -> list[Bool[ndarray, " c"]
 
 
 def _estimate_velocities(
-    sweeps: list[ClusteredSweep], moved: list[Bool[ndarray, " c"]], step: int
+    sweeps: list[ClusteredSweep], moved: list[Bool[ndarray, " _"]], step: int
 ) -> dict[int, Float64[ndarray, "3"]]:
     """Estimate metres per second of a sweep's moving clusters that its neighbours show as well."""
     numbers, parts = sweeps[step].select_parts(moved[step])
@@ -97,7 +97,7 @@ def _follow_moving(
     moved: Bool[ndarray, " c"],
     velocities: dict[int, Float64[ndarray, "3"]],
     other: ClusteredSweep,
-    moved_there: Bool[ndarray, " c"],
+    moved_there: Bool[ndarray, " d"],
 ) -> None:
     """Mark, in place, another sweep's clusters that are where a moving one of `known` must be."""
     numbers, parts = known.select_parts(moved)

@@ -14,7 +14,7 @@ SIZE = (240, 136)
 
 
 @pytest.fixture
-def mark_antialiased(street):
+def marked(street):
     """From far away, where most splats are smaller than a pixel."""
     street.scene.antialiased = True
     street.scene.gaussians.log_scales -= np.float32(1.0)

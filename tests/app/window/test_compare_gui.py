@@ -18,7 +18,7 @@ RED_CAR_SIDE = (-2.1, 4.6, 0.8)
 
 
 @pytest.fixture(scope="module")
-def film_street(tmp_path_factory):
+def filmed_street(tmp_path_factory):
     """The street with photos and masks of its cameras, and with three splats that no street should have."""
     folder = tmp_path_factory.mktemp("street")
     scene, frames, views = procedural_street(), [], []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from instdrive_app.session.recents import MAX_RECENTS, RecentFiles
+from instdrive_app.session.files.recents import MAX_RECENTS, RecentFiles
 from instdrive_app.session.view_memory import restore_view, store_view
 from instdrive_app.state import ViewMode
 
