@@ -49,6 +49,7 @@ def load_sweep(root: Path, index: int, origin: Float64[ndarray, "3"], start: flo
         sensor=sensor,
         classes=_load_classes(root, index, len(points)),
         instance_labels=_load_instance_labels(root, index, len(points)),
+        times=_read_numeric_column(file, table, "t") - start if "t" in table else None,
     )
 
 
