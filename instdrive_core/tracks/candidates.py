@@ -21,8 +21,9 @@ REACH, REACH_PER_METRE, MAX_REACH = 0.35, 0.01, 1.0
 MIN_POINTS = 5
 CAR = (6.0, 3.0)
 """Metres along and across that a cluster taken whole measures at most; corners seen aslant look wider than a car."""
-MOVING_SHARE = 0.3
-"""Share of its points that must not be confirmed to stand."""
+MOVING_SHARE, MOVING_EXTENT = 0.3, 0.5
+"""Share of its points that must not be confirmed to stand, and of its length that they must span: a person beside a
+hedge spans only the one end."""
 NEAR_CELL = 2.0
 """Metres along an edge of the cells by which points far from all that may move are left out."""
 MAX_LENGTH, MAX_WIDTH = 20.0, 8.0
@@ -63,7 +64,7 @@ def find_candidates(cloud: SweepCloud, votes: Votes, sweep: int) -> list[Cluster
         return []
     moves = ~votes.is_static
     whole = _clusters(cloud, np.flatnonzero(_near_moving(cloud, moves)))
-    parts = [part for part in whole if _is_like_vehicle(cloud.points[part]) and moves[part].mean() >= MOVING_SHARE]
+    parts = [part for part in whole if _is_creeping_vehicle(cloud.points[part], moves[part])]
     taken = np.zeros(len(moves), bool)
     taken[np.concatenate([np.zeros(0, np.int64), *parts])] = True
     parts += _clusters(cloud, np.flatnonzero(moves & ~taken))
@@ -104,14 +105,18 @@ def make_cluster(
     return Cluster(sweep, rows, points, time, low, high, float(seen_through[rows].mean()))
 
 
-def _is_like_vehicle(points: Float32[ndarray, "k 3"]) -> bool:
-    """Whether points fit a car, however it is turned."""
+def _is_creeping_vehicle(points: Float32[ndarray, "k 3"], moves: Bool[ndarray, " k"]) -> bool:
+    """Whether points fit a car, however it is turned, and those that may move are enough and lie all over it."""
+    if moves.mean() < MOVING_SHARE:
+        return False
     places = points[:, :2] - points[:, :2].mean(axis=0)
     if np.linalg.norm(np.ptp(places, axis=0)) > CAR[0] + CAR[1]:
         return False
     _, axes = np.linalg.eigh(places.T @ places)
-    across, along = np.ptp(places @ axes, axis=0)
-    return bool(along < CAR[0] and across < CAR[1])
+    turned = places @ axes
+    across, along = np.ptp(turned, axis=0)
+    spanned = np.ptp(turned[moves, 1])
+    return bool(along < CAR[0] and across < CAR[1] and spanned >= MOVING_EXTENT * along)
 
 
 def _is_huge(points: Float32[ndarray, "k 3"]) -> bool:

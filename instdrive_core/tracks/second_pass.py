@@ -28,6 +28,8 @@ LARGEST = {"Pedestrian": (1.2, 1.1), "Bicycle": (2.3, 1.1), "Car": (5.6, 2.4)}
 """Length and width in metres to which a thing may grow, by what it looks like so far."""
 LORRY = (18.0, 3.2)
 """The same for all others."""
+SMALL = 3.0
+"""Metres: things shorter than this are seen whole, and can go on by half of what is left at either end."""
 MAX_CHANGE = 0.5
 """Metres (median) by which a thing's places may change when it is solved again; then it slid away."""
 REACHES = (0.4, 0.35, 0.3, 0.25, 0.25, 0.25)
@@ -69,6 +71,8 @@ def _grown(
     low, high = np.percentile(local, 1, axis=0), np.percentile(local, 99, axis=0)
     length, width = LARGEST.get(kind_of(high[:2] - low[:2], float(high[2]))[0], LORRY)
     spare = np.maximum(np.array([length, width]) - (high - low)[:2], 0)
+    if max(length, width) < SMALL:
+        spare /= 2
     margin = np.minimum([REACH_ALONG, REACH_ACROSS], spare)
     corner = low[:2] - margin
     shape = tuple((np.ceil((high[:2] + margin - corner) / CELL).astype(int) + 1).tolist())

@@ -7,6 +7,7 @@ from jaxtyping import Float64
 from numpy import ndarray
 
 from instdrive_core.datasets.clip import Clip
+from instdrive_core.datasets.twins import merge_twins
 from instdrive_core.scene.track import Track
 from instdrive_core.tracks.boxes import Box
 from instdrive_core.tracks.solved_thing import SolvedThing
@@ -17,14 +18,14 @@ SLACK = 0.06
 
 
 def write_tracks_of(things: list[SolvedThing], clouds: list[SweepCloud], clip: Clip) -> tuple[Track, ...]:
-    """The tracks of things, named by the order in which they appear.
+    """The tracks of things, each object once, named by the order in which they appear.
 
     A pose holds for the moment at which the first LiDAR, and with it the cameras, looked at the thing in that step: as
     cuboids do.
     """
     ordered = sorted(things, key=lambda thing: (thing.trajectory.start, -thing.point_count))
     tracks = [_track(f"found-{number:03d}", thing, clouds, clip) for number, thing in enumerate(ordered, 1)]
-    return tuple(track for track in tracks if track is not None)
+    return merge_twins(tuple(track for track in tracks if track is not None)).tracks
 
 
 def _track(name: str, thing: SolvedThing, clouds: list[SweepCloud], clip: Clip) -> Track | None:
