@@ -30,8 +30,9 @@ LORRY = (18.0, 3.2)
 """The same for all others."""
 SMALL = 3.0
 """Metres: things shorter than this are seen whole, and can go on by half of what is left at either end."""
-MAX_CHANGE = 0.5
-"""Metres (median) by which a thing's places may change when it is solved again; then it slid away."""
+MAX_CHANGE, CHANGE_OF_SIZE = 0.25, 0.25
+"""Metres, and share of a thing's size, by which its places may change (median) when it is solved again; more, and it
+slid onto something else."""
 REACHES = (0.4, 0.35, 0.3, 0.25, 0.25, 0.25)
 """Metres within which points of two observations are of one place, step by step; poses are nearly right."""
 
@@ -43,13 +44,13 @@ def solve_again(thing: SolvedThing, clouds: list[SweepCloud], votes: list[Votes]
     rows = _grown(rows, trajectory, thing, clouds)
     clusters = [make_cluster(clouds[k], votes[k].is_seen_through, rows[k], k) for k in sorted(rows)]
     again = solve_thing(clusters, clouds, [trajectory], REACHES)
-    if again is None or again.ratio > thing.ratio + 0.12 or _change(thing, again) > MAX_CHANGE:
+    if again is None or again.ratio > thing.ratio + 0.12 or _has_slid(thing, again):
         return thing
     return again
 
 
-def _change(thing: SolvedThing, again: SolvedThing) -> float:
-    """Median metres between the middles of a thing's points as solved before and again."""
+def _has_slid(thing: SolvedThing, again: SolvedThing) -> bool:
+    """Whether the middle of a thing's points is elsewhere since it was solved again, beyond what it grew by."""
     times = thing.trajectory.start + SPACING * np.arange(len(thing.trajectory.knots))
     places = []
     for one in (thing, again):
@@ -59,8 +60,9 @@ def _change(thing: SolvedThing, again: SolvedThing) -> float:
         cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         turned = np.column_stack([cosine * middle[0] - sine * middle[1], sine * middle[0] + cosine * middle[1]])
         places.append(poses[:, :2] + turned)
-    grown = np.abs(np.ptp(again.local_points(), axis=0) - np.ptp(thing.local_points(), axis=0))[:2].max() / 2
-    return float(np.median(np.linalg.norm(places[1] - places[0], axis=1)) - grown)
+    before, after = (np.ptp(one.local_points(), axis=0)[:2] for one in (thing, again))
+    moved = float(np.median(np.linalg.norm(places[1] - places[0], axis=1)))
+    return moved - float(np.abs(after - before).max()) / 2 > MAX_CHANGE + CHANGE_OF_SIZE * float(before.max())
 
 
 def _grown(

@@ -146,7 +146,7 @@ def _export_exposures(trainer: Trainer) -> Exposures | None:
 
 def _note_what_is_missing(clip: Clip, config: TrainConfig, on_note: Callable[[str], None]) -> None:
     if not clip.tracks:
-        on_note("no tracks of moving objects: a static scene, what moves will blur")
+        on_note("no cuboids and no found tracks: a static scene, moving objects will blur")
     elif not config.init.moving_actors:
         on_note("static-only: moving objects stay in the background and will blur")
     elif not any(track.moving for track in clip.tracks):
