@@ -97,7 +97,7 @@ def _draw(points: ndarray, position: ndarray, rows: int) -> ndarray:
 
 
 @njit(cache=True, fastmath=True)
-def _find_turn(y: float, x: float) -> float:
+def _find_turn(y: np.float32, x: np.float32) -> np.float32:
     """arctan2 to 1e-4 radians, quicker (Hastings, Approximations for Digital Computers, 1955)."""
     across, along = abs(y), abs(x)
     ratio = min(across, along) / max(across, along, np.float32(1e-9))

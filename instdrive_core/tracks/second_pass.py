@@ -100,7 +100,8 @@ def _grow_thing(
         near[sweep] = close, cells, is_own
     often = (seen >= max(2, OFTEN * len(rows))) | (core >= max(1, 0.15 * len(rows)))
     known = core >= max(1, 0.15 * len(rows))
-    labels, _ = ndimage.label(often, np.ones((3, 3)))
+    labels = np.zeros(often.shape, np.int32)
+    ndimage.label(often, np.ones((3, 3)), output=labels)
     kept = often & np.isin(labels, np.unique(labels[known & (labels > 0)]))
     kept = _drop_standing(kept, known, near, trajectory, clouds, rows)
     grown = {}
@@ -118,9 +119,10 @@ def _drop_standing(
     rows: dict[int, ndarray],
 ) -> ndarray:
     """The cells without added parts whose points fit better where nothing moves: what waits beside a thing."""
-    parts, count = ndimage.label(kept & ~ndimage.binary_dilation(known, np.ones((3, 3))))
+    parts = np.zeros(kept.shape, np.int32)
+    ndimage.label(kept & ~np.asarray(ndimage.binary_dilation(known, np.ones((3, 3))), bool), output=parts)
     result = kept.copy()
-    for part in range(1, count + 1):
+    for part in range(1, int(parts.max()) + 1):
         clouds_of_part, places, yaws = [], [], []
         for sweep, (close, cells, _) in near.items():
             chosen = close[parts[cells[:, 0], cells[:, 1]] == part]
