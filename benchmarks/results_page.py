@@ -120,8 +120,8 @@ def _headline(results: Results) -> str:
         means = [format_spread([value(figures, key) for figures in of_streets]) for key in keys.values()]
         rows.append([title, *means, *single])
     ours = [results.figures(*street, "instdrive") for street in streets.values()]
-    bounds = [format_spread([value(figures, f"scene.oracle_{key}") for figures in ours]) for key in ("miou", "pq")]
-    single = [format_value(value(figures, "scene.oracle_miou")) for figures in ours]
+    bounds = [format_spread([value(figures, f"scene.reference_{key}") for figures in ours]) for key in ("miou", "pq")]
+    single = [format_value(value(figures, "scene.reference_miou")) for figures in ours]
     rows.append(["*oracle: true IDs*", *bounds, "–", "–", *single])
     head = ["six cameras, `sam-v1`", *keys, *(f"mIoU, {title}" for title in streets)]
     return (
@@ -138,7 +138,7 @@ def _cameras(results: Results) -> str:
         for title, method, variant, row in METHOD_ROWS
     ]
     rows += _control_rows(results, places)
-    oracle = [value(results.figures(*place, "instdrive"), "scene.oracle_miou") for place in places]
+    oracle = [value(results.figures(*place, "instdrive"), "scene.reference_miou") for place in places]
     rows.append(["*oracle*", *(cell for number in oracle for cell in ("–", "–", format_value(number), "–"))])
     head[0] = f"street, seed {HEADLINE_SEEDS[0]}"
     reference = table(
@@ -268,16 +268,16 @@ def _lidar_and_selection(results: Results) -> str:
             for title, each in controls.items()
         ]
         ours = results.figures(*place, "instdrive")
-        rows.append(["*oracle*", *(format_value(value(ours, oracle_key(key))) for key in keys.values())])
+        rows.append(["*oracle*", *(format_value(value(ours, reference_key(key))) for key in keys.values())])
         parts.append(table([name, *keys], rows))
     parts.append("Things, stuff: scene mIoU of each. Shared codes: codes that count for several objects.")
     return "\n\n".join(parts)
 
 
-def oracle_key(key: str) -> str:
-    """The key of what true IDs reach: ``lidar.ap`` → ``lidar.oracle_ap``."""
+def reference_key(key: str) -> str:
+    """The key of what true IDs reach: ``lidar.ap`` → ``lidar.reference_ap``."""
     part, _, name = key.rpartition(".")
-    return f"{part}.oracle_{name}" if part else f"oracle_{name}"
+    return f"{part}.reference_{name}" if part else f"reference_{name}"
 
 
 def _cost(results: Results) -> str:

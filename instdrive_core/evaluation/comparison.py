@@ -73,7 +73,7 @@ COMPARED = (
 )
 _FACTS = ("seed",)
 """Numbers that measure nothing."""
-_REFERENCE = "oracle_"
+_REFERENCE = "reference_"
 
 
 @dataclass(frozen=True)

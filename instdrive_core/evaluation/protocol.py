@@ -49,7 +49,7 @@ REFERENCE_KEYS = {
     "lidar": tuple(key for key in LIDAR_KEYS if "code" not in key),
     "click": CLICK_KEYS,
 }
-"""Figures that are also given of true IDs on the same Gaussians, as `oracle_*`."""
+"""Figures that are also given of true IDs on the same Gaussians, as `reference_*`."""
 FACT_KEYS = ("train_seconds", "peak_rss_mb", "iterations", "seed", "clip", "cameras", "masks", "backend")
 
 
@@ -126,7 +126,7 @@ def evaluate_scene(
     if with_reference and ground_truth.source == "exact":
         true_ids = _find_reference_ids(scene, clip, ground_truth, progress)
         reference = _measure_ids(measure, true_ids, None, "deletions, true IDs", progress)
-    bounds = {part: {f"oracle_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
+    bounds = {part: {f"reference_{key}": reference[part][key] for key in keys} for part, keys in REFERENCE_KEYS.items()}
     figures = {
         **_score_images(views),
         "codeword": _score_codewords(views),

@@ -45,7 +45,7 @@ def list_map_rows(evaluation: Evaluation) -> dict[str, list[float | int | None]]
     rows are trivial controls.
     """
     figures = evaluation.figures
-    reference = {"miou": figures["scene"]["oracle_miou"], "pq": figures["scene"]["oracle_pq"]}
+    reference = {"miou": figures["scene"]["reference_miou"], "pq": figures["scene"]["reference_pq"]}
     maps = {
         "reference": {"per_view": {}, "scene": reference},
         "instance": figures,
@@ -79,7 +79,7 @@ def list_point_rows(evaluation: Evaluation) -> dict[str, list[float | int | None
     """
     lidar = evaluation.figures["lidar"]
     scores = {
-        "reference": {key: lidar.get(f"oracle_{key}") for key in POINT_COLUMNS.values()},
+        "reference": {key: lidar.get(f"reference_{key}") for key in POINT_COLUMNS.values()},
         "instance": lidar,
         **{name: control.get("lidar", {}) for name, control in evaluation.controls.items()},
     }
@@ -158,6 +158,6 @@ def format_figure(value: float | int | None, digits: int = 3) -> str:
 
 def _format_with_reference(scores: Mapping[str, float | None], key: str, digits: int = 3) -> str:
     """Write a figure, and what true IDs reach on the same Gaussians where that is known."""
-    reference = scores.get(f"oracle_{key}")
+    reference = scores.get(f"reference_{key}")
     text = format_figure(scores[key], digits)
     return text if reference is None else f"{text} (reference {format_figure(reference, digits)})"

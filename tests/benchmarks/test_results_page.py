@@ -7,11 +7,11 @@ import pytest
 
 from benchmarks.cells import HEADLINE_SEEDS, PANDASET, PUBLISHED_TOO, STREET, plan
 from benchmarks.outcomes import PUBLISHED, SPLIT, Results, format_spread, format_value, ratio, table, value
-from benchmarks.results_page import NOTES_END, NOTES_START, oracle_key, page, voxel_sentence
+from benchmarks.results_page import NOTES_END, NOTES_START, reference_key, page, voxel_sentence
 from benchmarks.results_targets import TARGETS, targets_table
 from benchmarks.tables import read_notes
 
-SCENE = {"miou": 0.5, "macc": 0.6, "pq": 0.4, "oracle_miou": 0.8, "oracle_pq": 0.7, "id_switches": 3}
+SCENE = {"miou": 0.5, "macc": 0.6, "pq": 0.4, "reference_miou": 0.8, "reference_pq": 0.7, "id_switches": 3}
 FIGURES = {
     "psnr": 27.123,
     "per_view": {"miou": 0.71, "macc": 0.81},
@@ -53,7 +53,7 @@ def test_numbers_for_readers():
     assert value(FIGURES, "scene.miou") == 0.5
     assert value(FIGURES, "scene.nothing.here") is None
     assert table(["a", "b"], [["1", "2"]]) == "| a | b |\n|---|---:|\n| 1 | 2 |"
-    assert oracle_key("lidar.ap") == "lidar.oracle_ap"
+    assert reference_key("lidar.ap") == "lidar.reference_ap"
 
 
 def test_an_empty_page_has_every_table_and_dashes_only():

@@ -64,8 +64,8 @@ def test_every_figure_that_is_known_is_compared(figures):
 
     rows = {figure.key: figure for figure, _ in compare_runs([MeasuredRun("a", figures, None)])}
     assert set(rows) == set(known(figures))
-    assert rows["scene.oracle_pq"].better == "higher"
-    assert rows["scene.oracle_pq"].title == "reference: PQ"
+    assert rows["scene.reference_pq"].better == "higher"
+    assert rows["scene.reference_pq"].title == "reference: PQ"
 
 
 def test_figures_without_a_row_of_their_own_are_shown_without_a_best():

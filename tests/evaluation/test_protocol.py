@@ -34,16 +34,16 @@ NESTED_KEYS = {
     "codeword.scene.": ("miou", "macc"),
     "per_view.": ("miou", "macc", "miou_majority"),
     "scene.": ("miou", "macc", "pq", "acc25", "acc50", "id_switches", "miou_things", "miou_stuff"),
-    "scene.oracle_": ("miou", "pq"),
+    "scene.reference_": ("miou", "pq"),
     "lidar.": ("ap", "ap50", "ap25", "miou", "vmeasure", "instances_per_object", "objects_per_instance"),
     "click.": ("hit_rate", "iou", "collateral", "residue"),
 }
 """Keys that EVALUATION writes."""
 EXTRA_KEYS = {
     "lidar.": ("instances_to_cover", "codes_per_object", "objects_per_code"),
-    "lidar.oracle_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
+    "lidar.reference_": (*NESTED_KEYS["lidar."], "instances_to_cover"),
     "click.": ("residue_kept",),
-    "click.oracle_": (*NESTED_KEYS["click."], "residue_kept"),
+    "click.reference_": (*NESTED_KEYS["click."], "residue_kept"),
 }
 KEYS = {prefix + key for nested in (NESTED_KEYS, EXTRA_KEYS) for prefix, keys in nested.items() for key in keys}
 KEYS |= {"seed", "clip", "cameras", "masks", "backend", "ground_truth"}
@@ -78,7 +78,7 @@ def test_perfect_ids_on_good_geometry(drive):
     assert figures["click.hit_rate"] > 0.85, "some pixels of the thin pole show the road"
     assert figures["scene.pq"] == pytest.approx(figures["scene.miou"])
     assert figures["scene.id_switches"] == 0
-    assert figures["scene.oracle_miou"] == pytest.approx(figures["scene.miou"], abs=0.05)
+    assert figures["scene.reference_miou"] == pytest.approx(figures["scene.miou"], abs=0.05)
     assert figures["codeword.scene.miou"] > 0.7
     assert figures["psnr"] > 15
     assert figures["psnr_actors"] > 12
@@ -95,7 +95,7 @@ def test_merged_objects_cost_what_they_should(drive):
     perfect = measured(drive)
     ids[ids == DRIVING] = PARKED
     merged = measured(drive)
-    assert merged["scene.oracle_miou"] == perfect["scene.oracle_miou"], "the oracle does not look at learned IDs"
+    assert merged["scene.reference_miou"] == perfect["scene.reference_miou"], "the oracle does not look at learned IDs"
     assert merged["scene.miou"] < perfect["scene.miou"] - 0.2
     assert merged["click.hit_rate"] < 1
     assert merged["codeword.scene.miou"] == perfect["codeword.scene.miou"]
@@ -185,7 +185,7 @@ def test_objects_that_share_an_instance_or_a_code(drive):
 def test_bounds_can_be_left_out(drive):
     whole = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS)
     quick = evaluate_scene(drive.scene, drive.clip, drive.truth, FACTS, with_reference=False)
-    assert whole.figures["scene"]["oracle_miou"] is not None
-    assert quick.figures["scene"]["oracle_miou"] is quick.figures["lidar"]["oracle_ap"] is None
+    assert whole.figures["scene"]["reference_miou"] is not None
+    assert quick.figures["scene"]["reference_miou"] is quick.figures["lidar"]["reference_ap"] is None
     assert quick.figures["scene"]["miou"] == whole.figures["scene"]["miou"]
     assert quick.figures["click"]["hit_rate"] == whole.figures["click"]["hit_rate"]

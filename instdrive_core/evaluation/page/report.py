@@ -83,9 +83,9 @@ def _list_instance_cards(figures: Mapping[str, Any]) -> dict[str, str]:
     scene, click = figures["scene"], figures["click"]
     return {
         "scene mIoU": format_figure(scene["miou"]),
-        "of the reference's": _format_ratio(scene["miou"], scene["oracle_miou"]),
+        "of the reference's": _format_ratio(scene["miou"], scene["reference_miou"]),
         "PQ": format_figure(scene["pq"]),
-        "of the reference's PQ": _format_ratio(scene["pq"], scene["oracle_pq"]),
+        "of the reference's PQ": _format_ratio(scene["pq"], scene["reference_pq"]),
         "clicks that hit": _format_percent(click["hit_rate"]),
     }
 
