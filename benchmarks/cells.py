@@ -161,7 +161,7 @@ def _method(clip: str, cameras: str, masks: str, method: Method, variant: str = 
     cell = Cell(name, "method", clip, cameras, masks, method, variant, needs)
     in_geometry = method == "instdrive" and not variant and masks != "lidar"
     seconds = (0 if in_geometry else _INSTANCES[method]) + _EVALUATION * (2 if cell.published_too else 1)
-    seconds += _ORACLE if method == "instdrive" and not variant else 0
+    seconds += _REFERENCE if method == "instdrive" and not variant else 0
     return replace(cell, seconds=seconds * _SHARE_OF_CAMERAS[cameras])
 
 
@@ -186,7 +186,7 @@ def _figure(figure: str, clip: str, needs: tuple[str, ...]) -> Cell:
     return Cell(f"figure/{figure}/{clip}", "figure", clip, variant=figure, needs=(*needs, clip), seconds=15)
 
 
-_EVALUATION, _ORACLE = 25.0, 25.0
+_EVALUATION, _REFERENCE = 25.0, 25.0
 _MASKS = {"annotations": 40.0, "lidar": 60.0}
 _INSTANCES = {"gaussian-grouping": 150.0, "opengaussian": 150.0, "mask-graph": 15.0, "paper": 70.0, "instdrive": 60.0}
 _SHARE_OF_CAMERAS = {"1": 0.6, "3": 0.75, "6": 1.0}

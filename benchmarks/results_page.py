@@ -122,7 +122,7 @@ def _headline(results: Results) -> str:
     ours = [results.figures(*street, "instdrive") for street in streets.values()]
     bounds = [format_spread([value(figures, f"scene.reference_{key}") for figures in ours]) for key in ("miou", "pq")]
     single = [format_value(value(figures, "scene.reference_miou")) for figures in ours]
-    rows.append(["*oracle: true IDs*", *bounds, "–", "–", *single])
+    rows.append(["*reference: true IDs*", *bounds, "–", "–", *single])
     head = ["six cameras, `sam-v1`", *keys, *(f"mIoU, {title}" for title in streets)]
     return (
         f"## Headline: {len(streets)} streets\n\nMean ± standard deviation over streets.\n\n{table(head, rows)}\n\n"
@@ -138,8 +138,8 @@ def _cameras(results: Results) -> str:
         for title, method, variant, row in METHOD_ROWS
     ]
     rows += _control_rows(results, places)
-    oracle = [value(results.figures(*place, "instdrive"), "scene.reference_miou") for place in places]
-    rows.append(["*oracle*", *(cell for number in oracle for cell in ("–", "–", format_value(number), "–"))])
+    reference = [value(results.figures(*place, "instdrive"), "scene.reference_miou") for place in places]
+    rows.append(["*reference*", *(cell for number in reference for cell in ("–", "–", format_value(number), "–"))])
     head[0] = f"street, seed {HEADLINE_SEEDS[0]}"
     reference = table(
         ["paper's own, other data", *(f"{count} cam. {name}" for count in ("1", "6") for name in ("mIoU", "mAcc"))],
@@ -268,7 +268,7 @@ def _lidar_and_selection(results: Results) -> str:
             for title, each in controls.items()
         ]
         ours = results.figures(*place, "instdrive")
-        rows.append(["*oracle*", *(format_value(value(ours, reference_key(key))) for key in keys.values())])
+        rows.append(["*reference*", *(format_value(value(ours, reference_key(key))) for key in keys.values())])
         parts.append(table([name, *keys], rows))
     parts.append("Things, stuff: scene mIoU of each. Shared codes: codes that count for several objects.")
     return "\n\n".join(parts)

@@ -37,14 +37,14 @@ def _figure(path: str) -> Callable[[Figures], float | None]:
     return lambda figures: value(figures, path)
 
 
-def _compare_with_reference(path: str, oracle: str) -> Callable[[Figures], float | None]:
-    return lambda figures: ratio(value(figures, path), value(figures, oracle))
+def _compare_with_reference(path: str, reference: str) -> Callable[[Figures], float | None]:
+    return lambda figures: ratio(value(figures, path), value(figures, reference))
 
 
 TARGETS = (
-    Target("oracle scene mIoU", _figure("scene.reference_miou"), 0.78),
-    Target("scene mIoU ÷ oracle's", _compare_with_reference("scene.miou", "scene.reference_miou"), 0.93),
-    Target("PQ ÷ oracle's", _compare_with_reference("scene.pq", "scene.reference_pq"), 0.85),
+    Target("reference's scene mIoU", _figure("scene.reference_miou"), 0.78),
+    Target("scene mIoU ÷ reference's", _compare_with_reference("scene.miou", "scene.reference_miou"), 0.93),
+    Target("PQ ÷ reference's", _compare_with_reference("scene.pq", "scene.reference_pq"), 0.85),
     Target("LiDAR AP50", _figure("lidar.ap50"), 0.65),
     Target("click hit rate", _figure("click.hit_rate"), 0.92),
     Target("collateral", _figure("click.collateral"), 0.02, at_least=False, digits=4),

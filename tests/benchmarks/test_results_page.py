@@ -81,8 +81,8 @@ def test_a_missed_target_is_said_and_a_missing_figure_is_not_called_missed():
         place,
         {"OpenGaussian": "opengaussian", "mask graph": "mask-graph"},
     )
-    assert cells_of(text, "scene mIoU ÷ oracle's")[2] == "0.938"
-    assert cells_of(text, "PQ ÷ oracle's")[2] == "**0.571 missed**"
+    assert cells_of(text, "scene mIoU ÷ reference's")[2] == "0.938"
+    assert cells_of(text, "PQ ÷ reference's")[2] == "**0.571 missed**"
     assert cells_of(text, "collateral")[2] == "**0.0300 missed**"
     assert cells_of(text, "click hit rate")[2] == "0.930"
     assert cells_of(text, "objects per instance")[2] == "–"

@@ -16,12 +16,12 @@ from scipy.spatial import KDTree
 from instdrive_core.masks.annotated.labelled_cloud import UNKNOWN
 from instdrive_core.maths.cells import connect_cells
 
-CELL = 0.5
+CELL = 1.0
 """Metres: points of one label in neighbouring cells of this size hang together."""
 SMALL_PART, SMALL_REACH = 20, 3.0
 """Parts with fewer points join the nearest larger one of their label within so many metres."""
 _LARGEST = 1 << 17
-"""Cells on either side of the origin along each axis, 65 km, that a key can hold."""
+"""Cells on either side of the origin along each axis, 131 km, that a key can hold."""
 
 
 @dataclass(frozen=True)

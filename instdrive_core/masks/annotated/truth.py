@@ -55,6 +55,10 @@ class AnnotatedTruth:
         kept = self._known.maps.get(frame.key)
         return self._known.regions[self.labels.load_parts(frame)[0] if kept is None else kept[0]]
 
+    def draw(self, frame: Frame) -> UInt32[ndarray, "h w"]:
+        """Draw the IDs of LiDAR points, and of things as whole silhouettes, into a photo; 0 elsewhere."""
+        return self._known.regions[self.labels.draw_parts(frame)]
+
     def load_sky(self, frame: Frame) -> Bool[ndarray, "h w"]:
         """Load the sky at the frame's size."""
         kept = self._known.maps.get(frame.key)
