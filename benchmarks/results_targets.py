@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.outcomes import Figures, Results, difference, format_value, ratio, table, value
+from benchmarks.outcomes import PUBLISHED, SPLIT, Figures, Results, difference, format_value, ratio, table, value
 
 OVER_BASELINE = 0.10
-"""Scene mIoU by which our method is to lead each baseline's split row."""
+"""Scene mIoU by which our method is to lead the stronger row of each baseline."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,12 @@ TARGETS = (
 )
 
 
+def find_stronger(results: Results, place: tuple[str, str, str], method: str) -> float | None:
+    """Scene mIoU of the stronger of a baseline's rows; None where neither is known."""
+    both = [value(results.figures(*place, method, "", row), "scene.miou") for row in (PUBLISHED, SPLIT)]
+    return max((number for number in both if number is not None), default=None)
+
+
 def targets_table(results: Results, places: dict[str, tuple[str, str, str]], baselines: dict[str, str]) -> str:
     """Targets against our figures; columns are `places` by title: clip, cameras, masks. `baselines`: title → method."""
     ours = {title: results.figures(*place, "instdrive") for title, place in places.items()}
@@ -62,11 +68,10 @@ def targets_table(results: Results, places: dict[str, tuple[str, str, str]], bas
         for target in TARGETS
     ]
     for title, method in baselines.items():
-        lead = Target(f"scene mIoU above {title}, split", lambda figures: None, OVER_BASELINE)
-        theirs = [results.figures(*place, method) for place in places.values()]
+        lead = Target(f"scene mIoU above {title}'s stronger row", lambda figures: None, OVER_BASELINE)
         leads = [
-            difference(value(own, "scene.miou"), value(other, "scene.miou"))
-            for own, other in zip(ours.values(), theirs, strict=True)
+            difference(value(own, "scene.miou"), find_stronger(results, place, method))
+            for own, place in zip(ours.values(), places.values(), strict=True)
         ]
         rows.append([lead.text, lead.format_bound(), *map(lead.judge, leads)])
     return table(["target", "bound", *places], rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64, UInt32
+from jaxtyping import Bool, Float32, UInt32
 from numpy import ndarray
 from scipy import ndimage
 from scipy.spatial import KDTree

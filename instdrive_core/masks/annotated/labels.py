@@ -128,7 +128,7 @@ class AnnotationLabels:
     def _show(
         self, frame: Frame, labels: Int32[ndarray, "h w"], stuff: Integer[ndarray, "h w"]
     ) -> UInt32[ndarray, "h w"]:
-        """IDs of things by label, of other pixels those of `stuff`; 0 on sky, ego vehicle and where nothing is known."""
+        """IDs of things by label, of other pixels those of `stuff`; 0 on sky, ego vehicle and what is unknown."""
         is_thing = (labels >= self._things.start) & (labels != self._sky)
         shown = np.where(is_thing, labels - self._things.start + self.first_thing, stuff)
         kept = (labels > UNKNOWN) & (labels != self._sky)
