@@ -149,7 +149,7 @@ def test_only_what_a_pattern_names_and_needs_is_chosen():
     names = [cell.name for cell in choose_cells(CELLS, ["3/sam-v1/opengaussian"])]
     street = [STREET, f"{STREET}/sam-v1", f"{STREET}/3/geometry"]
     assert names == [*street, f"{STREET}/3/sam-v1/opengaussian"]
-    assert choose_cells(CELLS, []) == CELLS
+    assert choose_cells(CELLS, [], optional=True) == CELLS
     figures = {cell.name for cell in choose_cells(CELLS, ["figure/lidar*"])}
     assert f"{STREET}/6/sam-v1/instdrive+losses+no-voxel" in figures
     with pytest.raises(OptionError, match="--list"):
