@@ -19,7 +19,9 @@ from instdrive_core.masks.annotated.part_maps import PartPixels
 LEAST_AGREEMENT = 0.5
 
 
-def merge_parts(photos: Sequence[PartPixels], label_of_part: UInt32[ndarray, " parts"]) -> Int64[ndarray, " parts"]:
+def merge_into_regions(
+    photos: Sequence[PartPixels], label_of_part: UInt32[ndarray, " parts"]
+) -> Int64[ndarray, " parts"]:
     """Find the least part of the region that each part belongs to."""
     regions = np.arange(len(label_of_part))
     for label in np.unique(label_of_part[1:]).tolist():

@@ -12,7 +12,7 @@ from numpy import ndarray
 from instdrive_core.datasets.clip import Clip, Frame
 from instdrive_core.masks.annotated.labelled_cloud import NOTHING, UNKNOWN, assign_class_ids
 from instdrive_core.masks.annotated.labels import AnnotationLabels
-from instdrive_core.masks.annotated.stuff_regions import merge_parts
+from instdrive_core.masks.annotated.stuff_regions import merge_into_regions
 from instdrive_core.masks.ground_truth_instance import GroundTruthInstance
 
 
@@ -76,5 +76,5 @@ class AnnotatedTruth:
             maps[frame.key] = ids, self.labels.load_sky(frame)
             counts.append(pixels)
         regions = np.arange(1 + max(self.labels.instances, default=0), dtype=np.uint32)
-        regions[: self.labels.first_thing] = merge_parts(counts, self.labels.stuff.label_of_part)
+        regions[: self.labels.first_thing] = merge_into_regions(counts, self.labels.stuff.label_of_part)
         return _Known(regions, maps)

@@ -5,7 +5,7 @@ import pytest
 
 from instdrive_core.masks.annotated.part_maps import PartPixels, build_part_map
 from instdrive_core.masks.annotated.stuff_parts import CELL, split_stuff
-from instdrive_core.masks.annotated.stuff_regions import merge_parts
+from instdrive_core.masks.annotated.stuff_regions import merge_into_regions
 
 BUILDING, ROAD = 2, 5
 
@@ -92,21 +92,25 @@ def photo(*regions: dict[int, int]) -> PartPixels:
     ids=["together", "apart", "mostly apart", "mostly together", "never in one photo"],
 )
 def test_parts_are_one_where_most_photos_say_so(photos, expected):
-    assert merge_parts(photos, np.array([0, BUILDING, BUILDING], np.uint32)).tolist() == [0, *expected]
+    assert merge_into_regions(photos, np.array([0, BUILDING, BUILDING], np.uint32)).tolist() == [0, *expected]
 
 
 def test_what_meets_far_away_in_one_photo_joins_no_two_sides():
     """Left (1) and right (2) meet through what lies far away (3), which only one photo shows."""
     apart = photo({1: 900}, {2: 900})
     meeting = photo({1: 900, 2: 900, 3: 100})
-    regions = merge_parts([apart, apart, meeting], np.array([0, *[BUILDING] * 3], np.uint32))
+    regions = merge_into_regions([apart, apart, meeting], np.array([0, *[BUILDING] * 3], np.uint32))
     assert regions[1] != regions[2]
 
 
 def test_near_and_far_join_through_what_lies_between():
     photos = [photo({1: 500, 2: 300}), photo({2: 400, 3: 500})]
-    assert merge_parts(photos, np.array([0, *[BUILDING] * 3], np.uint32)).tolist() == [0, 1, 1, 1]
+    assert merge_into_regions(photos, np.array([0, *[BUILDING] * 3], np.uint32)).tolist() == [0, 1, 1, 1]
 
 
 def test_labels_never_merge():
-    assert merge_parts([photo({1: 500}, {2: 500})], np.array([0, BUILDING, ROAD], np.uint32)).tolist() == [0, 1, 2]
+    assert merge_into_regions([photo({1: 500}, {2: 500})], np.array([0, BUILDING, ROAD], np.uint32)).tolist() == [
+        0,
+        1,
+        2,
+    ]
